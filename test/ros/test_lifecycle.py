@@ -161,15 +161,16 @@ def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
     monkeypatch.setattr(Problem, 'solve', solve_later)
     pending = ros.request('/undecided/plan', Trigger)
     assert manager.says('planning')
+    assert ros.trigger('/undecided/plan')[1]['code'] == 'BUSY'
+    assert ros.set_parameters('/undecided/planner', start__theta=3.0) == ['']
+    assert not pending.done()
     manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
     assert ros.spin_until(pending.done)
     assert not pending.result().success
     assert 'deactivated before there was a plan' in pending.result().message
     manager.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
     manager.bring_up()
-    done, answer = ros.trigger('/undecided/plan')
-    assert not done
-    assert answer['code'] == 'BUSY'
+    assert ros.trigger('/undecided/plan')[1]['code'] == 'BUSY'
     go_on.set()
     ros.spin_for(0.1)
     assert not plans

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-import sys
-import time
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
@@ -35,19 +34,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 Array = NDArray[np.float64]
 STRONG = {'limits.torque': 0.09}
-
-
-@dataclass(frozen=True)
-class SlowSwingUp(PendulumSwingUp):
-    """A swing-up that takes `thinking` s longer to find."""
-
-    name: ClassVar[str] = 'slow_swing_up'
-
-    thinking: float = parameter(1.0, 'time to think', unit='s', allowed=POSITIVE)
-
-    def solve(self, *args: Any, **kwargs: Any) -> Solution:
-        time.sleep(self.thinking)
-        return super().solve(*args, **kwargs)
 
 
 @dataclass(frozen=True)
@@ -147,54 +133,15 @@ class HomingCart(Problem, Validated):
         return TwoStrokes(Cart(start=CartStart(position=position)), budget)
 
 
-class Planners:
-    """Starts planners in namespaces of their own, and ends each with its test."""
-
-    def __init__(self, ros: Stepped) -> None:
-        self.ros = ros
-        self.started: list[NodeHere] = []
-
-    def start(self, namespace: str, parameters: dict[str, Any]) -> NodeHere:
-        given = {'start.source': 'parameters', **parameters}
-        made = self.ros.start('tdm_planner.nodes.planner', given, namespace=namespace)
-        self.started.append(made)
-        return made
-
-    def plan(self, namespace: str) -> tuple[bool, dict[str, Any]]:
-        return self.ros.trigger(f'/{namespace}/plan')
+def start(ros: Stepped, name: str, **given: Any) -> NodeHere:
+    """Start a planner, which has the name of its namespace, for a problem of this module."""
+    parameters = {'start.source': 'parameters', **given}
+    return ros.start(MODULES['planner'], parameters, namespace=name)
 
 
-@pytest.fixture
-def planners(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[Planners]:
-    monkeypatch.setattr(sys.modules[__name__], 'time', ros.time.as_module())
-    made = Planners(ros)
-    yield made
-    for node in made.started:
-        node.end()
-
-
-def test_while_one_request_is_solved_everything_else_is_served(
-    ros: Stepped, planners: Planners
-) -> None:
-    planners.start('slow', {'problem': f'{__name__}:SlowSwingUp', 'thinking': 2.0, **STRONG})
-    first = ros.request('/slow/plan', Trigger)
-    assert ros.says('/slow/planner: planning', 'planning')
-    done, answer = planners.plan('slow')
-    assert not done
-    assert answer['code'] == 'BUSY'
-    assert ros.set_parameters('/slow/planner', thinking=0.1) == ['']
-    assert not first.done()
-    assert ros.spin_until(first.done)
-    assert first.result().success
-    assert planners.plan('slow')[0]
-    assert ros.says('/slow/planner: planning', 'plan 2 active')
-
-
-def test_failures_have_their_codes_and_show_in_the_diagnostics(
-    ros: Stepped, planners: Planners
-) -> None:
+def test_failures_have_their_codes_and_show_in_the_diagnostics(ros: Stepped) -> None:
     name = '/failing/planner: planning'
-    planner = planners.start('failing', {'problem': f'{__name__}:FailingSwingUp', **STRONG})
+    planner = start(ros, 'failing', problem=f'{__name__}:FailingSwingUp', **STRONG)
     expected = {
         'crash': ('INTERNAL', 'ZeroDivisionError: a bug in the solver', b'\x02'),
         'verification': ('VERIFICATION_FAILED', 'the replay misses the goal', b'\x01'),
@@ -202,12 +149,12 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
     }
     for failure, (code, reason, level) in expected.items():
         ros.set_parameters('/failing/planner', failure=failure)
-        assert planners.plan('failing') == (False, {'code': code, 'reason': reason})
+        assert ros.trigger('/failing/plan') == (False, {'code': code, 'reason': reason})
         message = f'{code}: {reason}'
         assert f'no plan: {message}' in planner.output
         assert ros.says(name, message, level=level[0])
     ros.set_parameters('/failing/planner', failure='not')
-    assert planners.plan('failing')[0]
+    assert ros.trigger('/failing/plan')[0]
     assert ros.says(name, 'plan 1 active', level=0)
     status = ros.statuses[name]
     assert status.hardware_id == '/failing/planner'
@@ -224,9 +171,9 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
     ros.log.clear()  # or it would be taken for a crash
 
 
-def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Planners) -> None:
-    planners.start('cart', {'problem': f'{__name__}:Cart', 'force': 4})
-    done, answer = planners.plan('cart')
+def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped) -> None:
+    start(ros, 'cart', problem=f'{__name__}:Cart', force=4)
+    done, answer = ros.trigger('/cart/plan')
     assert done
     assert answer['duration'] == pytest.approx(1.0)
     assert answer['summary'] == 'there in two strokes'
@@ -239,7 +186,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Pl
     assert nanoseconds_of(states[0].points[1].time_from_start) == 500_000_000
     # Measured, it waits for its state.
     ros.set_parameters('/cart/planner', start__source='measured')
-    assert planners.plan('cart')[1]['code'] == 'NO_STATE'
+    assert ros.trigger('/cart/plan')[1]['code'] == 'NO_STATE'
     pending = ros.request('/cart/plan', Trigger)
     state = JointState(name=['position'], position=[-2.0])
     ros.publisher('/cart/joint_states', JointState).publish(state)
@@ -249,13 +196,13 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Pl
     assert states[-1].points[0].positions[0] == -2.0
 
 
-def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: Planners) -> None:
-    planners.start('homing', {'problem': f'{__name__}:HomingCart', 'start.source': 'measured'})
-    done, answer = planners.plan('homing')
-    assert done, answer
+def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros: Stepped) -> None:
+    given = {'problem': f'{__name__}:HomingCart', 'start.source': 'measured'}
+    start(ros, 'homing', **given)
+    assert ros.trigger('/homing/plan')[0]
 
 
-def test_without_its_problem_there_is_no_node(planners: Planners) -> None:
+def test_without_its_problem_there_is_no_node(ros: Stepped) -> None:
     says = r'such as my_module:MyProblem \(did you mean pendulum_swing_up\?\)'
     with pytest.raises(InvalidProblem, match=says):
-        planners.start('fatal', {'problem': 'pendulum_swingup'})
+        start(ros, 'fatal', problem='pendulum_swingup')
