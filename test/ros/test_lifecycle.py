@@ -318,5 +318,3 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros: S
     process.end()
     assert process.output.count('Traceback') == 2
     ros.log.clear()  # whatever else ends in one is a fault
-
-

@@ -186,6 +186,12 @@ class Kind(Rail):
     ('node', 'problem', 'says'),
     [
         ('plant', 'crane', "'problem' = 'crane' is not allowed"),
+        (
+            'tracker',
+            'crane',
+            "'kind' = 'crane' is not allowed: must be one of pendulum",
+        ),
+        ('tracker', '3', "'kind' = 3 is not allowed: must be a string"),
         ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),
     ],
 )

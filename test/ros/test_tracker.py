@@ -24,7 +24,6 @@ from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import plan_intake
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
@@ -59,15 +58,6 @@ class Bench:
         self.tracker = self.start()
         self.theta: float | None = None
 
-    def script_states(self) -> None:
-        self.states = self.ros.publisher(f'/{self.namespace}/joint_states', JointState)
-        said = lambda: None if self.theta is None else self.state()  # noqa: E731
-        self.timer = self.ros.node.create_timer(EVERY, said)
-
-    def end(self) -> None:
-        self.ros.node.destroy_timer(self.timer)
-        self.tracker.end_cleanly()
-
     def start(self) -> NodeHere:
         return self.ros.start(MODULES['tracker'], self.parameters, namespace=self.namespace)
 
@@ -82,8 +72,8 @@ class Bench:
         state.header.stamp = to_stamp(self.ros.now + round(after * 1e9))
         self.states.publish(state)
 
-    def publisher(self, topic: str, kind: Any) -> Any:
-        return self.ros.publisher(f'/{self.namespace}/{topic}', kind, LATCHED)
+    def publisher(self, topic: str, kind: Any, qos: Any = LATCHED) -> Any:
+        return self.ros.publisher(f'/{self.namespace}/{topic}', kind, qos)
 
     @property
     def status(self) -> Any:
@@ -110,9 +100,11 @@ numbers = itertools.count()
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
     made = Bench(ros, f'scripted{next(numbers)}')
-    made.script_states()
+    made.states = made.publisher('joint_states', JointState, 10)
+    said = lambda: None if made.theta is None else made.state()  # noqa: E731
+    timer = ros.node.create_timer(EVERY, said)
     yield made
-    made.end()
+    ros.node.destroy_timer(timer)
 
 
 @pytest.fixture
@@ -246,17 +238,6 @@ def test_of_a_flood_of_plans_the_newest_is_followed(
     assert bench.tracker.output.count('accepted') <= begun + 1
 
 
-@pytest.mark.parametrize('kind', ['crane', '3'])
-def test_an_unknown_kind_ends_it_with_one_sentence(ros: Stepped, kind: str) -> None:
-    with pytest.raises(InvalidProblem) as refused:
-        ros.start(MODULES['tracker'], {'kind': kind}, namespace='fatal')
-    allowed = 'must be a string'
-    if kind == 'crane':
-        allowed = 'must be one of pendulum, robot, or a stated problem such as my_module:MyProblem'
-    shown = kind if kind.isdecimal() else repr(kind)
-    assert str(refused.value) == f"parameter 'kind' = {shown} is not allowed: {allowed}"
-
-
 # The pendulum, 5 % wrong and noisy.
 
 
@@ -291,9 +272,8 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
     rig = Rig(ros)
     assert rig.says('idle', level=OK)
     rig.follow(plan)
-    assert rig.says('waiting', level=OK)
-    assert rig.says('tracking', level=OK)
-    assert rig.says('holding', level=OK)
+    for word in ('waiting', 'tracking', 'holding'):
+        assert rig.says(word, level=OK)
     ros.spin_for(1.0)
     first, taken = len(rig.measured), len(rig.errors)
     ros.spin_for(0.5)
@@ -332,8 +312,6 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
     rig.tracker = rig.start()
     assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
     assert rig.says('holding', level=OK)
-    rig.tracker.end_cleanly()
-    rig.plant.end_cleanly()
 
 
 # A robot.

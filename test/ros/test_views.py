@@ -104,8 +104,8 @@ def test_rviz_shows_topics_with_their_type_and_quality_of_service(
 def test_foxglove_shows_and_calls_what_is_there(running: Stepped, plant: str) -> None:
     node, document = running.node, foxglove(plant)
     names = {of_robot1(text) for text in within(document) if str(text).startswith('/')}
-    topics, services = (
-        dict(kinds()) for kinds in (node.get_topic_names_and_types, node.get_service_names_and_types)
+    topics, services = map(
+        dict, (node.get_topic_names_and_types(), node.get_service_names_and_types())
     )
     for name in names:
         topic, _, field = name.partition('.')
