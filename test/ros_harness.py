@@ -25,7 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from tdm_planner.starting import NODES as MODULES
 
@@ -174,6 +174,8 @@ class Ros:
     does the time of nodes with `use_sim_time` once `drive_clock` was called.
     """
 
+    common: ClassVar[dict[str, Any]] = {}  # parameters of every node
+
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         import rclpy
 
@@ -194,19 +196,6 @@ class Ros:
 
         return SingleThreadedExecutor(context=self._context)
 
-    def _arguments(
-        self,
-        module: str,
-        parameters: Mapping[str, Any] | None,
-        namespace: str,
-        arguments: list[str] | None,
-    ) -> list[str]:
-        """Return a node's command line; a planner has time enough unless it says otherwise."""
-        given, more = parameters or {}, arguments or []
-        if module == MODULES['planner'] and '--params-file' not in more:
-            given = {'solver.deadline': ENOUGH, **given}
-        return ros_arguments(given, namespace) + more
-
     def start(
         self,
         module: str,
@@ -214,9 +203,19 @@ class Ros:
         *,
         namespace: str = '',
         arguments: list[str] | None = None,
-    ) -> Started:
-        """Start a node; it is ended, and its exit checked, with the fixture if not before."""
-        return self.run(module, self._arguments(module, parameters, namespace, arguments))
+    ) -> Any:
+        """
+        Start a node; it is ended, and its exit checked, with the fixture if not before.
+
+        A planner has time enough unless it says otherwise.
+        """
+        given, more = {**self.common, **(parameters or {})}, arguments or []
+        if module == MODULES['planner'] and '--params-file' not in more:
+            given = {'solver.deadline': ENOUGH, **given}
+        return self._begin(module, ros_arguments(given, namespace) + more)
+
+    def _begin(self, module: str, arguments: list[str]) -> Started:
+        return self.run(module, arguments)
 
     def run(
         self, module: str, arguments: list[str], environment: Mapping[str, str] | None = None

@@ -30,7 +30,7 @@ import sys
 import threading
 import time
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
@@ -165,6 +165,8 @@ class NodeHere(Started):
 class Stepped(Ros):
     """A ROS domain of the test's own, whose time is the test's."""
 
+    common: ClassVar[dict[str, Any]] = {'use_sim_time': True}
+
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         super().__init__(domain, folder, environment)
         self.time = SteppedTime()
@@ -204,18 +206,8 @@ class Stepped(Ros):
             importlib.import_module(module)
         self._lend_clock()
 
-    def start(
-        self,
-        module: str,
-        parameters: Mapping[str, Any] | None = None,
-        *,
-        namespace: str = '',
-        arguments: list[str] | None = None,
-    ) -> NodeHere:
-        """Construct a node; it ends with the fixture if not before."""
-        given = {'use_sim_time': True, **(parameters or {})}
-        made = getattr(importlib.import_module(module), CLASSES[module])
-        return self.add(made, self._arguments(module, given, namespace, arguments))
+    def _begin(self, module: str, arguments: list[str]) -> NodeHere:
+        return self.add(getattr(importlib.import_module(module), CLASSES[module]), arguments)
 
     def _make_executor(self) -> OrderedExecutor:
         return OrderedExecutor(context=self._context)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import math
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +119,6 @@ def test_allowed_values_are_taken(
     ('name', 'value', 'says'),
     [
         ('mass', -1, "'mass' = -1 is not allowed: must be a number in [1e-12, 1e+12] kg"),
-        ('mass', math.nan, "parameter 'mass' = nan is not"),
         ('mass', True, "parameter 'mass' = True is not"),
         ('mass', 'null', "parameter 'mass' = 'null' is not"),
         ('mass', '[1.0', "parameter 'mass' = '[1.0' is not"),
@@ -131,7 +129,6 @@ def test_allowed_values_are_taken(
         ('names', 'a', 'must be a list of strings'),
         ('fixed', 'there', "'fixed' = there is not allowed: it is fixed while the node runs"),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
-        ('zzz', 1.0, "parameter 'zzz' is unknown: it is not declared here"),
         ('qos_overrides.a', None, "parameter 'qos_overrides.a' is unknown"),
     ],
 )
@@ -152,10 +149,9 @@ def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> N
 
     assert not set_all(mass=2.0, count=-1)
     assert example.parameter_values == DEFAULTS
-    assert set_all(mass=200.0, kind='slow', turns=1)
-    assert example.parameter_values == {**DEFAULTS, 'mass': 200.0, 'kind': 'slow', 'turns': 1}
-    assert set_all(mass=1, kind='fast', turns=None)
-    assert example.parameter_values == DEFAULTS
+    for values in ({'mass': 200.0, 'kind': 'slow', 'turns': 1}, DEFAULTS):
+        assert set_all(**values)
+        assert example.parameter_values == {**DEFAULTS, **values}
 
 
 def test_what_breaks_down_after_values_were_set_is_logged(
@@ -194,7 +190,6 @@ def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
     taken = {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
     assert process.node.parameter_values == {**DEFAULTS, **taken}
     assert not process.node.invalid_overrides
-    process.end_cleanly()
 
 
 def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
@@ -218,12 +213,10 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
     )
     assert [result.reason for result in loaded.results] == [''] * len(names)
     assert process.node.parameter_values == before
-    process.end_cleanly()
 
     again = start(ros, 'started', {}, '--params-file', str(file))
     assert again.node.parameter_values == before
     assert not again.node.invalid_overrides
-    again.end_cleanly()
 
 
 # Which sections of a file a node takes: `ros_parameters` and rcl are of one opinion.
@@ -279,12 +272,9 @@ def test_sections_are_matched_as_rcl_does(
         assert taken == taken_by_rcl(ros, file, namespace), namespace
 
 
-@pytest.mark.parametrize(
-    ('namespace', 'full_name'),
-    [('pendulum', '/pendulum/planner'), ('/a/b/', '/a/b/planner'), ('', '/planner')],
-)
-def test_who_has_no_section_is_told_the_full_names(namespace: str, full_name: str) -> None:
+def test_who_has_no_section_is_told_the_full_names() -> None:
     document = {'/other/planner': section(1), 'tracker': section(1)}
-    with pytest.raises(InvalidProblem) as refused:
-        ros_parameters(document, 'planner', namespace)
-    assert str(refused.value).endswith(f"'{full_name}', only for /other/planner, /tracker")
+    for space, name in (('pendulum', '/pendulum'), ('/a/b/', '/a/b'), ('', '')):
+        with pytest.raises(InvalidProblem) as refused:
+            ros_parameters(document, 'planner', space)
+        assert str(refused.value).endswith(f"'{name}/planner', only for /other/planner, /tracker")
