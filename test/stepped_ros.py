@@ -22,6 +22,7 @@ which nodes started with `use_sim_time` false go by.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import gc
 import importlib
@@ -290,6 +291,17 @@ class Stepped(Ros):
             if not self._serve():
                 time.sleep(0.0005)
         return known()
+
+    def do(self, what: Callable[..., Any], *arguments: Any, still: bool = False) -> Any:
+        """
+        Do something in a thread while the nodes are served; return or raise what came of it.
+
+        Time stands `still` meanwhile if asked.
+        """
+        with ThreadPoolExecutor(1) as pool:
+            future = pool.submit(what, *arguments)
+            assert (self.meet if still else self.spin_until)(future.done)
+            return future.result()
 
     def settle(self) -> None:
         """Serve all there is, and wait for solves under way, while time stands still."""

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 import math
 from pathlib import Path
 from typing import Any
@@ -36,8 +35,6 @@ PLANNER, TRACKER = 'tdm_planner.nodes.planner', 'tdm_planner.nodes.tracker'
 PLANT = 'tdm_sim.pendulum_plant'
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 SPACE = 'seen'
-
-Do = Callable[..., Any]
 
 
 class Seen:
@@ -87,8 +84,6 @@ class Seen:
         self.operations.close()
         self.ros._executor.remove_node(self.listener.node)
         self.listener.close()
-        for node in self.nodes.values():
-            node.end_cleanly()
 
 
 @pytest.fixture
@@ -98,41 +93,28 @@ def seen(ros: Stepped, tmp_path: Path) -> Iterator[Seen]:
     made.close()
 
 
-@pytest.fixture
-def do(ros: Stepped) -> Iterator[Do]:
-    """Do something in a thread while the nodes are served; return or raise what came of it."""
-    with ThreadPoolExecutor(1) as pool:
-
-        def done(what: Callable[..., Any], *arguments: Any) -> Any:
-            future = pool.submit(what, *arguments)
-            assert ros.spin_until(future.done)
-            return future.result()
-
-        yield done
-
-
 def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(
-    seen: Seen, do: Do
+    seen: Seen,
 ) -> None:
     listener = seen.listener
-    assert [node.name for node in listener.having(SIMULATION)] == [f'/{SPACE}/pendulum_plant']
+    plants = [f'/{SPACE}/pendulum_plant']
+    assert [node.name for node in listener.having(SIMULATION)] == plants
     assert not any(node.silent for node in listener.nodes.values())
     assert seen.values(PLANNING)['limits.torque'] == 0.09
-    assert len(listener.with_parameter('limits.torque')) == 3
     assert listener.with_parameter('weights.theta') == [f'/{SPACE}/tracker']
     assert seen.state() == pytest.approx([math.pi, 0.0, 0.0, 0.0])
     assert seen.ros.spin_until(lambda: len(listener.events) > 0)
     before = listener.changes
-    do(listener.set_parameters, [f'/{SPACE}/pendulum_plant'], {'disturbance.impulse': 3e-4})
+    seen.ros.do(
+        listener.set_parameters, [f'/{SPACE}/pendulum_plant'], {'disturbance.impulse': 3e-4}
+    )
     values = seen.values(SIMULATION)
     assert seen.ros.spin_until(lambda: values['disturbance.impulse'] == 3e-4)
     assert listener.changes > before
+    every = listener.with_parameter('limits.torque')
+    assert len(every) == 3
     with pytest.raises(InvalidProblem, match=r"'limits.torque' = -1.0 is not allowed"):
-        do(
-            listener.set_parameters,
-            listener.with_parameter('limits.torque'),
-            {'limits.torque': -1.0},
-        )
+        seen.ros.do(listener.set_parameters, every, {'limits.torque': -1.0})
     assert 'pushed' in seen.told(seen.operations.push)
     assert seen.ros.spin_until(lambda: abs(seen.state()[2]) > 0.1)
     assert 'initial' in seen.told(seen.operations.reset)

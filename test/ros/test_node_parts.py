@@ -31,7 +31,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.service import Service
 from ros_harness import MODULES
 from std_srvs.srv import Trigger
-from stepped_ros import Stepped
+from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
@@ -139,25 +139,26 @@ def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
 
 def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Stepped) -> None:
     watch = TrackerWatch(ros.node, MotionClock(ros.node), 'tuned/', PendulumTrackerParameters)
-    values: dict[str, Any] = {'limits.torque': 0.02, 'weights.theta': 5.0}
+    values: dict[str, Any] = {'limits.torque': 0.02}
 
     def knows(weight: float) -> bool:
         known = watch.parameters
         assert known is None or isinstance(known, PendulumTrackerParameters)
         return known is not None and known.weights.theta == weight
 
+    def start(**more: Any) -> NodeHere:
+        return ros.start(MODULES['tracker'], {**values, **more}, namespace='tuned')
+
     assert not watch.inactive  # nobody is there: another controller may follow
-    tracker = ros.start(MODULES['tracker'], {**values, 'autostart': False}, namespace='tuned')
+    tracker = start(autostart=False)
     assert ros.meet(lambda: watch.inactive)
-    tracker.end_cleanly()
-    tracker = ros.start(MODULES['tracker'], values, namespace='tuned')
-    assert ros.spin_until(lambda: knows(5.0), 5.0)
+    for weight in (5.0, 9.0):
+        tracker.end_cleanly()
+        tracker = start(**{'weights.theta': weight})
+        assert ros.spin_until(lambda weight=weight: knows(weight), 5.0)
     assert watch.parameters.limits.torque == 0.02  # type: ignore[union-attr]
     assert ros.set_parameters('/tuned/tracker', weights__theta=7.0) == ['']
     assert ros.spin_until(lambda: knows(7.0), 1.0)
-    tracker.end_cleanly()
-    tracker = ros.start(MODULES['tracker'], {**values, 'weights.theta': 9.0}, namespace='tuned')
-    assert ros.spin_until(lambda: knows(9.0), 5.0)
     tracker.end_cleanly()
     assert ros.meet(lambda: watch.inactive)
 
@@ -206,12 +207,12 @@ class Stranger(ManagedNode):
 
 
 class Server:
-    """Serves a node by the executor that `make` makes, and the test's own node."""
+    """Serves a `Stranger` by the executor that `make` makes, and the test's own node."""
 
-    def __init__(self, ros: Stepped, make: Callable[..., Any], node: Any) -> None:
-        self.ros, self.node = ros, node
+    def __init__(self, ros: Stepped, make: Callable[..., Any]) -> None:
+        self.ros, self.node = ros, Stranger(context=ros._context)
         self.executor = make(context=ros._context)
-        self.executor.add_node(node)
+        self.executor.add_node(self.node)
 
     def serve_until(self, condition: Callable[[], bool], rounds: int = 2000) -> bool:
         for _ in range(rounds):
@@ -221,10 +222,6 @@ class Server:
             while self.ros._serve():
                 pass
         return condition()
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
 
 
 class Middleware:
@@ -255,10 +252,11 @@ def middleware(monkeypatch: pytest.MonkeyPatch) -> Middleware:
 
 @pytest.fixture
 def server(ros: Stepped, make: Any, middleware: Middleware) -> Iterator[Server]:
-    made = Server(ros, make, Stranger(context=ros._context))
+    made = Server(ros, make)
     yield made
     made.node.release.set()
-    made.close()
+    made.executor.shutdown()
+    made.node.destroy_node()
 
 
 @pytest.mark.parametrize(

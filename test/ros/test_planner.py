@@ -154,14 +154,11 @@ def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner
     assert summary['problem'] == 'pendulum_swing_up'
     check = summary['verification']
     assert check['ok']
-    assert set(check['worst']) == set(check['worst_times']) == {'torque', 'disk_angle'}
     assert check['units'] == {'torque': 'N m', 'disk_angle': 'rad'}
-    assert 0.0 <= check['worst_times']['disk_angle'] <= summary['duration']
+    assert set(check['worst']) == set(check['worst_times']) == set(check['units'])
     (vehicle,) = summary['vehicles'].values()
-    assert vehicle['interpolation'] == 'zero_order_hold'
-    assert vehicle['units']['torque'] == 'N m'
+    assert (vehicle['interpolation'], vehicle['units']['torque']) == ('zero_order_hold', 'N m')
     problem = PendulumSwingUp.from_parameters(summary['parameters'])
-    assert problem.limits.torque == 0.09
     assert problem.to_parameters() == summary['parameters']
 
 
@@ -199,8 +196,8 @@ def test_a_request_before_the_first_state_waits_for_it(ros: Stepped, measuring: 
     assert pending.result().success, pending.result().message
 
 
-def test_a_plan_from_the_measured_state(ros: Stepped, measuring: Planner) -> None:
-    """The plan begins where the pendulum has coasted to: here by small steps."""
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros: Stepped, measuring: Planner) -> None:
+    """Here by small steps."""
     measuring.set({'start.delay': 0.2})
     state = [3.0, 0.2, 0.5, -0.4]
     measured = begins(measuring.measure(measuring.state(state)))
