@@ -24,8 +24,7 @@ from ros_harness import MODULES, ros_arguments
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.problems import Problem
 from trajectory_msgs.msg import JointTrajectory

@@ -36,12 +36,11 @@ from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
+from tdm_planner.nodes.messages import LATCHED, SERVICE
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.qos import LATCHED, SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
-from tdm_planner.nodes.tracker_status import goal_status
-from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.nodes.tracker_status import goal_status, TrackerWatch
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 

@@ -27,7 +27,7 @@ from ros_harness import MODULES
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
