@@ -217,24 +217,17 @@ def time_of_day_set(rig: MisledRig, step: float, phase: str) -> Figures:
     return found
 
 
-def simulated_time_ahead(rig: MisledRig) -> Figures:
+def simulated_time_set(rig: MisledRig, step: float) -> Figures:
+    """Set back, the motion is given up, and the next one is as good as any."""
     rig.reach('hold')
-    rig.ros.leap(5.0)
-    rig.ros.spin_for(LATER)
-    at = rig.now
-    rig.wait_until(at + 1.0)
-    assert rig.is_held, rig.story()
-    return {'lean': rig.lean(at)}
-
-
-def simulated_time_back(rig: MisledRig) -> Figures:
-    """Set it back: the motion is given up, the next one is as good as any."""
-    rig.reach('hold')
-    rig.ros.leap(-5.0)
+    rig.ros.leap(step)
     del rig.states[:]
     rig.ros.spin_for(LATER)
     at = rig.now
-    rig.wait_until(at + 0.5)
+    rig.wait_until(at + 1.0)
+    if step > 0.0:
+        assert rig.is_held, rig.story()
+        return {'lean': rig.lean(at)}
     assert 'the clock was set back' in rig.processes['tracker'].output
     safe = rig.last_torque(at)
     assert safe < 2 * LATER
@@ -272,8 +265,8 @@ FAULTS: dict[str, Callable[[MisledRig], Figures]] = {
     **{f'stuck in {phase}': partial(stuck, phase=phase) for phase in PHASES},
     **{f'delay {delay} with state_timeout 1 s': partial(largest_delay, delay=delay, falls=falls)
        for delay, falls in ((0.2, False), (0.3, True))},
-    'simulated time +5 s': simulated_time_ahead,
-    'simulated time -5 s': simulated_time_back,
+    **{f'simulated time {step:+g} s': partial(simulated_time_set, step=step)
+       for step in (5.0, -5.0)},
     'negative simulated times': negative_simulated_times,
     **{f'{TIME_OF_DAY} {step:+g} s in {phase}': partial(time_of_day_set, step=step, phase=phase)
        for step in (5.0, -5.0) for phase in PHASES},

@@ -18,6 +18,7 @@ plant and tracker while they live: a busy machine makes a scenario longer, and n
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import json
 
 from pendulum_rig import PendulumRig
@@ -57,10 +58,6 @@ def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
     back = seconds_of(rig.states[seen].header.stamp)
     assert last_command() < back
     return {'safe': safe, 'recovered': rig.held_since(back) - back}
-
-
-def plant_killed_in_mid_swing(rig: PendulumRig) -> dict[str, float]:
-    return plant_killed(rig, 'tracking')
 
 
 def tracker_killed(rig: PendulumRig) -> dict[str, float]:
@@ -115,7 +112,7 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
 
 SCENARIOS: dict[str, Callable[[PendulumRig], dict[str, float]]] = {
     'plant killed while holding': plant_killed,
-    'plant killed in mid-swing': plant_killed_in_mid_swing,
+    'plant killed in mid-swing': partial(plant_killed, moment='tracking'),
     'tracker killed in mid-swing': tracker_killed,
     'planner killed while planning': planner_killed,
 }

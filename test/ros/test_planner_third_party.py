@@ -117,22 +117,6 @@ class DoubleIntegrator:
         return np.stack([state[..., 1], control[..., 0]], axis=-1)
 
 
-@dataclass(frozen=True)
-class HomingCart(Problem, Validated):
-    """The same from a place that is no parameter of the start: nothing can be measured."""
-
-    name: ClassVar[str] = 'homing_cart'
-
-    side: str = parameter('right', 'side to start from', choices=('left', 'right'))
-    solver: SolverParameters = group(SolverParameters)
-
-    def search(
-        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
-    ) -> TwoStrokes:
-        position = 1.0 if self.side == 'right' else -1.0
-        return TwoStrokes(Cart(start=CartStart(position=position)), budget)
-
-
 def start(ros: Stepped, name: str, **given: Any) -> NodeHere:
     """Start a planner, which has the name of its namespace, for a problem of this module."""
     parameters = {'start.source': 'parameters', **given}
@@ -197,7 +181,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped) -> None:
 
 
 def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros: Stepped) -> None:
-    given = {'problem': f'{__name__}:HomingCart', 'start.source': 'measured'}
+    given = {'problem': 'brachistochrone:Brachistochrone', 'start.source': 'measured'}
     start(ros, 'homing', **given)
     assert ros.trigger('/homing/plan')[0]
 
