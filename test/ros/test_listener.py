@@ -206,15 +206,6 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path)
         moved = about((0, 0, 1), 1.0)
         shown_handle.move((np.zeros(3), moved))
         assert not np.allclose(before, shown_handle._control.wxyz)
-        # The first plan is shown whole; then the view is its user's.
-        user, first = np.array([1.0, 2.0, 3.0]), page._rig.plan
-        assert not np.allclose(server.initial_camera.position, user)
-        server.initial_camera.position = user
-        assert 'upright' in seen.told(seen.operations.plan)
-        seen.ros.settle()
-        page.frame()
-        assert page._rig.plan is not first
-        assert np.allclose(server.initial_camera.position, user)
     finally:
         page.close()
         server.stop()
