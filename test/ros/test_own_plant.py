@@ -145,7 +145,8 @@ def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_use
     from tdm_sim.live.page import Page
     from tdm_sim.live.recordings import Recordings
 
-    loop, listener = Loop(ros, f'{__name__}:Rail'), Listener('own', ros._context)
+    Loop(ros, f'{__name__}:Rail')
+    listener = Listener('own', ros._context)
     ros._executor.add_node(listener.node)
     server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
     page = Page(server, listener, Recordings(tmp_path, 'own'), 'own')
