@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,7 @@ def test_allowed_values_are_taken(
     ('name', 'value', 'says'),
     [
         ('mass', -1, "'mass' = -1 is not allowed: must be a number in [1e-12, 1e+12] kg"),
+        ('mass', math.nan, "parameter 'mass' = nan is not"),
         ('mass', True, "parameter 'mass' = True is not"),
         ('mass', 'null', "parameter 'mass' = 'null' is not"),
         ('mass', '[1.0', "parameter 'mass' = '[1.0' is not"),
