@@ -330,7 +330,7 @@ class StatedView(PlantView):
         except Exception as error:  # noqa: B902
             raise InvalidProblem(
                 f'drawing of {type(self._statement).__name__} raises '
-                f'{type(error).__name__}: {error}'
+                f"{type(error).__name__}: {error} (states may be arrays: use numpy's functions)"
             ) from error
         return shapes
 

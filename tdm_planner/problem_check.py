@@ -102,7 +102,8 @@ def check_problem(problem: Problem) -> Checked:
             'equations that can be checked'
         )
     check_statement(problem)
-    StatedView(problem).checked()
+    pair = {name: np.zeros(2) + 0.1 * k for k, name in enumerate(problem.state_names)}
+    StatedView(problem).drawing(pair, {})  # a report draws all instants at once
     stated = CheckedFormulation(problem)
     program = Transcription(problem, chebyshev_nodes(_NODES))
     program.begin(program.first_guess)

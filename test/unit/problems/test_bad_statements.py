@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 from random_statements import outcome_of, random_statements
-from tdm_planner.direct_method import Duration, Output
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Disc
+from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import parameter, Validated
-from tdm_planner.problems import DirectProblem
+from tdm_planner.problem_check import check_problem
+from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
 
 
 @dataclass(frozen=True)
@@ -199,3 +201,76 @@ def test_a_control_that_jumps_with_a_force_is_not_overlooked_by_the_replay():
 
 def test_random_statements_are_planned_for_or_refused():
     random_statements(40)
+
+
+def weights(self):
+    return np.eye(3), np.eye(2)
+
+
+def by_place(self, x):
+    return [Disc((math.sin(x[0]), x[1]), 0.1)]
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'feedback_weights': weights}, r'gives Q of shape \(3, 3\), expected \(4, 4\)'),
+        ({'drawing': by_place}, 'drawing of Changed raises TypeError'),
+        (
+            {'reserve': {'Pole': 0.1}},
+            "which is not a limit: there are 'pole', 'ax, lowest'",
+        ),
+    ],
+)
+def test_a_check_refuses_what_only_a_tracker_or_a_picture_would_meet(change, words):
+    with pytest.raises(InvalidProblem, match=words):
+        check_problem(changed(**change)())
+
+
+def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
+    stuck = changed(reserve={'pole': 0.5}, control_limits=lambda self: {'ax': (-1e-3, 1e-3)})
+    words = "the start leaves 0.2 to the limit 'pole', less than its reserve 0.5"
+    near = stuck(start=-math.sqrt(0.44), solver=SolverParameters(deadline=0.3))
+    assert check_problem(near).reasons == [words]
+    with pytest.raises(Infeasible, match=words):
+        near.solve()
+
+
+def test_the_rate_of_an_integrated_state_is_not_compared():
+    class Rolling(Car):
+        """Its way along y is integrated."""
+
+        def outputs(self):
+            return {'x': super().outputs()['x'], 'vy': Output((0.0,), (0.0,), free=4)}
+
+        def integrated(self):
+            return {'y': Integrated(0.1, 0.0)}
+
+        def invert(self, y, z):
+            (x, vx, ax), (vy, ay, _) = y['x'], y['vy']
+            return (x, z['y'], vx, vy), (ax + self.drag * vx, ay + self.drag * vy)
+
+    rows = check_problem(Rolling()).rates
+    assert [row.state for row in rows if row.integrated] == ['y']
+
+
+def test_the_end_that_is_missed_is_named_with_its_unit():
+    class Far(Car):
+        """Its way along y is integrated, and nothing is left to vary."""
+
+        def duration(self):
+            return Duration(1.0, fixed=True)
+
+        def outputs(self):
+            return {'x': super().outputs()['x'], 'vy': Output((0.0,), (1.0,))}
+
+        def integrated(self):
+            return {'y': Integrated(1.0, 40.0, scale=10.0)}
+
+        def invert(self, y, z):
+            (x, vx, ax), (vy, ay, _) = y['x'], y['vy']
+            return (x, z['y'], vx, vy), (ax + self.drag * vx, ay + self.drag * vy)
+
+    far = Far(limit=90.0, solver=DirectSolverParameters(deadline=3.0, refine=False))
+    with pytest.raises(Infeasible, match=r'the condition at the end on y by 3\d m'):
+        far.solve()
