@@ -40,6 +40,7 @@ _HATCHES = {  # of what is not verified, by the reason's code
     'INTERNAL': '+++',
 }
 _OTHER, _GROUND, _INK = 'ooo', '0.93', '0.45'
+_FAR = 30.0  # times the median, or its inverse: values beyond have the colour of that
 _WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
 _MARKERS = 'xv^<>sd'
 
@@ -270,7 +271,9 @@ def _norm(quantity: Quantity) -> Normalize:
     known = quantity.values[np.isfinite(quantity.values)]
     if not known.size:
         return Normalize(0.0, 1.0)
-    low, high = float(known.min()), float(known.max())
+    low, high, middle = float(known.min()), float(known.max()), float(np.median(known))
+    if low > 0.0:  # a start that is the goal, say, must not take the colours of all others
+        low, high = max(low, middle / _FAR), min(high, middle * _FAR)
     return (LogNorm if 0.0 < low * _WIDE < high else Normalize)(low, high)
 
 

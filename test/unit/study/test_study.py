@@ -136,6 +136,23 @@ def test_pictures_and_page_of_any_number_of_variables(
     assert 'http' not in page.replace('http-equiv', '')
 
 
+def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
+    axes = [Axis('x', (1.0, 2.0)), Axis('y', (-1.0, 0.0, 1.0))]
+    rows = [
+        {
+            'row': i,
+            **p,
+            **found({'kind': 'plain', 'x': 1.0}),
+            'duration': p['x'] if p['y'] else 1e-3,
+        }
+        for i, p in enumerate(Points(axes))
+    ]
+    columns = {name: [row.get(name) for row in rows] for name in rows[0]}
+    figure, _ = draw(columns, axes, {})['duration']
+    (norm,) = {mesh.norm for axis in figure.axes[:1] for mesh in axis.collections if mesh.norm}
+    assert (norm.vmin, norm.vmax) == pytest.approx((1.0 / 30.0, 2.0))
+
+
 @pytest.mark.timeout(300)
 def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
