@@ -29,9 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(folder, capsys):
     words = ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]
     assert main(words) == 0
     assert 'upright' in capsys.readouterr().out
@@ -82,12 +80,7 @@ def test_parameter_files_and_settings_as_users_run_it(folder: Path):
     ],
 )
 def test_mistakes_get_one_sentence_and_a_code(
-    arguments: list[str],
-    code: int,
-    words: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments, code, words, tmp_path, monkeypatch, capsys
 ):
     (tmp_path / 'wrong.yaml').write_text('a: [1, 2\nb: }')
     (tmp_path / 'folder').mkdir()
@@ -109,9 +102,7 @@ def test_usage_and_version(words: list[str], code: int, capsys: pytest.CaptureFi
     assert capsys.readouterr().out.startswith('tdm_planner 0.' if code == 0 else '')
 
 
-def test_without_ros_the_way_out_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_without_ros_the_way_out_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'rclpy', None)
     monkeypatch.delitem(sys.modules, 'tdm_sim.demo', raising=False)
     assert main(['demo', 'pendulum']) == 2
@@ -119,9 +110,7 @@ def test_without_ros_the_way_out_is_named(
 
 
 @pytest.mark.parametrize('speed', ['0', '-1', '100', 'nan'])
-def test_a_demo_refuses_a_speed_that_cannot_be(
-    speed: str, folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_demo_refuses_a_speed_that_cannot_be(speed, folder, capsys):
     pytest.importorskip('rclpy')
     assert main(['demo', 'pendulum', f'--speed={speed}', '-o', 'out']) == 2
     assert "parameter 'speed'" in capsys.readouterr().err
@@ -129,9 +118,7 @@ def test_a_demo_refuses_a_speed_that_cannot_be(
 
 
 @pytest.mark.parametrize('foreign', ['out', 'out/thesis.tex'])
-def test_a_demo_leaves_alone_what_is_not_its_own(
-    foreign: str, folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_demo_leaves_alone_what_is_not_its_own(foreign, folder, capsys):
     pytest.importorskip('rclpy')
     mine = folder / foreign
     mine.parent.mkdir(exist_ok=True)
@@ -141,9 +128,7 @@ def test_a_demo_leaves_alone_what_is_not_its_own(
     assert mine.read_text() == 'mine'
 
 
-def test_the_live_page_says_what_it_needs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_live_page_says_what_it_needs(monkeypatch, capsys):
     for name in [name for name in sys.modules if name.startswith('tdm_sim.live')]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, 'viser', None)

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out
@@ -69,8 +68,8 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(
     ],
 )  # fmt: skip
 def test_documents_without_end_and_objects_of_a_language_are_refused(
-    tmp_path: Path, text: str, says: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, text, says, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / 'parameters.yaml'
     path.write_text(text)

@@ -28,7 +28,6 @@ from launch_stand_ins import (  # noqa: F401
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.resources import config_file
 from tdm_sim.record_command import record_command
 import yaml
 
@@ -56,20 +55,6 @@ def written(folder: Path, sections: dict[str, Any]) -> str:
     path = folder / 'mine.yaml'
     path.write_text(yaml.safe_dump(document, sort_keys=False).replace("'5e-2'", '5e-2'))
     return str(path)
-
-
-def test_nodes_of_the_pendulum_and_their_arguments(tmp_path: Path):
-    shipped = nodes('pendulum', description='false')
-    names = ('planner', 'tracker', 'pendulum_plant')
-    assert places(shipped) == {(name, 'pendulum') for name in names}
-    for node in shipped:
-        assert node.package == 'tdm_planner'
-        assert node.parameters == [str(config_file('pendulum.yaml'))]
-        assert node.ros_arguments == ['--log-level', 'info']
-    mine = written(tmp_path, {})
-    found = nodes('pendulum', plant='False', description='0', namespace='/rig', params_file=mine)
-    assert places(found) == {('planner', 'rig'), ('tracker', 'rig')}
-    assert all(node.parameters == [mine] for node in found)
 
 
 def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path: Path):

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 import csv
 from pathlib import Path
 
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -24,7 +23,6 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
 
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
 NUMBERS = ((0.1, 2.0), (1 / 3, -1e-17), (3.0, 4.0))
 
 

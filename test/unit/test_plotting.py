@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from double_integrator import DoubleIntegrator
@@ -58,9 +57,7 @@ def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
     return [getattr(line, f'get_{way}data')()[0] for line in lines]
 
 
-def test_margins_are_those_of_the_check(
-    swing_up: Planned, formation: Planned, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
     for problem, solution in (swing_up, formation, (CART, CART.solve(deadline=10.0))):
         for name, trajectory in solution.trajectories.items():
             check = (solution.verifications or {name: solution.verification})[name]
@@ -98,9 +95,7 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planne
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
 
 
-def test_every_kind_of_file_and_plant(
-    swing_up: Planned, formation: Planned, tmp_path: Path
-) -> None:
+def test_every_kind_of_file_and_plant(swing_up, formation, tmp_path):
     # names of another plant
     foreign = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
     other = replace(swing_up[1], trajectories={'cart': foreign})

@@ -24,7 +24,7 @@ from ros_harness import MODULES, SOURCE
 from tdm_planner import resources, set_up, starting
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import RobotFormation
-from tdm_planner.starting import Interrupted, interruptible, REQUIRED, uninterrupted
+from tdm_planner.starting import Interrupted, interruptible, uninterrupted
 
 EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -41,18 +41,6 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
     )
 
 
-def test_users_of_the_library_get_the_same_as_an_error_and_no_environment() -> None:
-    blocked = f'import sys; sys.modules.update(dict.fromkeys({list(REQUIRED)}))\n'
-    tried = (
-        'try: from tdm_planner.problems import PendulumSwingUp\n'
-        'except ImportError as e: print(e)\n'
-        f'import os; print([name in os.environ for name in {THREADS}])'
-    )
-    done = python('-c', f'{blocked}\n{tried}')
-    assert f"'pip install {' '.join(REQUIRED.values())}'" in done.stdout, done.stderr
-    assert done.stdout.endswith('[False, False, False]\n')
-
-
 def test_launch_files_need_only_what_ubuntu_has() -> None:
     """`ros2 launch` runs them in the system's Python, not in the environment of the nodes."""
     pytest.importorskip('rclpy')
@@ -66,9 +54,7 @@ def test_launch_files_need_only_what_ubuntu_has() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(monkeypatch, capsys):
     def load(name: str) -> type[RobotFormation]:
         if name == 'theirs':
             raise InvalidProblem('its module is missing')
@@ -95,9 +81,7 @@ def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
         ('planner', "{'rclpy': None}); import tdm_planner", "'rclpy', which is not installed"),
     ],
 )  # fmt: skip
-def test_executables_say_which_package_is_missing(
-    name: str, program: str, said: str, tmp_path: Path
-) -> None:
+def test_executables_say_which_package_is_missing(name, program, said, tmp_path):
     script = tmp_path / name
     script.write_text(f'import sys; sys.modules.update({program}')
     done = python(str(script))
@@ -106,9 +90,7 @@ def test_executables_say_which_package_is_missing(
     assert re.search(said, line)
 
 
-def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwise(
-    tmp_path: Path,
-) -> None:
+def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwise(tmp_path):
     pytest.importorskip('rclpy')
     tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
     (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
@@ -135,7 +117,7 @@ def make_share(prefix: Path, indexed: bool) -> Path:
 
 
 def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path, monkeypatch
 ):
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
@@ -202,9 +184,7 @@ RECORD = ['tdm', 'record', '-o', 'bag']
         ('python /opt/lib/tdm_planner/tracker', [], True),
     ],
 )
-def test_processes_of_ones_own_are_told_from_others(
-    line: str, command: list[str], node: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_of_ones_own_are_told_from_others(line, command, node, monkeypatch):
     words = line.split()
     monkeypatch.setattr('sys.orig_argv', words)
     monkeypatch.setattr('sys.argv', words[1:] if words[1][0] == '/' else ['-m'])
@@ -213,9 +193,7 @@ def test_processes_of_ones_own_are_told_from_others(
 
 
 @pytest.mark.parametrize('wheels', [True, False])
-def test_wheels_beside_a_sourced_installation_are_refused(
-    wheels: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wheels_beside_a_sourced_installation_are_refused(wheels, tmp_path, monkeypatch):
     (tmp_path / 'opt/ros/lib/python3.12/site-packages/rclpy').mkdir(parents=True)
     (tmp_path / 'workspace').mkdir()
     monkeypatch.setattr(starting, 'find_spec', lambda name: wheels or None)

@@ -55,7 +55,7 @@ def written(writer: BagWriter, most: int, size: int) -> int:
 
 
 @pytest.mark.parametrize('room', [1_500_000, 3_000_000, 3_145_728, None])
-def test_a_bag_writer_costs_little_of_what_was_written(tmp_path: Path, room: int | None) -> None:
+def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int | None) -> None:
     """Nothing in an MCAP file with room for so many bytes; without, it is a database."""
     bag = tmp_path / 'bag'
     with BagWriter(bag, 'mcap' if room else 'sqlite3') as writer:
@@ -80,9 +80,7 @@ def test_a_bag_writer_costs_little_of_what_was_written(tmp_path: Path, room: int
         assert numbers(read_with_mcap(bag)['/t']) == found
 
 
-def test_a_disk_too_full_to_begin_is_said_to_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_too_full_to_begin_is_said_to_be(tmp_path, monkeypatch):
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -93,9 +91,7 @@ def test_a_disk_too_full_to_begin_is_said_to_be(
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_recorder_that_is_killed_leaves_what_was_completed(
-    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_recorder_that_is_killed_leaves_what_was_completed(tmp_path, storage, monkeypatch):
     """What is on disk after `keep`, before the bag is closed, is what a kill leaves."""
     monkeypatch.setattr('tdm_sim.bag_writer.LONGEST_OPEN', 0.0)
     bag, copy = tmp_path / 'bag', tmp_path / 'killed'
@@ -125,9 +121,7 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(
     assert seen == 50
 
 
-def test_folders_and_storages_that_cannot_be_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_and_storages_that_cannot_be_are_refused(tmp_path, capsys):
     (tmp_path / 'precious').write_text('data')
     sentence = f"the folder '{tmp_path}' exists already: choose another or remove it"
     with pytest.raises(RecordingError, match='exists already'):
@@ -162,9 +156,7 @@ DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
 
 
 @pytest.mark.parametrize('quiet', [False, True])
-def test_the_command_tells_how_far_it_is_and_how_it_ended(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], quiet: bool
-) -> None:
+def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
     """With the recording itself left out."""
     failures: list[Exception] = []
 

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.parameter_files import read_parameters
-from tdm_planner.parameters import build, specifications
+from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
@@ -43,16 +43,6 @@ def values(path: Path, node: str) -> Mapping[str, Any]:
 
 def tracker(path: Path) -> PendulumTracker:
     return PendulumTracker(build(PendulumTrackerParameters, values(path, 'tracker')))
-
-
-@pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
-def test_every_node_takes_the_same_rig_and_the_commands_are_quick_enough(path: Path) -> None:
-    rigs = [values(path, node) for node in NODES]
-    constants = [{k: v for k, v in each.items() if 'reserve' not in k} for each in rigs]
-    assert constants[0] == constants[1] == constants[2]
-    assert set(constants[0]) <= set(specifications(PendulumTrackerParameters))
-    assert tracker(path).warning == ''
-    assert path.read_text(encoding='utf-8').startswith('# ')
 
 
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
@@ -100,9 +90,7 @@ def test_a_swing_up_that_uses_the_whole_range_of_the_disk_is_held(seed: int, slo
 
 
 @pytest.mark.parametrize(('seed', 'wrong'), [(7010, 0), (7036, 1)])
-def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
-    seed: int, wrong: int
-) -> None:
+def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(seed, wrong):
     """Rigs of weak motors, on which gravity is up to 7 % weaker than the model says."""
     asked = replace(rig(seed), torque_reserve=0.2)
     model, true = asked.plant, mismatched(asked.plant, 0.05, wrong)

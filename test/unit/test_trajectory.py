@@ -49,12 +49,6 @@ def make(times=(0.0, 1.0, 3.0), interpolation='zero_order_hold', controls=(1.0, 
     return Trajectory(times, states, u[:, None], ('x', 'v'), ('u',), interpolation)
 
 
-def test_held_controls_act_from_their_sample_to_the_next():
-    trajectory = make()
-    read = trajectory.sample([-1.0, 0.0, 0.999, 1.0, 2.9, 3.0, 9.0]).control[:, 0]
-    np.testing.assert_array_equal(read, [1, 1, 1, -1, -1, 0, 0])
-
-
 def test_between_samples_states_are_exact_for_a_double_integrator_and_controls_interpolated():
     trajectory = make().with_rates(PLANT.derivative)
     t = np.linspace(0, 1, 9)

@@ -15,7 +15,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method import Duration, Formulation, Integrated, Output
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
@@ -72,17 +72,8 @@ def refused(change: dict[str, Any]) -> str:
     return message
 
 
-FUNCTIONS = (
-    'outputs',
-    'integrated',
-    'duration',
-    'invert',
-    'derivative',
-    'margins',
-    'running_cost',
-    'final_cost',
-    'end_conditions',
-)
+FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margins')
+FUNCTIONS += ('running_cost', 'final_cost', 'end_conditions')
 
 
 def raises(error: Exception) -> Callable[..., Any]:
@@ -97,31 +88,16 @@ def returns(value: Any) -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize('function', FUNCTIONS)
-@pytest.mark.parametrize(
-    'error',
-    [
-        ZeroDivisionError('division by zero'),
-        IndexError('out of range'),
-        AttributeError('no force'),
-    ],
-)
-def test_errors_of_the_user_are_the_cause(function, error):
-    with pytest.raises(InvalidProblem, match=f'{function} of Changed raises') as caught:
-        begin(type('Changed', (Cart,), {function: raises(error)})())
-    assert caught.value.__cause__ is error
-    assert type(error).__name__ in str(caught.value)
-
-
-def test_refusals_of_the_user_are_passed_on():
+def test_errors_of_the_user_are_the_cause_and_refusals_are_passed_on(function):
+    for error in (ZeroDivisionError('division by zero'), AttributeError('no force')):
+        with pytest.raises(InvalidProblem, match=f'{function} of Changed raises') as caught:
+            begin(type('Changed', (Cart,), {function: raises(error)})())
+        assert caught.value.__cause__ is error
+        assert type(error).__name__ in str(caught.value)
     begin(Cart())
     refusal = InvalidProblem('the cart is too heavy')
-    assert refused({'invert': raises(refusal)}) == 'the cart is too heavy'
-
-
-@pytest.mark.parametrize('function', FUNCTIONS)
-@pytest.mark.parametrize('value', [None, 'fast', object()])
-def test_results_of_another_kind(function, value):
-    assert function in refused({function: returns(value)})
+    assert refused({function: raises(refusal)}) == 'the cart is too heavy'
+    assert function in refused({function: returns(None)})
 
 
 NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))  # noqa: E731
@@ -137,18 +113,13 @@ SUMMED = '{} of Changed gives ... when it is traced, but ... there are no sums o
 COSTS = [
     (np.zeros(5), 'gives J ... of shape (5,), expected'),
     (np.nan, 'gives J = nan at node'),
-    (np.inf, 'gives J = inf'),
     (1.0j, 'gives J ... which is not a real number'),
-    ([1.0, [2.0]], 'gives J ... which is not a real number'),
 ]
 REFUSED = {  # function: (what it is instead or returns, words)
     'outputs': [
         ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
         ({}, 'at least one output'),
         ({'x': Output()}, "output 'x': a polynomial needs at least one boundary condition"),
-        ({'x': Output(start={1: 0.0}, end={1: 1.0})}, "output 'x': derivatives [1] at the start"),
-        ({'x': Output((0.0, 1.0), (0.0, 1.0), shapes=SineSeries(1))}, '1 shapes cannot meet'),
-        ({'x': Output(end=(0.0,), shapes=SineSeries(3))}, 'value at the start is missing'),
     ],
     'integrated': [
         ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
@@ -156,14 +127,11 @@ REFUSED = {  # function: (what it is instead or returns, words)
     ],
     'invert': [
         (((0.0, 0.0, 0.0),), 'expected a pair'),
-        (((0.0, 0.0, 0.0), (0.0,), (0.0,)), 'expected a pair'),
         (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
         (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
         (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a real number'),
-        (((0.0, '1', 0.0), (0.0,)), 'component 1'),
         (((0.0, [1.0, [2.0]], 0.0), (0.0,)), 'expected a sequence of 3 components'),
         (((0.0, np.zeros(6), 0.0), (0.0,)), 'components of shapes (), (6,), (), expected'),
-        (((np.zeros(3), np.zeros(6), 0.0), (0.0,)), 'components of shapes (3,), (6,), ()'),
         (((0.0, 1.0j, 0.0), (0.0,)), 'component 1 = ... not a real number'),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
         (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
@@ -171,18 +139,14 @@ REFUSED = {  # function: (what it is instead or returns, words)
     'derivative': [
         ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
         ((0.0, 0.0, np.zeros(4)), 'what derivative returns has components of shapes (), (), (4,)'),
-        ((0.0, 0.0, None), 'what derivative returns has component 2'),
         ((0.0, 0.0, 1.0j), 'what derivative returns has component 2 = ... not a real number'),
         (NAN_BEHIND, "derivative gives the rate of 'angle' = nan at node 11 of 21"),
     ],
     'margins': [
         ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
-        ({'force': None}, "margins gives 'force' = None, which is not a real number"),
-        ({'force': 'much'}, "margins gives 'force' = 'much'"),
         ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
         ({3: 1.0}, 'must be strings'),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
-        ({'force': np.inf}, "margins gives 'force' = inf at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),
         (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
     ],
@@ -200,7 +164,6 @@ REFUSED = {  # function: (what it is instead or returns, words)
         ((np.zeros(5),), 'end_conditions gives number 0 of shape (5,)'),
         ((0.0, np.nan), 'end_conditions gives number 1 = nan'),
         ({'x': 0.0}, 'expected a sequence'),
-        ((None,), 'not a real number'),
         (lambda s, t, x: (np.sum(x[2]),), SUMMED.format('end_conditions')),
     ],
 }
@@ -229,19 +192,16 @@ def test_margins_that_change_their_names():
 
 
 @pytest.mark.parametrize('kind', ['state', 'control'])
-@pytest.mark.parametrize(
-    ('names', 'words'),
-    [
+def test_names(kind):
+    for names, words in (
         ('x', 'must be a tuple of names'),
         ((), 'must be a tuple of names'),
         (('x', 'v', 'x'), 'the same name twice'),
         (('x', 3, 'v'), 'must be strings'),
-    ],
-)
-def test_names(kind, names, words):
-    message = refused({f'{kind}_names': names})
-    assert f'{kind}_names = ' in message
-    assert words in message
+    ):
+        message = refused({f'{kind}_names': names})
+        assert f'{kind}_names = ' in message
+        assert words in message
 
 
 def test_what_is_not_finite_on_the_way_is_only_not_taken():

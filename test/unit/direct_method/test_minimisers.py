@@ -150,17 +150,6 @@ def test_bounds_are_kept_at_every_evaluation():
     np.testing.assert_allclose(found.point.xi, [0.5, 0.25], atol=1e-5)
 
 
-def test_inequality_on_the_unit_disc():
-    program = rosenbrock(
-        ineq=(lambda x: np.array([1 - x @ x]), lambda x: -2 * x[None, :]),
-        curvature=lambda x, m: -2 * m.inequalities[0] * np.eye(2),
-    )
-    found = minimise(program, np.array([-0.5, 0.5]), TIGHT)
-    assert found.converged
-    np.testing.assert_allclose(found.point.xi, [0.7864, 0.6177], atol=1e-4)
-    assert found.point.violation <= 1e-9
-
-
 def test_second_order_correction_overcomes_the_maratos_effect():
     """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle."""
 
@@ -179,27 +168,6 @@ def test_second_order_correction_overcomes_the_maratos_effect():
     assert with_correction.converged
     np.testing.assert_allclose(with_correction.point.xi, [1, 0], atol=1e-5)
     assert with_correction.iterations <= without.iterations
-
-
-def test_absolute_terms_are_minimised_exactly():
-    """J = x^2 / 2 + 3 |x - 1| has its kink at the minimum x = 1."""
-
-    class Kinked(NonlinearProgram):
-        lower, upper = np.full(1, -9.0), np.full(1, 9.0)
-
-        def evaluate(self, xi):
-            return Point(xi, float(xi[0] ** 2 / 2 + 3 * abs(xi[0] - 1)), np.zeros(1))
-
-        def linearise(self, point, multipliers):
-            empty = np.zeros((0, 1))
-            return Linearisation(
-                point.xi.copy(), np.eye(1), np.zeros(0), empty, np.zeros(0), empty,
-                np.zeros(0, dtype=int), point.xi - 1, np.eye(1), np.array([3.0]),
-            )  # fmt: skip
-
-    found = minimise(Kinked(), np.array([-5.0]), TIGHT)
-    assert found.converged
-    np.testing.assert_allclose(found.point.xi, [1.0], atol=1e-6)
 
 
 def test_searches_that_end_without_convergence():
@@ -237,3 +205,24 @@ def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violate
     assert steered.converged
     np.testing.assert_allclose(steered.point.xi, [3, 0], atol=1e-6)
     assert steered.iterations < plain.iterations
+
+
+def test_absolute_terms_are_minimised_exactly():
+    """J = x^2 / 2 + 3 |x - 1| has its kink at the minimum x = 1."""
+
+    class Kinked(NonlinearProgram):
+        lower, upper = np.full(1, -9.0), np.full(1, 9.0)
+
+        def evaluate(self, xi):
+            return Point(xi, float(xi[0] ** 2 / 2 + 3 * abs(xi[0] - 1)), np.zeros(1))
+
+        def linearise(self, point, multipliers):
+            empty = np.zeros((0, 1))
+            return Linearisation(
+                point.xi.copy(), np.eye(1), np.zeros(0), empty, np.zeros(0), empty,
+                np.zeros(0, dtype=int), point.xi - 1, np.eye(1), np.array([3.0]),
+            )  # fmt: skip
+
+    found = minimise(Kinked(), np.array([-5.0]), TIGHT)
+    assert found.converged
+    np.testing.assert_allclose(found.point.xi, [1.0], atol=1e-6)

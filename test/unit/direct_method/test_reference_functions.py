@@ -7,13 +7,27 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Polynomials, Taranenko's functions, their shapes, speed factors, and the bases of outputs."""
+"""Reference functions: polynomials, shapes, speed factors, bases of outputs; bad ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from decimal import Decimal
+from typing import Any
+import warnings
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from numpy.polynomial import Polynomial
-from tdm_planner.direct_method import Output, PowerProducts, SineSeries
+import pytest
+from tdm_planner.direct_method import (
+    Duration,
+    Integrated,
+    Output,
+    PowerProducts,
+    SineSeries,
+    symmetric_powers,
+)
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import output_basis
 from tdm_planner.direct_method.virtual_arc import arc_derivatives, time_derivatives
@@ -40,30 +54,6 @@ def test_every_polynomial_meets_one_condition_and_its_derivatives_are_derivative
         slope = (basis.values(s + step, order - 1) - basis.values(s - step, order - 1)) / 2 / step
         scale = 1 + np.abs(basis.values(np.linspace(0, 1, 9), order + 2)).max()
         np.testing.assert_allclose(basis.values(s, order), slope, atol=1e-5 * scale)
-
-
-@given(st.lists(st.tuples(st.integers(1, 5), st.integers(1, 5)), min_size=1, unique=True))
-@settings(max_examples=40)
-def test_power_products_are_the_polynomials_they_say(exponents):
-    s = np.linspace(-0.2, 1.2, 9)
-    shapes = PowerProducts(exponents)
-    for column, (m1, m2) in enumerate(exponents):
-        product = Polynomial([0, 1]) ** m1 * Polynomial([-1, 1]) ** m2
-        for derivative in range(5):
-            expected = product.deriv(derivative)(s) if derivative else product(s)
-            found = shapes.values(s, derivative)[:, column]
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
-
-
-def test_sines_and_their_derivatives():
-    s = np.linspace(0, 1, 23)
-    k = np.arange(1, 6)
-    for derivative in range(6):
-        expected = (k * np.pi) ** derivative * np.sin(
-            k * np.pi * s[:, None] + derivative * np.pi / 2
-        )
-        found = SineSeries(5).values(s, derivative)
-        np.testing.assert_allclose(found, expected, atol=1e-11 * (5 * np.pi) ** derivative)
 
 
 SINES = SineSeries(6)
@@ -99,6 +89,19 @@ def test_conditions_hold_and_free_shapes_are_orthonormal(at_start, at_end, free,
     np.testing.assert_allclose(gram, np.eye(free), atol=1e-7)
 
 
+@pytest.mark.parametrize('shapes', [SINES, PRODUCTS, MIXED])
+def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
+    s, step = np.linspace(0.02, 0.98, 25), 1e-5
+    for order in range(1, 5):
+        slope = (
+            (shapes.values(s + step, order - 1) - shapes.values(s - step, order - 1)) / 2 / step
+        )
+        scale = 1 + np.abs(shapes.values(s, order + 2)).max()
+        np.testing.assert_allclose(shapes.values(s, order), slope, atol=1e-9 * scale + 1e-5)
+    np.testing.assert_allclose(SINES.values(s)[:, 2], np.sin(3 * np.pi * s), atol=1e-12)
+    np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
+
+
 def test_conditions_with_a_gap():
     output = Output(start=(0.0, None, 2.0), end={0: 1.0}, free=1)
     basis = output_basis('x', output, 0)
@@ -117,3 +120,107 @@ def test_conversions_round_trip(values, speed, slopes):
     factor = [speed, *slopes]
     there = arc_derivatives(values, factor)
     np.testing.assert_allclose(time_derivatives(there, factor), values, rtol=1e-9, atol=1e-6)
+
+
+BAD: dict[str, Any] = {
+    'None': None,
+    'a string': 'fast',
+    'a numeral': '1.0',
+    'NaN': float('nan'),
+    'inf': float('inf'),
+    'too huge for a float': 10**400,
+    'complex': 1.0 + 2.0j,
+    'ragged': [1.0, [2.0, 3.0]],
+    'a mapping': {0: 1.0},
+    'an object': object(),
+}
+BAD_SCALARS = {**BAD, 'huge': 1e300, 'empty': []}
+NOT_WHOLE = {**BAD_SCALARS, 'a fraction': 1.5, 'negative': -1, 'a million': 10**6, 'true': True}
+
+
+def refused(make: Callable[[], Any]) -> str:
+    """Return the one clear sentence; nothing is printed by numpy on the way."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(InvalidProblem) as caught:
+            make()
+    message = str(caught.value)
+    assert '\n' not in message
+    assert len(message) < 250
+    return message
+
+
+WHOLE = [
+    (lambda v: SineSeries(v), 'must be an integer from 1 to 100'),
+    (lambda v: symmetric_powers(v), 'must be an integer from 1 to 100'),
+    (lambda v: PowerProducts([(v, 1)]), 'must be an integer from 1 to 100'),
+    (lambda v: PowerProducts([(1, v)]), 'must be an integer from 1 to 100'),
+    (lambda v: Output(free=v), 'free = '),
+    (lambda v: Output(derivatives=v), 'derivatives = '),
+    (lambda v: Duration(speed_factor_order=v), 'speed_factor_order = '),
+]
+NUMBERS = [
+    (lambda v: Integrated(v), 'the start of an integrated state'),
+    (lambda v: Duration(guess=v), 'guess'),
+]
+NUMBERS_OR_NONE = [
+    (lambda v: Output(start=(0.0, v)), 'derivative 1 at the start'),
+    (lambda v: Output(scale=v), 'scale'),
+    (lambda v: Duration(shortest=v), 'shortest'),
+    (lambda v: Duration(longest=v), 'longest'),
+    (lambda v: Integrated(0.0, v), 'the end of an integrated state'),
+]
+
+
+@pytest.mark.parametrize('value', NOT_WHOLE.values(), ids=NOT_WHOLE)
+def test_whole_numbers(value):
+    for make, words in WHOLE:
+        assert words in refused(lambda make=make: make(value))
+
+
+@pytest.mark.parametrize('value', BAD_SCALARS.values(), ids=BAD_SCALARS)
+def test_numbers(value):
+    for make, words in [*NUMBERS, *(NUMBERS_OR_NONE if value is not None else [])]:
+        assert words in refused(lambda make=make: make(value))
+    if value not in (None, [], {0: 1.0}):
+        refused(lambda: Output(end=value))
+
+
+def shaped(shapes, start=(0.0,), end=(0.0,)):
+    return lambda: output_basis('x', Output(start, end, shapes=shapes), 0)
+
+
+CASES = [
+    (lambda: PolynomialBasis.of((1,), (1,)), 'do not determine'),
+    (lambda: PolynomialBasis.of((), ()), 'at least one'),
+    (shaped(SineSeries(2), (None, 0.0)), 'value at the start is missing'),
+    (shaped(SineSeries(2), (0.0,), ()), 'value at the end is missing'),
+    (shaped(SineSeries(1), (0.0, 1.0), (0.0, 1.0)), '1 shapes cannot meet'),
+    (shaped(SineSeries(4), {0: 0.0, 2: 1.0}), '4 shapes cannot meet'),
+    (shaped(symmetric_powers(4), (0, 1), (0, 1)), 'cannot meet'),
+    (shaped(SineSeries(2) + SineSeries(2)), 'sums of others'),
+    (shaped(SineSeries(2) + symmetric_powers(2) + PowerProducts([(2, 2)])), 'sums of others'),
+    (lambda: PowerProducts([(0, 1)]), 'exponent of (0, 1) = 0 is not allowed'),
+    (lambda: PowerProducts('ab'), ''),
+    # Outputs, durations, integrated states.
+    (lambda: Output(shapes='start'), 'family of shapes'),  # type: ignore[arg-type]
+    (lambda: Output(start={0: 0.0, -1: 1.0}), 'order of a derivative given'),
+    (lambda: Output(scale=0.0), 'must be a positive number'),
+    (lambda: Integrated(0.0, scale=0.0), 'must be a positive number'),
+    (lambda: Output(free=2, shapes=SineSeries(2)), 'free = 2 is for polynomials'),
+    (lambda: Duration(guess=0.0), 'guess'),
+    (lambda: Duration(shortest=0.0), 'shortest'),
+    (lambda: Duration(longest=0.0), 'longest'),
+    (lambda: Duration(1.0, shortest=2.0), 'shortest'),
+    (lambda: Duration(fixed=True, speed_factor_order=2), 'fixed'),
+    (lambda: output_basis('x', Output((0.0, None, 1.0), (0.0,)), 2), 'all lower ones'),
+]
+
+
+@pytest.mark.parametrize(('make', 'words'), CASES)
+def test_what_makes_no_sense_together(make, words):
+    assert words in refused(make)
+
+
+def test_numbers_of_any_kind_are_numbers():
+    assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}

@@ -7,18 +7,24 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""From a stated problem to a nonlinear program, and how its functions are differentiated."""
+"""From a stated problem to a nonlinear program and its derivatives; compiled replays."""
+
+from __future__ import annotations
 
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import fly
 
 
 class Pendulum(Formulation):
@@ -88,16 +94,6 @@ def test_states_and_controls_are_derivatives_by_time(program):
     np.testing.assert_allclose(spline(t, 2), motion.controls[inner, 0], atol=1e-4)
 
 
-def test_integration_converges_with_the_fourth_order():
-    ends = []
-    for count in (21, 41, 81, 641):
-        program = Transcription(Pendulum(), chebyshev_nodes(count))
-        ends.append(program.motion(changed(program)).states[-1, 2:])
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
-    assert errors[0] / errors[1] > 10
-    assert errors[1] / errors[2] > 10
-
-
 def test_derivatives_agree_with_differences(program):
     """First those of all rows, then those of the Lagrangian's gradient, at random multipliers."""
     xi, rng, step = changed(program), np.random.default_rng(4), 1e-6
@@ -154,3 +150,82 @@ def test_quadrature_is_exact_for_polynomials_and_that_of_a_spline_on_other_nodes
         assert quadrature_weights(nodes) @ nodes**power == pytest.approx(1 / (power + 1))
     nodes = np.linspace(0, 1, 101)
     assert quadrature_weights(nodes) @ np.exp(nodes) == pytest.approx(np.e - 1, rel=1e-8)
+
+
+class Damped(Formulation):
+    """A damped pendulum, whose `damping` makes it as stiff as one likes."""
+
+    state_names: ClassVar = ('angle', 'rate')
+    state_units: ClassVar = ('rad', 'rad/s')
+    control_names: ClassVar = ('torque',)
+    control_units: ClassVar = ('1/s^2',)
+    damping = 0.1
+
+    def outputs(self):
+        return {'angle': Output((0.3, 0.0), (1.0, 0.0), free=1)}
+
+    def duration(self):
+        return Duration(2.0)
+
+    def invert(self, y, z):
+        angle, rate, acceleration = y['angle']
+        return (angle, rate), (acceleration + 9.81 * np.sin(angle) + self.damping * rate,)
+
+    def derivative(self, x, u):
+        return x[1], u[0] - 9.81 * np.sin(x[0]) - self.damping * x[1]
+
+    def final_cost(self, t, x):
+        return t
+
+
+class Escaping(Damped):
+    """A plant that is at infinity before long."""
+
+    def invert(self, y, z):
+        angle, rate, acceleration = y['angle']
+        return (angle, rate), (acceleration - rate**3,)
+
+    def derivative(self, x, u):
+        return x[1], u[0] + x[1] ** 3
+
+
+def plan(intervals, interpolation='linear', size=20.0):
+    controls = size * np.random.default_rng(0).normal(size=(intervals + 1, 1))
+    times = to_nanoseconds(np.linspace(0.0, 2.0, intervals + 1))
+    return Trajectory.of(
+        Damped, times, np.tile([0.3, -0.5], (intervals + 1, 1)), controls, interpolation
+    )
+
+
+class Plain(DirectPlant):
+    """It is left to scipy."""
+
+    def fly(self, trajectory, until):
+        return None
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
+@pytest.mark.parametrize('intervals', [1, 5, 40])
+@pytest.mark.parametrize('damping', [0.1, 300.0])
+def test_it_flies_as_scipy_does(intervals, damping, interpolation):
+    pendulum = type('Damped', (Damped,), {'damping': damping})()
+    trajectory, times = plan(intervals, interpolation), np.linspace(0.0, 2.0, 777)
+    compiled, plain = (fly(plant(pendulum), trajectory) for plant in (DirectPlant, Plain))
+    assert isinstance(compiled, Flown)
+    assert len(plain.pieces) == intervals
+    np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=0, atol=1e-6)
+    assert set(trajectory.times) <= set(compiled.steps)
+
+
+def test_a_plan_that_cannot_be_flown_is_left_to_scipy():
+    trajectory = plan(4, size=5.0)
+    compiled, plain = (fly(plant(Escaping()), trajectory) for plant in (DirectPlant, Plain))
+    times = trajectory.times
+    np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=1e-9)
+    assert np.isnan(compiled.states(times)).any()
+
+
+def test_cubic_controls_and_a_spent_budget_are_left_to_scipy():
+    plant = DirectPlant(Damped())
+    assert plant.fly(plan(4, 'cubic'), None) is None
+    assert plant.fly(plan(4), Budget(0.0)) is None

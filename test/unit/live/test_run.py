@@ -67,9 +67,7 @@ def test_a_page_from_elsewhere_is_turned_away() -> None:
 @pytest.mark.parametrize(
     ('patience', 'told'), [(60.0, r'recorder\.log'), (0.0, 'no message has come in space')]
 )
-def test_without_a_message_nothing_is_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float, told: str
-) -> None:
+def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
     """A recorder that ends at once; one that waits in vain."""
     monkeypatch.setattr(recordings, '_PATIENCE', patience)
 

@@ -7,22 +7,27 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Plans, states, commands and instants as messages and back, of every plant by its joints."""
+"""Plans, states and commands as messages and back; what viewers are told to draw."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion
-from hypothesis import given, settings, strategies
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from replays import pendulum_points
 from sensor_msgs.msg import JointState
+from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.markers import DrawnPath, LONGEST_PATH, Picture, plan_markers
 from tdm_planner.nodes.messages import (
     command_message,
     joint_states,
@@ -47,6 +52,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 
 START = 1_700_000_000_123_456_789
 STAMP = to_stamp(START)
@@ -94,13 +100,8 @@ def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> Non
     assert np.array_equal(read.states, plan.states)
     assert np.array_equal(read.controls[:-1], plan.controls[:-1])
     assert not read.controls[-1].any()
-    assert read.units == dict(
-        zip(
-            (*kind.state_names, *kind.control_names),
-            (*kind.state_units, *kind.control_units),
-            strict=False,
-        )
-    )
+    names, units = kind.state_names + kind.control_names, kind.state_units + kind.control_units
+    assert read.units == dict(zip(names, units, strict=False))
 
 
 def test_a_robots_plan_is_one_message() -> None:
@@ -163,55 +164,33 @@ def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory)
 
 
 @pytest.mark.parametrize(
-    ('spoil', 'says'),
+    ('point', 'changes', 'says'),
     [
-        (lambda m: setattr(m, 'joint_names', ['pendulum', 'a']), 'joint(s) disk must be named'),
-        (lambda m: setattr(m, 'joint_names', []), 'names are: none'),
-        (lambda m: setattr(m, 'points', []), 'has 0 points'),
-        (
-            lambda m: setattr(m.points[3], 'velocities', [0.0]),
-            "'velocities' of point 3 has 1 values for 2 joints",
-        ),
-        (lambda m: setattr(m.points[0], 'effort', []), "'effort' of point 0 has 0 values"),
-        (
-            lambda m: setattr(m.points[5], 'time_from_start', m.points[4].time_from_start),
-            "'times' must increase strictly",
-        ),
-        (
-            lambda m: setattr(m.points[0], 'time_from_start', to_duration(-1.0)),
-            "'time_from_start' of point 0 is -1 s",
-        ),
-        (
-            lambda m: setattr(m.points[2], 'positions', [math.nan, 0.0]),
-            "'states' holds a value that is not finite",
-        ),
+        (None, {'joint_names': ['pendulum', 'a']}, 'joint(s) disk must be named'),
+        (None, {'joint_names': []}, 'names are: none'),
+        (None, {'points': []}, 'has 0 points'),
+        (3, {'velocities': [0.0]}, "'velocities' of point 3 has 1 values for 2 joints"),
+        (0, {'effort': []}, "'effort' of point 0 has 0 values"),
+        (5, {'time_from_start': to_duration(0.0)}, "'times' must increase strictly"),
+        (0, {'time_from_start': to_duration(-1.0)}, "'time_from_start' of point 0 is -1 s"),
+        (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),
     ],
 )
-def test_malformed_plans_are_refused(
-    made: JointTrajectory, spoil: Callable[[Any], None], says: str
-) -> None:
-    spoil(made)
+def test_malformed_plans_are_refused(made, point, changes, says):
+    for name, value in changes.items():
+        setattr(made if point is None else made.points[point], name, value)
     with pytest.raises(InvalidProblem) as refused:
         read_plan(PENDULUM, made)
     assert says in str(refused.value)
 
 
-def test_a_plan_in_another_frame_is_refused() -> None:
-    made = plan_message(ROBOT, switched(ROBOT), STAMP)
-    made.header.frame_id = 'map'
-    with pytest.raises(InvalidProblem, match="'map' must be 'arena'"):
-        read_plan(ROBOT, made)
-
-
 @settings(max_examples=50)
 @given(
-    strategies.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9),
-    strategies.floats(-1e5, 1e5),
-    strategies.floats(-math.pi, math.pi),
+    st.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9),
+    st.floats(-1e5, 1e5),
+    st.floats(-math.pi, math.pi),
 )
-def test_instants_durations_and_yaw_keep_their_values(
-    nanoseconds: int, seconds: float, yaw: float
-) -> None:
+def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw):
     assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
     assert abs(seconds_of(to_duration(seconds)) - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
     turned = yaw_of(to_quaternion(yaw))
@@ -236,16 +215,6 @@ def test_states_and_commands_come_back(kind: PlantKind) -> None:
     np.testing.assert_allclose(read_state(kind, measured, turned), state, atol=1e-15)
     control = rng.uniform(-1, 1, len(kind.control_names))
     assert np.array_equal(read_command(kind, command_message(kind, control)), control)
-
-
-def test_commands_of_the_built_in_plants() -> None:
-    torque = command_message(PENDULUM, np.array([0.012]))
-    assert (list(torque.name), list(torque.effort)) == (['disk'], [0.012])
-    assert not torque.position
-    assert not torque.velocity
-    both = command_message(ROBOT, np.array([0.5, -1.0, 0.01]))
-    assert list(both.name) == ['thruster', 'reaction_wheel']
-    assert (list(both.velocity), list(both.effort)) == ([-1.0, 0.0], [0.5, 0.01])
 
 
 @pytest.mark.parametrize(
@@ -275,21 +244,138 @@ def driving() -> Odometry:
 THRUSTER = JointState(name=['thruster'], position=[0.5])
 
 
-def test_the_twist_is_turned_into_the_arena() -> None:
+def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
     state = read_state(ROBOT, THRUSTER, driving())
     np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1, 0.5], atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ('spoil', 'words'),
-    [
+    for spoil, words in (
         (lambda o: setattr(o.pose.pose.position, 'x', math.inf), 'finite'),
         (lambda o: setattr(o.pose.pose, 'orientation', Quaternion(w=0.0)), 'unit quaternion'),
         (lambda o: setattr(o.header, 'frame_id', 'odom'), "'odom' must be 'arena'"),
+    ):
+        message = driving()
+        spoil(message)
+        with pytest.raises(InvalidProblem, match=words):
+            read_state(ROBOT, THRUSTER, message)
+
+
+PLANT = RotaryPendulum()
+DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
+number = st.floats(-20.0, 20.0)
+
+
+def place(point: Any) -> list[float]:
+    return [point.x, point.y, point.z]
+
+
+def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
+    state = np.array(state, dtype=float)
+    return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize(
+    ('drawn', 'name', 'always'),
+    [
+        (DRAWN_PENDULUM, '', {('body', 0), ('body', 1), ('force', 2)}),
+        (
+            DRAWN_ROBOT,
+            'robot2',
+            {('body', 0), ('body', 1), ('reach', 2), ('force', 3), ('name', 0)},
+        ),
     ],
+    ids=['pendulum', 'robot'],
 )
-def test_bad_odometry_is_refused(spoil: Callable[[Any], None], words: str) -> None:
-    message = driving()
-    spoil(message)
-    with pytest.raises(InvalidProblem, match=words):
-        read_state(ROBOT, THRUSTER, message)
+@given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
+@settings(max_examples=15)
+def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
+    picture, scene = Picture(drawn, 60.0, name), Scene()
+    for k, values in enumerate(states):
+        state = np.array(values)
+        picture.add(float(k), state)
+        array = picture.draw(Time(sec=k), state, state[:3], lifetime=3.0)
+        check_markers(array, drawn.kind.frame, 3.0)
+        scene.apply(array)
+        trail = {key for key in scene.names if key[0] == 'trail'}
+        assert (scene.names - trail, len(trail)) == (always, int(k > 0))
+        assert all(m.header.stamp.sec == k for m in array.markers)
+
+
+@given(number, number)
+@settings(max_examples=30)
+def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
+    scene = shown(DRAWN_PENDULUM, [theta, psi, 0.0, 0.0])
+    pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
+    np.testing.assert_allclose(
+        [place(p) for p in scene['body', 1].points], [pivot, tip], atol=1e-9
+    )
+    np.testing.assert_allclose(place(scene['body', 0].points[1]), pivot, atol=1e-9)
+
+
+def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
+    state = np.array([1.0, 2.0, 0.0, 0.0, 0.7, 0.0, 1.1])
+    scene = shown(DRAWN_ROBOT, state, thrust=0.5)
+    force = FloatingRobot().derivative(state, np.array([0.5, 0.0, 0.0]))[2:4]
+    begin, end = np.array([place(p)[:2] for p in scene['force', 3].points])
+    away = begin - state[:2]
+    np.testing.assert_allclose(away / 0.15, -force / np.linalg.norm(force), atol=1e-9)
+    np.testing.assert_allclose(end - state[:2], away * (1.0 + 1.6 * 0.5 / 1.05))
+    heading = scene['body', 1].points[1]
+    assert math.atan2(heading.y - 2.0, heading.x - 1.0) == pytest.approx(0.7)
+    assert scene['body', 0].scale.x == pytest.approx(0.3)
+    ring = [math.hypot(p.x - 1.0, p.y - 2.0) for p in scene['reach', 2].points]
+    np.testing.assert_allclose(ring, 0.2)
+
+
+def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
+    picture, theta = Picture(DRAWN_PENDULUM, 0.5), np.linspace(0.0, 1.0, 201)
+    for k, value in enumerate(theta):
+        picture.add(0.005 * k, np.array([value, 0.3, 0.0, 0.0]))
+
+    def trail() -> list[list[float]]:
+        scene = Scene(picture.draw(Time(), np.array([1.0, 0.3, 0.0, 0.0]), np.zeros(1)))
+        return [place(p) for p in scene['trail', 1].points] if 'trail' in scene.namespaces else []
+
+    _, tips = pendulum_points(PLANT, theta, np.array(0.3))
+    np.testing.assert_allclose(trail(), tips[100::4], atol=1e-9)
+    picture.add(-7.0, np.zeros(4))  # the clock went back
+    assert trail() == []
+    picture.add(-6.98, np.zeros(4))
+    assert len(trail()) == 2
+    picture.clear()
+    assert trail() == []
+
+
+STATES = np.zeros((1000, 7))
+STATES[:, :2] = np.linspace([0.5, 0.5], [3.0, 1.0], 1000)
+STATES[:, 4] = 0.5
+ZONES = [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]]
+
+
+def formation(names: str, zones: list[list[float]]) -> MarkerArray:
+    ways = [DrawnPath(DRAWN_ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
+    return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
+
+
+def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> None:
+    array = formation('abc', ZONES)
+    check_markers(array, 'arena', 0.0)
+    assert array.markers[0].action == Marker.DELETEALL
+    scene = Scene(array)
+    corners = {(p.x, p.y) for p in scene['body', 0].points}
+    assert corners == {(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)}
+    zone = scene['limit', 3]
+    assert (zone.pose.position.x, zone.pose.position.y, zone.scale.x) == (4.0, 1.0, 0.4)
+    goal, heading = scene['goal', 200].pose.position, scene['goal', 201].points
+    assert (goal.x, goal.y) == (3.0, 1.0)
+    turned = math.atan2(heading[1].y - 1.0, heading[1].x - 3.0)
+    assert turned == pytest.approx(0.5)
+    ring = [math.hypot(p.x - 3.0, p.y - 1.0) for p in scene['reach', 302].points]
+    np.testing.assert_allclose(ring, 0.2)
+    path = scene['planned_path', 300].points  # thinned, but with its ends
+    assert (len(path), path[0].x, path[-1].x) == (LONGEST_PATH, 0.5, 3.0)
+    # Of the first robot only the goal is known.
+    paths = {number for name, number in scene.names if name == 'planned_path'}
+    assert paths == {200, 300}
+    last = formation('ab', [])
+    scene.apply(last)
+    assert scene.names == Scene(last).names
+    assert ('goal', 300) not in scene.names

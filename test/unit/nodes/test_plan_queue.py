@@ -103,14 +103,6 @@ def test_a_request_supersedes_a_review(queue: Queue) -> None:
     assert queue.done[1:] == ['later review']
 
 
-def test_a_review_of_a_plan_that_is_not_active_any_more_is_dropped(queue: Queue) -> None:
-    queue.drop_review()
-    queue.review(*queue.job('review'))
-    queue.drop_review()
-    queue.finish()
-    assert queue.done == []
-
-
 def test_what_is_cancelled_is_answered_and_its_outcome_dropped(queue: Queue) -> None:
     queue.request(*queue.job('request'))
     queue.task(*queue.job('task'))
@@ -227,9 +219,7 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
 
 
 @pytest.mark.parametrize(('delay', 'starts'), [(0.0, (1, 2)), (0.0, (1, 0)), (11.0, (1, 1))])
-def test_what_not_all_follow_or_begins_long_after_it_started_is_not(
-    restarted: Restarted, delay: float, starts: tuple[int, int]
-) -> None:
+def test_what_not_all_follow_or_begins_long_after_it_started_is_not(restarted, delay, starts):
     restarted.active = True
     restarted.now += delay
     restarted.told('A', *starts)
@@ -238,9 +228,7 @@ def test_what_not_all_follow_or_begins_long_after_it_started_is_not(
 
 
 @pytest.mark.parametrize(('start', 'taken'), [(0, []), (2, [(['B', 'B'], 2)])])
-def test_what_was_given_up_before_it_was_activated_is_forgotten(
-    restarted: Restarted, start: int, taken: Any
-) -> None:
+def test_what_was_given_up_before_it_was_activated_is_forgotten(restarted, start, taken):
     restarted.told('A', 1, 1)
     restarted.later(30.0)
     restarted.told('B', start, start)
@@ -285,25 +273,11 @@ def test_a_robot_that_follows_its_plan_is_met_on_it(plan, at):
     np.testing.assert_allclose(predicted[:6], after[:6], atol=1e-3)
 
 
-def test_a_small_deviation_is_carried_along(plan):
-    measured = START + 2.0
-    state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
-    away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
-    np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)
-
-
 def test_a_robot_that_does_not_follow_drifts(plan):
     state = np.array([1.0, 1.0, 0.1, 0.0, 0.0, 0.2, 0.5])
     for force in (plan, None):
         predicted = predict(force, state, START + 9.0, START + 10.0)
         np.testing.assert_allclose(predicted, [1.1, 1.0, 0.1, 0.0, 0.2, 0.2, 0.5], atol=1e-12)
-
-
-def test_after_its_end_the_plan_stays_at_the_goal(plan):
-    late = START + 100.0
-    np.testing.assert_allclose(plan.reference(late), plan.trajectory.states[-1], atol=1e-12)
-    early = plan.reference(START - 1.0)
-    np.testing.assert_allclose(early, plan.trajectory.states[0], atol=1e-12)
 
 
 def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
@@ -325,3 +299,10 @@ def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
     assert plans.next_start(19.9) == 20.0
     assert plans.next_start(20.0) is None
     assert plans.at(20.0) is third
+
+
+def test_a_small_deviation_is_carried_along(plan):
+    measured = START + 2.0
+    state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
+    away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
+    np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)

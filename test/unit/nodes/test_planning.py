@@ -19,20 +19,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tdm_planner.exceptions import (
-    Busy,
-    DeadlineExceeded,
-    Failure,
-    Inactive,
-    Infeasible,
-    InvalidProblem,
-    NoState,
-)
+from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
 from tdm_planner.nodes.planning import make_plan
 from tdm_planner.nodes.services import plan_answer
 from tdm_planner.replanning import ActivePlan
-from tdm_planner.tracking import TrajectoryRejected
 
 BEGIN = 1_700.0  # s
 
@@ -84,9 +75,7 @@ class Adapter:
         there = Problem.clock.passed >= self.comes
         return [] if there else ['no state was received on /there']
 
-    def measured_start(
-        self, values: Mapping[str, Any], now: float, start: float
-    ) -> dict[str, Any]:
+    def measured_start(self, values: Any, now: float, start: float) -> dict[str, Any]:
         self.asked.append(now - BEGIN)
         return {'start.x': start - now}
 
@@ -94,97 +83,78 @@ class Adapter:
 def solution(ok: bool = True, **changes: Any) -> Any:
     check = SimpleNamespace(ok=ok, reasons=() if ok else ('it hits the wall',))
     figures = {'duration': 1.0, 'cost': 1.0, 'penalty': 0.0, 'solve_time': 0.1}
-    return SimpleNamespace(
-        verification=check, **{**figures, 'evaluations': 3, 'summary': 'a plan', **changes}
-    )
+    figures |= {'evaluations': 3, 'summary': 'a plan', 'verification': check}
+    return SimpleNamespace(**(figures | changes))
 
 
 class Problem:
     """Solved at once; .3 s are allowed."""
 
-    deadline = 0.3
     clock: Clock
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        self.values = values
-        self.solver = SimpleNamespace(deadline=self.deadline)
+        self.ahead = values.get('start.x', 0.0)  # s from now to the start
+        self.solver = SimpleNamespace(deadline=0.3)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Problem:
         return cls(values)
 
-    def solve(self, deadline: float | None = None) -> Any:
+    def solve(self, deadline: float) -> Any:
         return solution()
 
 
-class Unchecked(Problem):
-    """One's own, that answers with what its check objects to."""
-
-    def solve(self, deadline: float | None = None) -> Any:
-        return solution(ok=False)
+def solved_by(solve: Any) -> Any:
+    """Return a problem with a solver of its own: `solve(problem, deadline)`."""
+    return type('Own', (Problem,), {'solve': solve})
 
 
-class Faulty(Problem):
-    """Its solver has a fault, or an error with a code of its own."""
+def raising(error: Exception) -> Any:
+    """Return a problem whose solver raises."""
 
-    error: Exception = KeyError('no such column')
+    def solve(self: Any, deadline: float) -> Any:
+        raise error
 
-    def solve(self, deadline: float | None = None) -> Any:
-        raise self.error
+    return solved_by(solve)
 
 
-class Distant(Problem):
-    """Finds after a while that nothing can be done from a start so far ahead."""
+def distant(self: Any, deadline: float) -> Any:
+    """Find after a while that nothing can be done from a start so far ahead."""
+    self.clock.sleep(min(0.25, 0.8 * deadline))
+    if self.ahead > 0.3:
+        raise Infeasible('there is no way from this start')
+    return solution()
 
-    def solve(self, deadline: float | None = None) -> Any:
-        self.clock.sleep(min(0.25, 0.8 * (deadline or 1.0)))
-        if self.values['start.x'] > 0.3:
+
+def slow(self: Any, deadline: float) -> Any:
+    """Take longer than the start is ahead."""
+    self.clock.sleep(2.0)
+    return solution()
+
+
+def late(error: type[Exception], never: bool = False) -> Any:
+    """Return one without a way far ahead; nearer, or `never`, none is found in all the time."""
+
+    def solve(self: Any, deadline: float) -> Any:
+        if self.ahead > 0.7:
             raise Infeasible('there is no way from this start')
+        if self.ahead > 0.3:
+            self.clock.sleep(deadline)
+        if self.ahead > 0.3 or never:
+            raise error('nothing was found')
         return solution()
 
-
-class Late(Problem):
-    """Far ahead there is no way; nearer, none is found with `error` in all the time there is."""
-
-    error: type[Exception] = Infeasible
-
-    def solve(self, deadline: float | None = None) -> Any:
-        ahead = self.values['start.x']
-        if ahead > 0.7:
-            raise Infeasible('there is no way from this start')
-        if ahead > 0.3:
-            self.clock.sleep(deadline or self.deadline)
-            raise self.error('nothing was found')
-        return solution()
+    return solved_by(solve)
 
 
-class Lost(Late):
-    """There is no way, and none is found nearer."""
-
-    def solve(self, deadline: float | None = None) -> Any:
-        super().solve(deadline)
-        raise DeadlineExceeded('nothing was found')
+def values(source: str = 'measured', delay: float = 0.4, max_age: float = 0.5) -> dict[str, Any]:
+    request = {'start.source': source, 'start.delay': delay, 'start.max_age': max_age}
+    return {**request, 'solver.deadline': 0.3}
 
 
-class Slow(Problem):
-    """Takes longer than the start is ahead."""
-
-    def solve(self, deadline: float | None = None) -> Any:
-        self.clock.sleep(2.0)
-        return solution()
-
-
-def values(kind: Any, source: str = 'measured', delay: float = 0.4) -> dict[str, Any]:
-    request = {'start.source': source, 'start.delay': delay, 'start.max_age': 0.5}
-    return {**request, 'solver.deadline': kind.deadline}
-
-
-def plan(kind: Any, adapter: Any = None, **request: Any) -> ActivePlan:
+def plan(kind: Any = Problem, adapter: Any = None, **request: Any) -> ActivePlan:
     clock: Any = Problem.clock
-    given: Any = adapter or Adapter()
-    made = make_plan(kind, values(kind, **request), given, clock)
-    assert clock.now() <= made.start
-    return made
+    return make_plan(kind, values(**request), adapter or Adapter(), clock)
 
 
 def failure(kind: Any, adapter: Any = None, **request: Any) -> Failure:
@@ -194,53 +164,40 @@ def failure(kind: Any, adapter: Any = None, **request: Any) -> Failure:
 
 
 @pytest.mark.parametrize('source', ['measured', 'parameters'])
-def test_what_its_own_check_objects_to_is_no_plan(source: str) -> None:
-    made = failure(Unchecked, source=source)
+def test_what_its_own_check_objects_to_is_no_plan(source):
+    made = failure(solved_by(lambda self, deadline: solution(ok=False)), source=source)
     assert made.code == 'VERIFICATION_FAILED'
     assert 'it hits the wall' in made.reason
 
 
-def test_the_first_state_is_waited_for() -> None:
-    adapter = Adapter(comes=0.2)
-    made = plan(Problem, adapter)
-    assert adapter.asked == [pytest.approx(0.2)]
-    assert made.start == pytest.approx(BEGIN + 0.6)
-
-
 @pytest.mark.parametrize(('max_age', 'waited'), [(0.5, 0.5), (60.0, 10.0)])
-def test_a_state_that_does_not_come_is_named_with_the_time_waited(
-    clock: Clock, max_age: float, waited: float
-) -> None:
-    asked: Any = {**values(Problem), 'start.max_age': max_age}
+def test_the_first_state_is_waited_for_and_named_if_it_does_not_come(clock, max_age, waited):
+    adapter = Adapter(comes=0.2)
+    assert plan(Problem, adapter).start == pytest.approx(BEGIN + 0.6)
+    assert adapter.asked == [pytest.approx(0.2)]
+    clock.passed = 0.0
     reason = rf'no state was received on /there within {waited:g} s \(start.max_age\)'
     with pytest.raises(NoState, match=reason):
-        make_plan(Problem, asked, Adapter(comes=1e6), clock)  # type: ignore[arg-type]
+        plan(Problem, Adapter(comes=1e6), max_age=max_age)
     assert clock.passed == pytest.approx(waited, abs=0.01)
     plan(Problem, Adapter(comes=1e6), source='parameters')
 
 
-def test_without_time_there_is_no_plan(clock: Clock) -> None:
-    asked, clock.runs = values(Problem, source='parameters'), False
+def test_without_time_there_is_no_plan(clock):
+    clock.runs = False
     with pytest.raises(NoState, match='/clock'):
-        make_plan(Problem, asked, Adapter(), clock)  # type: ignore[arg-type]
+        plan(source='parameters')
 
 
-def test_a_fault_of_the_program_is_internal_and_has_its_traceback() -> None:
-    made = failure(Faulty)
+def test_a_fault_of_the_program_is_internal_and_has_its_traceback():
+    made = failure(raising(KeyError('no such column')))
     assert (made.code, made.reason) == ('INTERNAL', "KeyError: 'no such column'")
-    assert 'raise self.error' in made.trace
+    assert 'raise error' in made.trace
     assert json.loads(made.to_json()) == {'code': made.code, 'reason': made.reason}
 
 
-def test_an_error_of_the_package_keeps_its_code_and_has_no_traceback() -> None:
-    for error in (Inactive('not active'), Busy('solving'), TrajectoryRejected('too far')):
-        made = Failure.of(error)
-        assert (made.code, made.reason, made.trace) == (error.code, str(error), '')
-    assert Inactive.code == 'INACTIVE'
-
-
 @pytest.mark.parametrize(('begins', 'asked'), [(0.2, 0.2), (0.399, 0.4), (0.41, 0.0)])
-def test_a_plan_that_may_begin_meanwhile_is_waited_for(begins: float, asked: float) -> None:
+def test_a_plan_that_may_begin_meanwhile_is_waited_for(begins, asked):
     """One that begins later is replaced before: the deadline of .3 s and .1 s to publish it."""
     adapter = Adapter(begins)
     made = plan(Problem, adapter)
@@ -248,56 +205,53 @@ def test_a_plan_that_may_begin_meanwhile_is_waited_for(begins: float, asked: flo
     assert made.start == pytest.approx(BEGIN + asked + 0.4)
 
 
-def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock: Clock) -> None:
-    asked = values(Problem, delay=0.1)
-    clock.now = lambda: BEGIN  # type: ignore[method-assign]
-    make_plan(Problem, asked, Adapter(0.1), clock)  # type: ignore[arg-type]
+def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
+    clock.now = lambda: BEGIN
+    plan(Problem, Adapter(0.1), delay=0.1)
     assert clock.passed == pytest.approx(2 * 0.4, abs=0.01)
 
 
-def test_what_begins_sooner_is_not_begun_too_late() -> None:
+def test_what_begins_sooner_is_not_begun_too_late(clock):
     """Half the delay has passed when the first attempt fails: no time is left for the others."""
-    made = failure(Distant)
+    made = failure(solved_by(distant))
     assert made.code == 'INFEASIBLE'
     assert 'predicted from the measured state for 0.4 s later' in made.reason
-    Problem.clock.passed = 0.0
-    plan(Distant, delay=0.56)
+    clock.passed = 0.0
+    assert plan(solved_by(distant), delay=0.56).start >= clock.now()
 
 
 @pytest.mark.parametrize('source', ['measured', 'parameters'])
-def test_a_start_that_can_be_put_off_is_not_in_the_past(source: str) -> None:
-    made = plan(Slow, Adapter(rests=True), source=source)
+def test_a_start_is_put_off_beyond_the_present_unless_the_plant_moves(source):
+    made = plan(solved_by(slow), Adapter(rests=True), source=source)
     assert made.start - BEGIN == pytest.approx(2.0 + 0.5 * 0.4)
-
-
-def test_a_start_of_a_plant_in_motion_is_not_put_off() -> None:
-    made = make_plan(Slow, values(Slow), Adapter(), Problem.clock)  # type: ignore[arg-type]
-    assert made.start - BEGIN == pytest.approx(0.4)
+    moving = plan(solved_by(slow))
+    assert moving.start - BEGIN == pytest.approx(2.0 + 0.4)
 
 
 @pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])
-def test_an_attempt_leaves_time_for_what_begins_sooner(error: type[Exception]) -> None:
-    made = plan(type('Late', (Late,), {'error': error}), delay=0.8)
+def test_an_attempt_leaves_time_for_what_begins_sooner(clock, error):
+    made = plan(late(error), delay=0.8)
     assert made.start == pytest.approx(BEGIN + 0.2)
-    assert Problem.clock.passed == pytest.approx(0.1)
+    assert clock.passed == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(('error', 'asked'), [(InvalidProblem, 3), (DeadlineExceeded, 1)])
-def test_only_what_a_sooner_start_may_mend_is_tried_again(error: Any, asked: int) -> None:
+def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
     adapter = Adapter()
-    failure(type('Faulty', (Faulty,), {'error': error('it is so')}), adapter)
+    failure(raising(error('it is so')), adapter)
     assert len(adapter.asked) == asked
 
 
-def test_the_first_attempt_says_why_there_is_no_plan() -> None:
+def test_the_first_attempt_says_why_there_is_no_plan():
     """Not the last, that had the least time."""
-    made = failure(Lost, delay=0.8)
+    made = failure(late(DeadlineExceeded, never=True), delay=0.8)
     assert made.code == 'INFEASIBLE'
     assert 'there is no way from this start' in made.reason
 
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
-def test_the_answer_is_json_whatever_a_problem_of_ones_own_returns(cost: Any, told: Any) -> None:
-    made = ActivePlan(Problem({}), solution(cost=cost), BEGIN)  # type: ignore[arg-type]
+def test_the_answer_is_json_whatever_a_problem_of_ones_own_returns(cost, told):
+    problem: Any = Problem({})
+    made = ActivePlan(problem, solution(cost=cost), BEGIN)
     answer = json.loads(plan_answer(made, 1), parse_constant=pytest.fail)
     assert answer['cost'] == told

@@ -7,11 +7,10 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The rotary pendulum's equations, what is compiled of them, and its URDF, against others."""
+"""Plants' equations, what is compiled of them, and the pendulum's URDF, against others."""
 
 from __future__ import annotations
 
-import math
 import threading
 from types import ModuleType
 from typing import Any
@@ -23,7 +22,7 @@ import pytest
 from replays import pendulum_points
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants import PendulumInertia, RotaryPendulum
+from tdm_planner.plants import FloatingRobot, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_kernels import (
     derivative,
@@ -35,11 +34,10 @@ from tdm_planner.plants.pendulum_kernels import (
 )
 from tdm_planner.plants.pendulum_lanes import LANES, roll_ends, roll_lanes
 from tdm_planner.problems.pendulum import shooting
-from tdm_planner.problems.pendulum.pumping import NEAR, pump, Pumping
-from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, shoot
-from tdm_planner.problems.pendulum.switching_seeds import laws
+from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot
 from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.tracking.motion import wrapped
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import replay
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
 PLANT = RotaryPendulum()
@@ -151,37 +149,6 @@ def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
         np.testing.assert_allclose(found / [1, 1, w0, w0], fine / [1, 1, w0, w0], 0, allowed)
 
 
-def test_states_are_accurate():
-    intervals, torques = np.full(30, 5e-3), alternating(30, 0.09)
-    states = roll_states(PLANT, START, intervals, torques)
-    expected = START
-    for index, torque in enumerate(torques):
-        control = np.array([torque])
-        expected = solve_ivp(
-            lambda t, x, u=control: PLANT.derivative(x, u),
-            (0.0, intervals[index]),
-            expected,
-            method='DOP853',
-            rtol=1e-12,
-            atol=1e-13,
-        ).y[:, -1]
-        np.testing.assert_allclose(states[index + 1], expected, rtol=0, atol=1e-9)
-
-
-def test_shooting_arrives_upright_within_the_limit():
-    batch = random_batch(60)
-    shoot(PLANT, START, batch, 2.0, 12, NEVER)
-    arrived = np.flatnonzero(batch.costs < ARRIVED)
-    assert arrived.size >= 3
-    for index in arrived:
-        states, _ = roll(START, batch.durations[index], batch.torques[index], 12)
-        turns = np.round(states[-1, 0] / (2 * np.pi))
-        goal = np.array([2 * np.pi * turns, 0.0, 0.0, 0.0])
-        assert np.abs(states[-1] - goal).max() < 1e-4
-        assert np.abs(states[:, 1]).max() <= 2.0 + 1e-6
-        assert (batch.durations[index] >= 0).all()
-
-
 @given(STATES, st.integers(4, 7), st.integers(0, 100))
 @settings(max_examples=20)
 def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
@@ -252,27 +219,6 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
     np.testing.assert_array_equal(one.costs, many.costs)
 
 
-def test_pumping_goes_where_it_says():
-    k, count, most = PLANT.coefficients, 24, 64
-    hanging = np.array([np.pi, 0.0, 0.0, 0.0])
-    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0)
-    task = SwingUpTask(PLANT, hanging, 0.01, 0.01, 2.0, None)
-    variants = laws(task, np.random.default_rng(1), count)
-    durations, torques = np.zeros((count, most)), np.zeros((count, most))
-    arcs, distances = np.zeros(count, np.intp), np.zeros(count)
-    pump(k, hanging, pumping, variants, durations, torques, arcs, distances)
-    near = np.flatnonzero(arcs)
-    assert near.size >= 10
-    assert (distances[near] < NEAR).all()
-    for row in near:
-        n = arcs[row]
-        states = roll_states(PLANT, hanging, durations[row, :n], torques[row, :n])
-        scaled = states[-1] / [1.0, 1.0, pumping.w0, pumping.w0]
-        scaled[0] = wrapped(scaled[0])
-        assert scaled @ scaled == pytest.approx(distances[row], abs=0.05)
-        assert np.abs(torques[row]).max() <= 0.01
-
-
 @given(psi=st.floats(-1.9, 1.9), speed=st.floats(0.0, 40.0))
 @settings(max_examples=30)
 def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
@@ -325,22 +271,6 @@ def mujoco() -> ModuleType:
     return pytest.importorskip('mujoco')
 
 
-def test_ros_reads_links_and_joints(plant: RotaryPendulum) -> None:
-    parser = pytest.importorskip('urdf_parser_py.urdf')
-    robot = parser.URDF.from_xml_string(pendulum_urdf(plant))
-    robot.check_valid()
-    assert robot.get_root() == 'world'
-    assert robot.get_chain('world', 'rod', links=False) == ['base', 'disk', 'pendulum']
-    for name in ('pendulum', 'disk'):  # the names in joint_states
-        assert robot.joint_map[name].type == 'continuous'
-    assert robot.link_map['rod'].inertial.mass == plant.mass
-    for link in robot.links:
-        for visual in link.visuals:
-            assert visual.geometry.radius > 0
-            assert visual.geometry.length > 0
-            assert visual.material.name in {material.name for material in robot.materials}
-
-
 def load(mujoco: Any, plant: RotaryPendulum) -> tuple[Any, Any]:
     model = mujoco.MjModel.from_xml_string(pendulum_urdf(plant))
     model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
@@ -350,9 +280,7 @@ def load(mujoco: Any, plant: RotaryPendulum) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(
-    mujoco: Any, plant: RotaryPendulum, seed: int
-) -> None:
+def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(mujoco, plant, seed):
     model, data = load(mujoco, plant)
     state = np.random.default_rng(seed).normal(scale=3.0, size=4)
     theta, psi, theta_dot, psi_dot = state
@@ -368,3 +296,60 @@ def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(
     rates = plant.derivative(state, np.array([torque]))
     np.testing.assert_allclose(data.qacc, [rates[3], rates[2]], rtol=1e-9)
     assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)
+
+
+ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
+
+
+def trajectory(times, controls, start, interpolation='linear'):
+    states = np.tile(np.asarray(start, dtype=float), (len(times), 1))
+    return Trajectory.of(ROBOT, times, states, controls, interpolation)
+
+
+def random_controls(seed, n=30, duration=6.0):
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.sort(rng.uniform(0.1, duration, n - 2)), [duration + 0.1]])
+    controls = rng.uniform(-1, 1, (n, 3)) * [0.4, 1.0, 0.01] + [0.4, 0.0, 0.0]
+    return times, controls, rng.uniform(-1, 1, 7)
+
+
+def integrated(plan, at):
+    """Return an integration of its own, restarted at every sample."""
+    state, states = plan.states[0], [plan.states[0]]
+    for begin, end in zip(plan.times[:-1], plan.times[1:], strict=True):
+        inside = at[(at > begin) & (at <= end)]
+
+        def rate(t, x, begin=begin):
+            # Inside the interval, so that a held control is the one of its start.
+            control = plan.sample(min(max(t, begin + 1e-12), end - 1e-12)).control  # noqa: B023
+            return ROBOT.derivative(x, control)
+
+        result = solve_ivp(
+            rate, (begin, end), state, rtol=1e-10, atol=1e-12, t_eval=np.union1d(inside, [end])
+        )
+        states += list(result.y.T[: inside.size])
+        state = result.y[:, -1]
+    return np.array(states)
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
+@pytest.mark.parametrize('turning', [0.0, 1.0, 20.0])
+def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
+    times, controls, start = random_controls(2)
+    controls[:, 1:] *= turning
+    start[5] *= turning
+    plan = trajectory(times, controls, start, interpolation)
+    at = np.linspace(0.0, times[-1], 57)
+    assert ROBOT.replay(plan, at) == pytest.approx(integrated(plan, at), abs=2e-7)
+
+
+def test_verification_replays_splines_by_integration():
+    times = np.linspace(0.0, 2.0, 9)
+    controls = np.stack([1 + np.sin(times), np.cos(times), 0.01 * times], axis=1)
+    plan = trajectory(times, controls, np.zeros(7), 'cubic')
+    assert ROBOT.replay(plan, times) is None
+    states = replay(ROBOT, plan, times)
+    fine = trajectory(
+        np.linspace(0.0, 2.0, 2001), plan.sample(np.linspace(0.0, 2.0, 2001)).control, np.zeros(7)
+    )
+    assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)

@@ -22,9 +22,7 @@ from tdm_planner.plants import slopes
 from tdm_planner.tracking.estimator import EstimatedPendulum
 
 
-def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_kernels(
-    tmp_path: Path,
-) -> None:
+def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_kernels(tmp_path):
     installed = tmp_path / 'tdm_planner'
     shutil.copytree(Path(slopes.__file__).parents[1], installed)
     sources = slopes._sources(installed)
@@ -82,9 +80,7 @@ def test_values_and_slopes_are_those_of_the_function_for_numbers_and_arrays() ->
 
 
 @pytest.mark.parametrize('writable', [True, False])
-def test_the_text_is_written_once_where_that_is_allowed(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
-) -> None:
+def test_the_text_is_written_once_where_that_is_allowed(folder, monkeypatch, writable):
     if not writable:
         monkeypatch.setattr(slopes, 'FOLDER', folder / 'none')
     before = derived()(Pair(0.7, 1.3), [0.4, -0.8], 2.0)

@@ -201,13 +201,6 @@ def test_mistakes_are_named(change, words):
     assert '\n' not in str(caught.value)
 
 
-def test_an_integrated_state_that_invert_passes_on_is_no_contradiction():
-    """The speed is integrated from the acceleration that the position prescribes: the same."""
-    change = {'integrated': lambda self: {'v': Integrated(0.0)}}
-    change['invert'] = lambda s, y, z: ((y['x'][0], z['v']), y['x'][2:])
-    assert solve(change).cost == pytest.approx(12 / 2.0**3, rel=1e-4)
-
-
 def test_warm_starts_that_are_no_plans_of_the_problem():
     for other in ('x', 3, {}, [None]):
         with pytest.raises(InvalidProblem, match=r'warm_start = .* must be a Solution'):

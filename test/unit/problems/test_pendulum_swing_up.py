@@ -121,18 +121,6 @@ def test_at_the_goal_nothing_needs_to_be_done(method):
     assert solution.duration < 0.01
 
 
-def test_near_the_goal_the_plan_is_short():
-    made = problem(start=PendulumStart(theta=1e-3, psi=1e-3))
-    solution = made.solve(ENOUGH)
-    assert solution.cost < 0.1
-    check(made, solution)
-    # The fewest arcs do for a weak torque: four bring a little speed to rest without pumping.
-    start = PendulumStart(theta=0.2, psi=0.1, theta_dot=-0.5, psi_dot=0.0)
-    solution = problem(0.02, start, switching_arcs=4).solve(5.0, seed=0)
-    assert solution.verification.ok
-    assert solution.parameters.size <= 4
-
-
 def test_an_earlier_plan_is_a_start():
     # One random start hardly ever arrives; the earlier plan next to it does.
     before = problem(0.02).solve(ENOUGH)
@@ -189,22 +177,6 @@ def test_along_the_virtual_arc_any_plan_lands_and_any_failure_has_a_reason(
         assert 'switching' in str(error) or 'passes the check' in str(error)
         return
     check(made, solution)
-
-
-@given(size=st.floats(0.1, 10.0), mass=st.floats(0.1, 10.0), strength=st.floats(3.0, 12.0))
-@settings(max_examples=8)
-def test_rigs_of_any_size(size, mass, strength):
-    small = RotaryPendulum()
-    parts = dataclasses.asdict(small.inertia)
-    scaled = {axis: mass * size**2 * value for axis, value in parts.items()}
-    plant = RotaryPendulum(
-        mass=mass * small.mass,
-        com_distance=size * small.com_distance,
-        arm_length=size * small.arm_length,
-        inertia=PendulumInertia(**scaled | {'disk': scaled['disk'] * strength / 6}),
-    )
-    made = problem(strength * plant.coefficients.gravity, plant=plant)
-    check(made, made.solve(ENOUGH))
 
 
 def rig(size: float, arm: float, disk: float, across: float, torque: float, angle: float):

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from benchmark.scenarios import crossing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -25,7 +24,6 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.size import resized
-from tdm_planner.problems.formation.task import least_time
 from tdm_planner.problems.formation.verification import assessed
 from tdm_planner.verification import check
 
@@ -71,16 +69,6 @@ def test_default_problem(default):
     for motion in default.trajectories.values():
         with pytest.raises(ValueError, match='read-only'):
             motion.states[0] = 0.0
-
-
-@pytest.mark.parametrize(('n', 'seed'), [(1, 0), (5, 4)])
-def test_random_crossings(n, seed):
-    problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**PATIENT))
-    solution = problem.solve()
-    assert_flies(problem, solution)
-    arrivals = [solution.trajectories[name].duration for name in problem.robots]
-    if n > 1:
-        assert np.diff(arrivals) == pytest.approx(np.full(n - 1, 4.0), abs=2.0)
 
 
 def alone(start, goal, name='only', **more):
@@ -261,23 +249,6 @@ def test_the_reserve_for_tracking_survives_a_slow_thruster():
     assert min(left) >= 0.5 * problem.arena.tracking_margin
 
 
-def test_least_time_is_that_of_the_bang_bang_motion():
-    """Flown: full thrust one way, then the other, ends at the goal at rest."""
-    rng = np.random.default_rng(3)
-    for way, rate, limit in rng.uniform([-3, -1, 0.1], [3, 1, 1.0], (200, 3)):
-        total = float(least_time(np.array([way]), np.array([rate]), limit)[0])
-        reached = []
-        for sign in (1.0, -1.0):
-            first = (total - sign * rate / limit) / 2  # so that the speed ends at zero
-            if not -1e-9 <= first <= total + 1e-9:
-                continue
-            second, middle = total - first, rate + sign * limit * first
-            end = rate * first + sign * limit * first**2 / 2
-            end += middle * second - sign * limit * second**2 / 2
-            reached.append(abs(end - way))
-        assert min(reached) < 1e-9
-
-
 def test_penalty_is_equation_29_mended():
     """Everything is violated: walls, limits of all kinds, and the distance of neighbours."""
     task, rng = formation().task, np.random.default_rng(7)
@@ -329,9 +300,7 @@ def test_added_robots_get_names_that_are_free():
     zone=st.tuples(st.floats(1.0, 3.0), st.floats(0.5, 1.0), st.floats(0.05, 0.3)),
     yaw=st.floats(-3.0, 3.0),
 )
-def test_places_are_clear_of_each_other_and_of_the_arena(
-    number: int, length: float, width: float, zone: tuple[float, ...], yaw: float
-):
+def test_places_are_clear_of_each_other_and_of_the_arena(number, length, width, zone, yaw):
     values: dict[str, Any] = {
         'robots': ['first'],
         'first.start.x': 0.5,

@@ -115,14 +115,6 @@ TIMES = np.linspace(0.0, 20.0, 401)
 RATE, THRUST = 1.0, 0.1
 
 
-def lateral_error(wanted, yaw, alpha):
-    """Largest component of the wanted acceleration across the thrust, or against it."""
-    heading = alpha + yaw
-    across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
-    along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
-    return float(np.hypot(across, np.minimum(along, 0.0)).max())
-
-
 def flip(offset=0.0, turns=1):
     """Accelerate and brake `turns` times along x, passing zero at a lateral `offset`."""
     along = THRUST * np.cos(turns * np.pi * TIMES / TIMES[-1])
@@ -151,25 +143,6 @@ def test_never_turns_faster_than_the_limit(seed, alpha, rate):
     assert np.diff(angle) == pytest.approx(steps, abs=1e-12)
     if not np.isnan(alpha):
         assert angle[0] == alpha
-
-
-def test_follows_a_slow_direction_exactly():
-    heading = 0.5 * np.sin(0.5 * TIMES)
-    wanted = 0.05 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    yaw = 0.2 * TIMES
-    angle, _ = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan).follow(wanted)
-    assert angle == pytest.approx(heading - yaw, abs=1e-3)
-
-
-def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_more():
-    wanted = flip()
-    angles = [follow(wanted, rate=rate)[0] for rate in (2.0, RATE, 0.5)]
-    assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
-    # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
-    # wanted acceleration is under sin(pi^2 / 40) F_max.
-    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
-    assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
-    assert errors[0] < errors[1] < errors[2]
 
 
 def test_the_branch_survives_small_changes():
@@ -252,3 +225,22 @@ def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(crossing, push, el
         kept = kept_motions(seen, crossing.remainder(at).trajectories, LATE)
         keeps = not elsewhere and not (push and seen is task)
         assert ('robot1' in kept) == keeps
+
+
+def lateral_error(wanted, yaw, alpha):
+    """Largest component of the wanted acceleration across the thrust, or against it."""
+    heading = alpha + yaw
+    across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
+    along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
+    return float(np.hypot(across, np.minimum(along, 0.0)).max())
+
+
+def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_more():
+    wanted = flip()
+    angles = [follow(wanted, rate=rate)[0] for rate in (2.0, RATE, 0.5)]
+    assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
+    # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
+    # wanted acceleration is under sin(pi^2 / 40) F_max.
+    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
+    assert errors[0] < errors[1] < errors[2]

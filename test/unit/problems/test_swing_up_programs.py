@@ -43,7 +43,6 @@ W0 = PLANT.natural_frequency
 START = np.array([np.pi, 0.2, 1.0, -2.0])
 
 
-TORQUE = 0.09
 DURATIONS = st.lists(st.floats(0.02, 0.12), min_size=4, max_size=7).map(np.array)
 OPTIONS = TrustRegionOptions(
     penalties=(30.0, 30.0),
@@ -90,26 +89,6 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
     reduced = np.linalg.eigvalsh(along @ found @ along.T)
     np.testing.assert_allclose(reduced, expected, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(across @ found, SMALLEST_CURVATURE * across, atol=1e-9)
-
-
-def test_peak_between_the_nodes_is_found():
-    made, durations = program(2, disk_angle=0.3), np.array([0.1, 0.12])
-    margins = evaluate_arcs(made, durations * W0).margins
-    fine = roll_states(
-        PLANT, START, np.repeat(durations / 2000, 2000), np.repeat(made.torques, 2000)
-    )
-    peaks = np.abs(fine[1:, 1]).reshape(2, 2000).max(axis=1)
-    np.testing.assert_allclose(0.3 - margins, peaks, atol=2e-4)
-
-
-def test_violations_count_both_groups_and_motions_that_run_away_are_infinitely_bad():
-    point = evaluate_arcs(program(4, disk_angle=0.21), np.full(4, 0.1 * W0))
-    assert point.ends == pytest.approx(np.abs(point.residual).max())
-    assert point.beyond == pytest.approx(-point.margins.min())
-    assert point.beyond > 0
-    assert point.cost == pytest.approx(0.4 * W0)
-    point = evaluate_arcs(program(4), np.full(4, 1e6))
-    assert point.ends == point.beyond == np.inf
 
 
 def arrivals(disk_angle: float) -> list[tuple[ArcProgram, np.ndarray]]:

@@ -29,7 +29,6 @@ from recordings import (
     log,
     odometry,
     pendulum_recording,
-    recorded,
     robot_recording,
     SECOND,
     START,
@@ -40,12 +39,8 @@ from recordings import (
     write,
 )
 from std_msgs.msg import String
-from tdm_planner.plant_kind import named_kind
-from tdm_planner.plant_views import PlantView
-from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.bag_files import UnreadableRecording
-from tdm_sim.report.comparison import compare
-from tdm_sim.report.mission import FollowedPlan, Mission, Severity, Signals, Vehicle
+from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
 from trajectory_msgs.msg import JointTrajectory
 
@@ -106,9 +101,7 @@ def test_robots(read: Read) -> None:
         (robot_recording, 'plan_summary', 'plan_summary', set()),
     ],
 )
-def test_what_is_missing_is_said(
-    read: Read, recorded: Any, topic: str, sentence: str, absent: set[str]
-) -> None:
+def test_what_is_missing_is_said(read, recorded, topic, sentence, absent):
     mission = read(without(recorded(), f'/{topic}'))
     assert told(mission, sentence)
     for vehicle in mission.vehicles:
@@ -194,9 +187,7 @@ def test_replans_are_in_force_one_after_the_other(read: Read) -> None:
     [([1, 2, 4], 2), ([1, 2, 5], 2), ([1], 2), ([1, 5], 1), ([6], 1)],
     ids=['succeeded', 'superseded', 'pending', 'superseded while pending', 'rejected'],
 )
-def test_plans_that_the_tracker_never_began_do_not_count(
-    read: Read, statuses: list[int], plans: int
-) -> None:
+def test_plans_that_the_tracker_never_began_do_not_count(read, statuses, plans):
     second = after(0.5)
     answers = [
         Item('/pendulum/tracker_status', START + k, goal(second, one))
@@ -261,25 +252,3 @@ def test_of_several_planners_the_one_that_was_followed_or_has_a_plan(read: Read)
     idle = without(robot_recording(), '/trajectory', '/plan_summary')
     planned = without(pendulum_recording(), '/joint_states', '/joint_command', '/tracking_error')
     assert [vehicle.name for vehicle in read([*idle, *planned]).vehicles] == ['pendulum']
-
-
-def test_a_third_partys_plan_by_its_joints(read: Read) -> None:
-    times = np.linspace(0.0, 1.0, 5)
-    names, units = (('sway', 'rate'), ('force',)), (('rad', ''), ('',))
-    states = np.stack([times, np.ones(5)], axis=1)
-    plan = Trajectory(times, states, 2 * times[:, None], *names, 'cubic', *units)
-    view = PlantView(named_kind(*names, [('hook', 'sway', 'rate')], units))
-    measured = Signals(times, states, names[0], units[0])
-    hook = Vehicle('hook', view, (FollowedPlan(plan, 0.0),), states=measured)
-    given = Mission('Crane', 'crane', (hook,), parameters={'limits.force': 3.0})
-    mission = read(recorded(given, '/crane'))
-    (vehicle,) = mission.vehicles
-    assert (vehicle.name, vehicle.view.problem, mission.problem) == ('hook', None, 'crane')
-    assert told(mission, "'crane' is not installed")
-    trajectory = vehicle.plans[0].trajectory
-    assert trajectory.interpolation == 'cubic'
-    assert trajectory.units == {'sway': 'rad', 'rate': '', 'force': ''}
-    assert trajectory.control('force').tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
-    assert vehicle.states is not None
-    np.testing.assert_allclose(vehicle.states.column('sway'), vehicle.states.times, atol=1e-6)
-    assert compare(mission).verdict is None

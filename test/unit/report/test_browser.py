@@ -20,11 +20,11 @@ from typing import Any, ClassVar
 from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
 import numpy as np
 import pytest
-from replays import pendulum_points
 
 if find_spec('selenium') is None:
     pytest.skip('browsers are driven by selenium', allow_module_level=True)
 
+from replays import pendulum_points
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys

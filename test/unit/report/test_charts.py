@@ -7,12 +7,17 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Histories by name; animation and charts draw what was planned and measured, nothing else."""
+"""Charts, animation and page of a report: what was planned and measured, complete, no markup."""
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
+import hashlib
 from itertools import pairwise
+import json
+from pathlib import Path
+import re
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -21,6 +26,7 @@ from hypothesis import strategies as st
 from missions import (
     ARENA_PARAMETERS,
     DURATION,
+    Parts,
     pendulum_mission,
     pendulum_plan,
     pendulum_states,
@@ -33,25 +39,17 @@ import plotly.graph_objects as go
 import pytest
 from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of, way_of
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.direct.problem import DirectProblem
-from tdm_sim.report.animation import (
-    frame_times,
-    measured_frames,
-    MOST_POSES,
-    planned_frames,
-    scene,
-)
+from tdm_sim.report.animation import measured_frames, planned_frames, scene
 from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json
-from tdm_sim.report.comparison import compare
-from tdm_sim.report.histories import (
-    control_chart,
-    distance_chart,
-    plan_instants,
-    state_chart,
-)
+from tdm_sim.report.comparison import compare, Comparison, Entry
+from tdm_sim.report.histories import control_chart, distance_chart, plan_instants, state_chart
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, thinned_indices, Vehicle
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, thinned_indices, Vehicle
+from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics
+from tdm_sim.report.tables import events_table, number, summary_table
 
 
 def pendulum() -> Vehicle:
@@ -160,15 +158,6 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
     assert way_of(drawn[1], 2).tolist() == [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
 
 
-def test_frames_are_bounded_and_hold_the_starts_and_ends_of_plans() -> None:
-    mission = pendulum_mission()
-    times = frame_times(mission)
-    assert {0.0, DURATION} <= set(times.tolist())
-    assert (times[0], times[-1]) == mission.span
-    many = robots_mission(names=[f'r{k}' for k in range(20)], after=600.0, rate=1.0)
-    assert frame_times(many).size * 20 < MOST_POSES + 20 * 3
-
-
 def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
     mission = replace(pendulum_mission(), vehicles=(replanned(0.7),))
     (planned,) = curves(state_chart(mission).panels[0], 'planned')
@@ -177,15 +166,6 @@ def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
     first = planned.times[: gaps[0]]
     assert (first[0], first[-1]) == (0.0, pytest.approx(0.7))
     assert state_chart(mission).panels[0].switches == pytest.approx([1.5])  # of the second
-
-
-@pytest.mark.parametrize('most', [20, 200, 3000])
-def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
-    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1), most)
-    assert (np.diff(at) > 0).all()
-    assert at.size <= most + 2
-    assert np.abs(at - 0.9).min() < 1e-9
-    assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
 
 
 def test_distances_of_the_closest_pairs() -> None:
@@ -218,23 +198,6 @@ def test_one_plotly_figure_for_a_chart() -> None:
     assert 0.0 <= domains[1][0] < domains[1][1] < domains[0][0] < domains[0][1] <= 1.0
     low, high = data['layout']['yaxis']['range']
     assert low < 0.0 < 2.0 < high
-
-
-def test_histories_by_name() -> None:
-    values = np.array([[0, 5], [2, np.nan], [4, 7.0]])
-    found = Signals(np.array([0.0, 1.0, 2.0]), values, ('a', 'b'), ('m', 's'))
-    assert 'a' in found
-    assert 'c' not in found
-    assert found.unit('b') == 's'
-    assert found.column('a').tolist() == [0, 2, 4]
-    chosen = found.select('b', 'a')
-    assert (chosen.names, chosen.units) == (('b', 'a'), ('s', 'm'))
-    assert chosen.values[2].tolist() == [7, 4]
-    assert found.between(0.5, 2.0).times.tolist() == [1, 2]
-    between = found.at(np.array([-1.0, 0.5, 1.5, 3.0]))
-    np.testing.assert_array_equal(between[:, 0], [np.nan, 1.0, 3.0, np.nan])
-    assert np.isnan(between[2, 1])
-    assert Signals(np.zeros(0), np.zeros((0, 1)), ('a',), ('',)).at(np.zeros(3)).shape == (3, 1)
 
 
 @settings(max_examples=40)
@@ -272,3 +235,110 @@ def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
         expected = 100 + (recorded - 50) * speed
         assert found.instant(round(recorded * SECOND)) / SECOND == pytest.approx(expected)
     assert (clock(0), clock(1)) == (None, None)
+
+
+@pytest.mark.parametrize('most', [20, 200, 3000])
+def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
+    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1), most)
+    assert (np.diff(at) > 0).all()
+    assert at.size <= most + 2
+    assert np.abs(at - 0.9).min() < 1e-9
+    assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
+
+
+LARGEST = 8_000_000
+MINUS = '\N{MINUS SIGN}'
+
+
+def rows(table: str) -> list[list[str]]:
+    return Parts(table.partition('<details>')[0]).rows
+
+
+@pytest.mark.parametrize('make', [pendulum_mission, robots_mission])
+@pytest.mark.parametrize('measured', [True, False])
+def test_self_contained(make: Any, measured: bool) -> None:
+    page = report_page(make(measured=measured))
+    parts = Parts(page)
+    addresses = [a[key] for _, a in parts.elements for key in ('src', 'href') if key in a]
+    assert addresses == ['data:,']
+    assert not re.search(r'url\(\s*["\']?https?:', page)
+    policy = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)[0]
+    assert policy.startswith("default-src 'none'")
+    scripts = [script for attributes, script in parts.scripts if 'type' not in attributes]
+    assert len(scripts) == 2
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+
+
+def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -> None:
+    names = [f'robot{k}' for k in range(16)]
+    mission = robots_mission(names=names, rate=200.0, after=58.0)
+    states = mission.vehicles[0].states
+    assert states is not None
+    states.values[1_234, 0] = 3.9
+    file = tmp_path / 'report.html'
+    assert write_report(mission, file) == file.stat().st_size < LARGEST
+    (data,) = [s for a, s in Parts(file.read_text()).scripts if a.get('id') == 'report-data']
+    (chart,) = [chart for chart in json.loads(data)['charts'] if chart['key'] == 'states']
+    measured = next(t for t in chart['data'] if t['meta']['kind'] == 'measured')
+    y = unpacked(measured['y'])
+    assert y.max() == np.float32(3.9)
+    assert y.size < 4000
+    with pytest.raises(InvalidProblem, match='cannot be written'):
+        write_report(mission, tmp_path)
+
+
+def test_the_time_shown_first_is_the_motions() -> None:
+    start, end = motion_span(pendulum_mission())
+    assert -0.5 <= start <= 0.0
+    assert 2.0 < end <= 4.0
+    assert playing_speed(pendulum_mission()) < 1.0
+    for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
+        assert '<h1>t</h1>' in report_page(mission)
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [
+        (None, ''),
+        (0.0, '0'),
+        (-1e-15, '0'),
+        (1.49207, '1.492'),
+        (-0.05, f'{MINUS}0.05'),
+        (1.36314e-6, f'1.36&thinsp;&middot;&thinsp;10<sup>{MINUS}6</sup>'),
+        (22.0348, '22.03'),
+    ],
+)
+def test_numbers(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
+    entries = (
+        Entry('margin', 'margin of thrust', 'N', 0.2, 0.1, 1.0, 2.0, vehicle='a'),
+        Entry('margin', 'margin of thrust', 'N', 0.1, 0.3, 3.0, 4.0, vehicle='b'),
+        Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, -0.2, vehicle='a'),
+        Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, 0.1, vehicle='b'),
+        Entry('margin', 'margin of torque', 'N m', 0.1, -0.02, 1.0, 1.5),
+        Entry('margin', 'margin of walls', 'm', 0.1, 0.0, 1.0, 1.5, mark='saturated'),
+    )
+    table = summary_table(robots_mission(), Comparison(entries)).partition('<details>')[0]
+    assert ['thrust [N]a', '0.1 at 3.00 s', '0.1 at 2.00 s'] in rows(table)
+    assert ['error of yaw [rad]a', '0', f'{MINUS}0.2'] in rows(table)
+    assert ['walls [m]', '0.1 at 1.00 s', '0 at 1.50 s saturated'] in rows(table)
+    assert re.findall('<td class="bad">([^ ]*)', table) == [f'{MINUS}0.02']
+
+
+def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None:
+    events = (
+        Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
+        Event(1.0, Severity.WARN, '/p/tracker', 'late'),
+    )
+    table = events_table(replace(pendulum_mission(), events=events))
+    assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
+    many = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
+    table = events_table(pendulum_mission(events=many))
+    assert 'event 299<' in table
+    assert 'event 300<' not in table
+    assert 'and 700 more' in table

@@ -170,14 +170,6 @@ def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end() -> 
     assert compare(recorded_until(swing_up(), -0.1)).verdict is None
 
 
-def test_limits_and_the_goal_count_across_a_replan() -> None:
-    found = verdict(replanned(swing_up(peak=0.025), 1.5))
-    (reason,) = found.reasons
-    assert reason.startswith("pendulum violated the limit 'torque' by 0.005 N m after")
-    # held since before a replan that is 3.5 s before the recording's end
-    assert verdict(replanned(swing_up(), 8.5)).reached
-
-
 def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end() -> None:
     mission = replanned(formation(after=10.0), 1.0)
     assert verdict(mission).reached
@@ -191,16 +183,6 @@ def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end
     assert missed is not None
     reason = f'{one.name} was not at its goal within 8 s of the planned end: off in x, y by 0.5 m'
     assert missed.reasons == (reason,)
-
-
-def test_tracking_errors_are_computed_where_none_were_published() -> None:
-    errors = compare(swing_up(caught_at=2.0)).tracking_errors['pendulum']
-    assert (errors.times[0], errors.times[-1]) == pytest.approx((0.0, DURATION), abs=0.01)
-    expected = math.pi * (0.9 - 1.0) * errors.times / DURATION
-    np.testing.assert_allclose(errors.column('theta')[:-1], expected[:-1], atol=1e-9)
-    published = compare(pendulum_mission())
-    assert entry(published, 'rms error of theta', 'pendulum').achieved == pytest.approx(0.02)
-    assert entry(published, 'largest error of psi', 'pendulum').achieved == pytest.approx(0.01)
 
 
 def test_a_formation() -> None:
@@ -295,3 +277,13 @@ def test_every_part_may_be_missing(part: str, mission: Mission) -> None:
     comparison = compare(replace(mission, vehicles=vehicles, figures=()))
     assert all(e.achieved is None or math.isfinite(e.achieved) for e in comparison.entries)
     assert comparison.verdict is None
+
+
+def test_tracking_errors_are_computed_where_none_were_published() -> None:
+    errors = compare(swing_up(caught_at=2.0)).tracking_errors['pendulum']
+    assert (errors.times[0], errors.times[-1]) == pytest.approx((0.0, DURATION), abs=0.01)
+    expected = math.pi * (0.9 - 1.0) * errors.times / DURATION
+    np.testing.assert_allclose(errors.column('theta')[:-1], expected[:-1], atol=1e-9)
+    published = compare(pendulum_mission())
+    assert entry(published, 'rms error of theta', 'pendulum').achieved == pytest.approx(0.02)
+    assert entry(published, 'largest error of psi', 'pendulum').achieved == pytest.approx(0.01)

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import io
 from pathlib import Path
 import re
@@ -46,9 +45,7 @@ OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/d
         (PLANT, {'commands accepted': '1'}, True),
     ],
 )
-def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(
-    node: str, figures: Mapping[str, str], connected: bool
-) -> None:
+def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(node, figures, connected):
 
     def told(**shown: str) -> Any:
         values = [KeyValue(key=key, value=value) for key, value in shown.items()]
@@ -89,27 +86,10 @@ def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() 
     assert speed_settings('tracker', FILE, 0.5, drives_clock=False)['rate'] == 200.0
 
 
-def test_the_parameter_file_is_heeded_and_ranges_are_kept(tmp_path: Path) -> None:
-    file = tmp_path / 'own.yaml'
-    file.write_text(
-        '/**/planner:\n  ros__parameters:\n    start: {delay: 2}\n    replan: {delay: 5.0}\n'
-        '/**/tracker:\n  ros__parameters:\n    rate: 50\n'
-    )
-    for node, name, value in (
-        ('planner', 'start.delay', 8.0),
-        ('planner', 'replan.delay', 10.0),  # the most that is allowed
-        ('tracker', 'rate', 12.5),
-        ('pendulum_plant', 'rate', 50.0),  # of the default: the file says nothing of the plant
-    ):
-        assert speed_settings(node, file, 4.0, drives_clock=False)[name] == value
-
-
 @pytest.mark.parametrize(
     ('quiet', 'lines'), [(False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')]
 )
-def test_piped_there_are_plain_lines_and_when_quiet_none(
-    capsys: pytest.CaptureFixture[str], quiet: bool, lines: str
-) -> None:
+def test_piped_there_are_plain_lines_and_when_quiet_none(capsys, quiet, lines):
     with make_progress(quiet) as progress:
         progress.phase('first')
         progress.update('live only')
@@ -154,8 +134,8 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
-    namespace: str, wanted: set[str]
-) -> None:
+    namespace, wanted
+):
     choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
     for topic in SHARED | OTHERS:
         assert choice.wants(topic) == (topic in SHARED | wanted), topic

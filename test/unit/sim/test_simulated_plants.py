@@ -22,7 +22,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import to_mapping
-from tdm_planner.plants.base import integrate, Plant, runge_kutta_step
+from tdm_planner.plants.base import integrate
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.simulation import (
@@ -87,35 +87,9 @@ def test_steps_are_equal_and_no_longer_than_allowed() -> None:
     assert held[1] == held[3] == 0.0
 
 
-@pytest.mark.parametrize(
-    ('plant', 'control'), [(PLANT, TORQUE), (WHEELED, np.array([1.0, -0.5, 0.01]))]
-)
-def test_many_states_at_once(plant: Plant, control: np.ndarray) -> None:
-    states = np.random.default_rng(0).normal(size=(5, len(plant.state_names)))
-    together = runge_kutta_step(plant, states, control, 1e-3)
-    alone = [runge_kutta_step(plant, state, control, 1e-3) for state in states]
-    np.testing.assert_allclose(together, alone, rtol=1e-12)
-
-
-def test_without_torque_energy_is_kept_and_rest_stays_rest() -> None:
-    plant = simulation(SWINGING)
-    energies = [PLANT.energy(plant.state)]
-    for _ in range(200):
-        plant.step(0.005)
-        energies.append(PLANT.energy(plant.state))
-    # what the Runge-Kutta steps of 1 ms leave
-    assert np.ptp(energies) < 1e-7 * PLANT.coefficients.gravity
-    assert plant.time == pytest.approx(1.0)
-    resting = simulation()
-    resting.step(1.0)
-    np.testing.assert_allclose(resting.state, HANGING, atol=1e-12)
-
-
 @SETTINGS
 @given(command=st.floats(-1.0, 1.0), gain=st.none() | st.floats(0.5, 1.5))
-def test_commands_are_clipped_to_the_limits_and_gains_act_on_what_saturates(
-    command: float, gain: float | None
-) -> None:
+def test_commands_are_clipped_to_the_limits_and_gains_act_on_what_saturates(command, gain):
     plant = simulation(gains=None if gain is None else np.array([gain]))
     plant.command(np.array([command]))
     acting = min(max(command, -0.02), 0.02) * (1.0 if gain is None else gain)
@@ -168,16 +142,6 @@ def test_reset_goes_back_and_forgets_the_command() -> None:
     assert plant.timeouts == 0
 
 
-def test_noise_is_in_the_measurement_and_not_in_the_motion() -> None:
-    plant, quiet = simulation(SWINGING, noise=np.full(4, 0.1)), simulation(SWINGING)
-    for _ in range(3):
-        plant.step(0.01)
-        quiet.step(0.01)
-        assert (plant.measure() != plant.state).all()
-    np.testing.assert_array_equal(plant.state, quiet.state)
-    np.testing.assert_array_equal(quiet.measure(), quiet.state)
-
-
 def test_a_push_too_violent_to_integrate_resets_the_plant() -> None:
     plant = simulation(SWINGING)
     plant.push(lambda state: pendulum_push(PLANT, state, 1e-4))
@@ -206,9 +170,7 @@ def test_wrong_setups_are_refused(changes: dict[str, Any], words: str) -> None:
 
 @SETTINGS
 @given(torque=st.floats(-0.02, 0.02), omega=st.floats(-2.0, 2.0), wheel=st.floats(-50.0, 50.0))
-def test_the_wheel_takes_up_the_angular_momentum(
-    torque: float, omega: float, wheel: float
-) -> None:
+def test_the_wheel_takes_up_the_angular_momentum(torque, omega, wheel):
     start = np.array([1.0, 2.0, 0.1, -0.2, 0.3, omega, 0.5, 0.0, wheel])
     control = np.array([0.5, 1.0, torque])
     end = integrate(WHEELED, start, control, 1.0, 0.01)
@@ -278,16 +240,6 @@ def test_disturbances_are_as_asked() -> None:
     assert np.histogram(angles, bins=8, range=(-np.pi, np.pi))[0].min() > 400
 
 
-def test_one_seed_one_sequence_and_streams_do_not_disturb_each_other() -> None:
-    state, deviation = np.zeros(4), np.ones(4)
-    one, two, other = Disturbances(5), Disturbances(5), Disturbances(6)
-    two.loses_command(0.5)
-    two.direction()
-    first = one.measured(state, deviation)
-    np.testing.assert_array_equal(first, two.measured(state, deviation))
-    assert not np.array_equal(first, other.measured(state, deviation))
-
-
 def relative_errors(plant: object, mismatch: float, seed: int) -> np.ndarray:
     nominal, disturbed = to_mapping(plant), to_mapping(mismatched(plant, mismatch, seed))
     assert list(nominal) == list(disturbed)
@@ -305,3 +257,23 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
     gains = mismatched_gains(3, mismatch, seed)
     assert (np.abs(gains - 1.0) <= mismatch * (1 + 1e-12)).all()
     np.testing.assert_array_equal(gains, mismatched_gains(3, mismatch, seed))
+
+
+def test_noise_is_in_the_measurement_and_not_in_the_motion() -> None:
+    plant, quiet = simulation(SWINGING, noise=np.full(4, 0.1)), simulation(SWINGING)
+    for _ in range(3):
+        plant.step(0.01)
+        quiet.step(0.01)
+        assert (plant.measure() != plant.state).all()
+    np.testing.assert_array_equal(plant.state, quiet.state)
+    np.testing.assert_array_equal(quiet.measure(), quiet.state)
+
+
+def test_one_seed_one_sequence_and_streams_do_not_disturb_each_other() -> None:
+    state, deviation = np.zeros(4), np.ones(4)
+    one, two, other = Disturbances(5), Disturbances(5), Disturbances(6)
+    two.loses_command(0.5)
+    two.direction()
+    first = one.measured(state, deviation)
+    np.testing.assert_array_equal(first, two.measured(state, deviation))
+    assert not np.array_equal(first, other.measured(state, deviation))

@@ -106,9 +106,7 @@ def test_a_table_that_is_none_is_named(path: Path) -> None:
         ([], []),
     ],
 )
-def test_pictures_and_page_of_any_number_of_variables(
-    axes: list[Axis], names: list[str], closed: bool, tmp_path: Path
-) -> None:
+def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_path):
     points = Points(axes)
     rows = [
         {'row': i, **p, **found({'kind': 'plain', 'x': 1.0, **p})} for i, p in enumerate(points)
@@ -155,8 +153,8 @@ def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
 
 @pytest.mark.timeout(300)
 def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
     words = [
@@ -200,9 +198,7 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
         (['--over', 'start.psi=0', '--scheduler', 'localhost'], "'localhost' does not answer"),
     ],
 )
-def test_mistakes_get_one_sentence(
-    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mistakes_get_one_sentence(words, told, tmp_path, capsys):
     assert main(['study', 'pendulum', *words, '-o', str(tmp_path / 'out'), '-q']) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert told in line

@@ -18,18 +18,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
-from tdm_planner.tracking.feedforward import Feedforward
 from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,
     discretise,
     time_varying_regulator,
 )
 from tdm_planner.tracking.repetition import RepetitionWatch
-from tdm_planner.trajectory import Interpolation, Trajectory
 
 PLANT = RotaryPendulum()
 NOISE = EstimatorNoise(
@@ -102,26 +100,6 @@ def test_history_splits_an_interval_at_the_commands() -> None:
     assert [float(u[0]) for _, u in history.between(24.9, 25.0)] == [0.0]
 
 
-def test_the_state_is_predicted_over_a_known_delay(estimator: StateEstimator) -> None:
-    estimator.history.add(0.0, np.array([0.01]))
-    estimator.history.add(0.012, np.array([-0.02]))
-    start = np.array([2.0, 0.1, -3.0, 1.0])
-    estimator.observe(start, 0.005)
-    expected = true_motion(start, (0.007, 0.01), (0.018, -0.02))
-    assert np.allclose(estimator.predict(0.030), expected, atol=1e-6)
-
-
-def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
-    state = np.array([3.0, 0.0, 10.0, 0.0])
-    estimator.observe(state, 0.0)
-    for k in range(1, 20):
-        state = true_motion(state, (TICK, 0.0))
-        seen = [math.remainder(state[0], math.tau), *state[1:]]
-        estimator.observe(np.array(seen), TICK * k)
-    assert state[0] > 3.8
-    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
-
-
 def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator) -> None:
     rng = np.random.default_rng(1)
     state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
@@ -137,9 +115,7 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
     assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
 
 
-def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(
-    estimator: StateEstimator,
-) -> None:
+def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estimator):
     for k in range(50):
         estimator.observe(HANGING, TICK * k)
     pushed = moved(HANGING, 0.0, 0.0, 8.0, 0.0)
@@ -183,9 +159,7 @@ class Sensor:
         (np.array([0.01, 0.0, 0.0, 0.0]), 0.001, 0.42),
     ],
 )
-def test_a_sensor_that_repeats_itself_is_stuck(
-    state: np.ndarray, torque: float, within: float
-) -> None:
+def test_a_sensor_that_repeats_itself_is_stuck(state, torque, within):
     sensor = Sensor()
     for k in range(30):
         assert not sensor.show(state + 1e-6 * k, torque)
@@ -243,19 +217,6 @@ def system(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return 3.0 * rng.normal(size=(4, 4)), rng.normal(size=(4, 1))
 
 
-@SETTINGS
-@given(seed=SEEDS, step=st.floats(1e-4, 1.0))
-def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> None:
-    a, b = system(seed)
-    transition, held = discretise(np.stack([a, -a]), np.stack([b, b]), step)
-    for sign, phi, gamma in zip((1, -1), transition, held, strict=True):
-        block = np.zeros((5, 5))
-        block[:4, :4], block[:4, 4:] = sign * a, b
-        exact = expm(block * step)
-        assert np.allclose(phi, exact[:4, :4], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
-        assert np.allclose(gamma, exact[:4, 4:], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
-
-
 def test_strong_controls_and_stiff_plants_have_a_transition() -> None:
     a, b = system(0)
     transition, held = discretise(a, b, 0.01)
@@ -286,29 +247,6 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> N
     assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
 
 
-def test_the_cost_to_go_is_the_cost_and_other_gains_cost_more() -> None:
-    times = np.linspace(0.0, 1.0, 101)[:-1]
-    states = np.stack([np.pi * (1 - times), 0 * times, 0 * times - np.pi, 0 * times], axis=1)
-    a, b = RotaryPendulum().jacobians(states, np.zeros((100, 1)))
-    q, r, step = np.diag([1.0, 0.1, 0.01, 0.001]), np.array([[100.0]]), 0.01
-    along = time_varying_regulator(a, b, q, r, 10.0 * q, step)
-    phi, gamma = discretise(a, b, step)
-
-    def cost(gains: np.ndarray, x: np.ndarray) -> float:
-        total = 0.0
-        for k in range(100):
-            u = -gains[k] @ x
-            total += step * float(x @ q @ x + u @ r @ u)
-            x = phi[k] @ x + gamma[k] @ u
-        return total + float(x @ (10 * q) @ x)
-
-    start = np.array([0.1, -0.05, 0.3, 0.2])
-    best = cost(along.gains, start)
-    assert best == pytest.approx(start @ along.costs_to_go[0] @ start, rel=1e-9)
-    for factor in (0.0, 0.8, 0.95, 1.05):
-        assert cost(factor * along.gains, start) > best
-
-
 def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
     with pytest.raises(ValueError, match='Riccati'):
         discrete_regulator(
@@ -316,31 +254,25 @@ def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
         )
 
 
-def plan(controls: list[float], interpolation: Interpolation) -> Trajectory:
-    times = np.cumsum([0.0, 0.11, 0.07, 0.2, 0.05, 0.13])
-    planned = np.array(controls)[:, None]
-    return Trajectory(times, np.zeros((6, 1)), planned, ('x',), ('u',), interpolation)
-
-
-@pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
 @SETTINGS
-@given(
-    controls=st.lists(st.floats(-1, 1), min_size=6, max_size=6),
-    start=st.floats(-0.1, 0.6),
-    span=st.floats(1e-3, 0.2),
-)
-def test_the_mean_of_the_planned_controls_is_exact(
-    interpolation: Interpolation, controls: list[float], start: float, span: float
-) -> None:
-    """Before the start and after the end nothing is planned."""
-    asked = plan(controls, interpolation)
-    inside = [t for t in asked.times if start < t < start + span]
+@given(seed=SEEDS, step=st.floats(1e-4, 1.0))
+def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> None:
+    a, b = system(seed)
+    transition, held = discretise(np.stack([a, -a]), np.stack([b, b]), step)
+    for sign, phi, gamma in zip((1, -1), transition, held, strict=True):
+        block = np.zeros((5, 5))
+        block[:4, :4], block[:4, 4:] = sign * a, b
+        exact = expm(block * step)
+        assert np.allclose(phi, exact[:4, :4], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
+        assert np.allclose(gamma, exact[:4, 4:], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
 
-    def planned(t: float) -> float:
-        during = asked.times[0] <= t <= asked.times[-1]
-        return float(asked.sample(t).control[0]) if during else 0.0
 
-    integral, _ = quad(planned, start, start + span, points=inside or None)
-    mean = Feedforward(asked).mean(start, start + span)
-    assert mean.shape == (1,)
-    assert mean[0] == pytest.approx(integral / span, abs=1e-6)
+def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
+    state = np.array([3.0, 0.0, 10.0, 0.0])
+    estimator.observe(state, 0.0)
+    for k in range(1, 20):
+        state = true_motion(state, (TICK, 0.0))
+        seen = [math.remainder(state[0], math.tau), *state[1:]]
+        estimator.observe(np.array(seen), TICK * k)
+    assert state[0] > 3.8
+    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)

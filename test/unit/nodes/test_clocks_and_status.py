@@ -1,0 +1,331 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Small parts of the nodes, on clocks that are set by hand.
+
+Instants of motion, rates watched, work that gets a share of the time. The status of every plan
+that a tracker tells of: what changes is told, what is over is told once. The two halves of a
+robot's measured state.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.clock import ClockType
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
+from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.plan_intake import TimeBudget
+from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
+from tdm_planner.plant_kind import ROBOT
+from tdm_planner.tracking import Phase
+from trajectory_msgs.msg import JointTrajectory
+
+SECOND = 10**9
+
+
+class Clock:
+    """A clock that is set by hand [s]."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@given(work=st.floats(1e-3, 0.1), share=st.floats(0.005, 0.5), reserve=st.floats(1e-3, 1.0))
+def test_work_that_can_wait_gets_its_share_in_the_long_run(work, share, reserve):
+    clock = Clock()
+    ration = TimeBudget(share, reserve, clock)
+    done, span, step = 0.0, 60.0, 1e-2
+    assume(min(work, reserve) >= share * step)  # there is more to do than the share allows
+    for _ in range(round(span / step)):
+        clock.now += step
+        if ration.left > 0.0:
+            ration.spent(work)
+            done += work
+    assert share * (span - 2 * step) <= done <= share * span + reserve + work
+    clock.now += 3600.0 / share  # no more than the reserve is saved
+    assert ration.left == pytest.approx(reserve)
+
+
+def tick(watch, rate, seconds):
+    for _ in range(round(rate * seconds)):
+        watch._clock.now += 1.0 / rate
+        watch.tick()
+
+
+@pytest.mark.parametrize('rate', [1.0, 7.0, 50.0, 1000.0])
+def test_a_rate_that_is_held_is_no_problem(rate):
+    watch = RateWatch(rate, Clock())
+    tick(watch, rate, 5.0)
+    assert watch.problem() == ''
+    assert watch.measured() == pytest.approx(rate, abs=0.51)
+
+
+def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_is_forgotten():
+    watch = RateWatch(200.0, Clock())
+    tick(watch, 143.0, 1.0)
+    assert watch.problem() == ''
+    tick(watch, 143.0, 4.0)
+    assert watch.problem() == '143 Hz instead of 200: the computer is too busy, lower the rate'
+    tick(watch, 200.0, 5.0)
+    assert watch.problem() == ''
+    watch._clock.now += 1.0
+    assert watch.measured() == pytest.approx(100.0, abs=1.0)
+    assert watch.problem()
+    tick(watch, 200.0, 2.0)
+    assert watch.problem() == ''
+
+
+class SetClock:
+    """A steady clock, and the time of day, set by `offset` ns; or simulated."""
+
+    offset = simulated = took = 0
+    steady, ros_time_is_active = 7 * SECOND, False
+
+    def monotonic_ns(self) -> int:
+        self.steady += self.took
+        return self.steady
+
+    def now(self) -> Any:
+        real = self.steady + 10**18 + self.offset
+        return SimpleNamespace(nanoseconds=self.simulated if self.ros_time_is_active else real)
+
+    def get_clock(self) -> Any:
+        return self
+
+
+@pytest.fixture
+def day(monkeypatch):
+    made = SetClock()
+    monkeypatch.setattr('tdm_planner.nodes.clocks.time', made)
+    return made
+
+
+@pytest.mark.parametrize('step', [5.0, 0.001, -86400.0])
+def test_a_clock_that_is_set_moves_no_instant(day, step):
+    steps: list[float] = []
+    motion = MotionClock(day, steps.append)
+    assert pacing_clock(day).clock_type == ClockType.STEADY_TIME
+    assert motion.now() == 0.0
+    day.steady += SECOND
+    assert motion.instant(day.now().nanoseconds) == motion.now() == 1.0
+    day.offset += round(step * SECOND)
+    assert motion.now() == 1.0
+    assert steps == [pytest.approx(step)]
+    assert motion.instant(day.now().nanoseconds) == 1.0
+    assert motion.now() == 1.0
+    assert len(steps) == 1
+
+
+@pytest.mark.parametrize(
+    ('offset', 'took', 'steps'), [(999_999, 0, 0), (SECOND, 499_999, 1), (SECOND, 500_000, 0)]
+)
+def test_jitter_and_a_look_that_is_interrupted_compare_nothing(day, offset, took, steps):
+    told: list[float] = []
+    motion = MotionClock(day, told.append)
+    day.offset, day.took = offset, took
+    assert motion.now() == pytest.approx(2 * took * 1e-9)
+    assert len(told) == steps
+
+
+def test_simulated_time_is_the_plants_own(day):
+    day.ros_time_is_active = True
+    motion = MotionClock(day)
+    assert not motion.runs
+    day.simulated = 1000 * SECOND
+    motion = MotionClock(day)
+    assert motion.runs
+    assert pacing_clock(day) == day
+    assert motion.now() == 0.0
+    day.simulated = 1002 * SECOND
+    assert motion.now() == pytest.approx(2.0)
+    assert motion.instant(1005 * SECOND) == pytest.approx(5.0)
+
+
+NAMES = {
+    getattr(GoalStatus, name): name.removeprefix('STATUS_')
+    for name in dir(GoalStatus)
+    if name.startswith('STATUS_')
+}
+
+
+class Bench:
+    """A tracker whose phase and motions the test sets; `told` is what was published."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[int, str]] = []
+        self.followed: list[Any] = []
+        told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
+        node: Any = SimpleNamespace(
+            create_publisher=lambda _, topic, *__: SimpleNamespace(publish=told[topic])
+        )
+        self.status = TrackerStatus(node)
+        self.plans: dict[int, Any] = {}
+        self.status.begin()
+
+    def publish(self, message: Any) -> None:
+        starts = {nanoseconds_of(each.goal_info.stamp): each for each in message.status_list}
+        for start, each in starts.items():
+            assert list(each.goal_info.goal_id.uuid) == goal_id(start)
+        self.told.append({start: NAMES[each.status] for start, each in starts.items()})
+
+    def accept(self, start: int) -> None:
+        self.plans[start] = object()
+        self.status.accepted(self.plans[start], start, str(start).encode())
+
+    def tracker(self, phase: Phase, *starts: int, unquiet: bool = False) -> Any:
+        """Return one in a phase, with the motions of current and following plan."""
+        motions = [SimpleNamespace(trajectory=self.plans[start]) for start in starts]
+        current, following = [*motions, None, None][:2]
+        return SimpleNamespace(
+            phase=phase, current=current, following=following, newest=following or current,
+            unquiet=unquiet,
+        )  # fmt: skip
+
+    def tick(self, phase: Phase, *starts: int, unquiet: bool = False) -> dict[int, str]:
+        """Return what is told last once the tracker has come into a phase."""
+        self.status.update(self.tracker(phase, *starts, unquiet=unquiet))
+        return self.told[-1]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_a_plan_from_its_acceptance_to_its_end(bench):
+    assert bench.told == [{}]
+    bench.accept(5)
+    assert bench.tick(Phase.WAITING, 5) == {5: 'ACCEPTED'}
+    assert bench.tick(Phase.TRACKING, 5) == {5: 'EXECUTING'}
+    bench.tick(Phase.TRACKING, 5)
+    assert bench.tick(Phase.HOLDING, 5) == {5: 'SUCCEEDED'}
+    bench.tick(Phase.HOLDING, 5)
+    assert len(bench.told) == 4  # changes only
+    bench.accept(8)
+    bench.tick(Phase.HOLDING, 5, 8)
+    assert bench.tick(Phase.TRACKING, 8) == {5: 'SUCCEEDED', 8: 'EXECUTING'}
+    assert bench.tick(Phase.STOPPED) == {8: 'ABORTED'}
+    bench.accept(9)
+    assert bench.tick(Phase.WAITING, 9) == {8: 'ABORTED', 9: 'ACCEPTED'}
+    bench.status.cancel()
+    assert bench.told[-1][9] == 'CANCELED'
+    assert bench.followed == [b'5', b'8', JointTrajectory(), b'9', JointTrajectory()]
+
+
+def test_a_plan_that_is_superseded_is_canceled(bench):
+    bench.accept(5)
+    bench.tick(Phase.TRACKING, 5)
+    bench.accept(8)
+    assert bench.tick(Phase.TRACKING, 5, 8) == {5: 'EXECUTING', 8: 'ACCEPTED'}
+    bench.accept(9)
+    told = bench.tick(Phase.TRACKING, 5, 9)
+    assert told == {5: 'EXECUTING', 8: 'CANCELED', 9: 'ACCEPTED'}
+    assert bench.tick(Phase.TRACKING, 9) == {5: 'CANCELED', 9: 'EXECUTING'}
+
+
+def test_a_plan_that_is_rejected_is_aborted_and_the_one_before_goes_on(bench):
+    bench.accept(5)
+    bench.tick(Phase.HOLDING, 5)
+    bench.status.rejected(8, bench.tracker(Phase.HOLDING, 5))
+    assert bench.tick(Phase.HOLDING, 5) == {5: 'SUCCEEDED', 8: 'ABORTED'}
+    bench.accept(9)
+    bench.tick(Phase.HOLDING, 5, 9)
+    # Refused when it was to begin.
+    assert bench.tick(Phase.HOLDING, 5) == {5: 'SUCCEEDED', 9: 'ABORTED'}
+    assert bench.tick(Phase.STOPPED) == {5: 'ABORTED'}
+
+
+def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest(bench):
+    bench.accept(5)
+    bench.tick(Phase.TRACKING, 5)
+    assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}
+    bench.accept(8)
+    told = bench.tick(Phase.WAITING, 8, unquiet=True)
+    assert told == {5: 'CANCELING', 8: 'ACCEPTED'}
+    assert bench.tick(Phase.TRACKING, 8) == {5: 'ABORTED', 8: 'EXECUTING'}
+    assert bench.tick(Phase.RECOVERING, unquiet=True) == {8: 'CANCELING'}
+    assert bench.tick(Phase.RECOVERING) == {8: 'ABORTED'}
+    # A tracker that was restarted recovers from a plan that it missed.
+    bench.status.rejected(9, bench.tracker(Phase.RECOVERING, unquiet=True))
+    assert bench.tick(Phase.RECOVERING, unquiet=True)[9] == 'CANCELING'
+    assert bench.tick(Phase.RECOVERING)[9] == 'ABORTED'
+
+
+class Parts:
+    """A robot whose odometry and joints come at instants of a clock that is set by hand [ns]."""
+
+    now, states = 1_700_000_000_000, 0
+
+    def __init__(self) -> None:
+        self.ignored = ['']
+        callbacks: list[Any] = []
+        clock: Any = SimpleNamespace(
+            runs=True, instant_of=lambda stamp: (nanoseconds_of(stamp) or self.now) * 1e-9
+        )
+
+        def subscribe(_: Any, topic: str, callback: Any, *more: Any) -> SimpleNamespace:
+            callbacks.append(callback)
+            return SimpleNamespace(topic_name=topic)
+
+        node: Any = SimpleNamespace(create_subscription=subscribe)
+        MeasuredState(node, clock, ROBOT, '', self.observe, self.ignored.append, lambda: 0.1)
+        self.take_odometry, self.take_joints = callbacks
+
+    def observe(self, state: Any, _: float) -> None:
+        self.states += 1
+        assert state[-1] == 0.3
+
+    def joints(self, stamp: int) -> None:
+        message = JointState(name=['thruster', 'reaction_wheel'], position=[0.3, 0.0])
+        message.header.stamp = to_stamp(stamp)
+        self.take_joints(message)
+
+    def state(self, stamp: int) -> bool:
+        """Whether a state is taken."""
+        message = Odometry()
+        message.header.stamp = to_stamp(stamp)
+        message.pose.pose.orientation.w = 1.0
+        before = self.states
+        self.take_odometry(message)
+        return self.states > before
+
+
+def test_stamps_may_differ_by_the_timeout():
+    parts, begin = Parts(), Parts.now
+    assert not parts.state(begin)  # without joints there is none
+    assert parts.ignored == ['']
+    parts.joints(begin)
+    parts.now += 3600 * SECOND  # by what clock it came is no matter
+    for sign in (-1, 1):
+        assert parts.state(begin + sign * 99_000_000)
+        assert not parts.state(begin + sign * 101_000_000)
+        assert '0.101 s apart, more than state_timeout = 0.1 s' in parts.ignored[-1]
+
+
+@pytest.mark.parametrize('stamps', [(0, 0), (Parts.now, 0), (0, Parts.now + 90_000_000)])
+def test_without_stamps_it_is_when_they_come(stamps):
+    parts = Parts()
+    parts.joints(stamps[0])
+    parts.now += 90_000_000
+    assert parts.state(stamps[1])
+    parts.now += 20_000_000
+    assert parts.state(stamps[1] and stamps[1] + 20_000_000) is False
