@@ -1,11 +1,5 @@
 # Copyright 2026 The tdm_planner authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
-# in compliance with the License. You may obtain a copy of the License at
-# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
-# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
-# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
-# language governing permissions and limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 Plant, tracker or planner killed, and started again: what goes on, falls safe, recovers.
@@ -61,13 +55,19 @@ def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
 
 
 def tracker_killed(rig: PendulumRig) -> dict[str, float]:
-    """In mid-swing: the plant's torque goes off by itself."""
+    """
+    In mid-swing: the plant's torque goes off by itself.
+
+    Without friction the disk then turns on, beyond its limit if a tracker starts late, and no plan
+    leads back from there: somebody takes the pendulum down before the tracker starts again.
+    """
     rig.fall()
     rig.wait(lambda: rig.says('tracker', 'tracking'))
     killed = rig.kill('tracker')
     rig.wait(lambda: rig.now > killed + 1.0)
     rig.wait(lambda: rig.states[-1].effort[1] == 0.0)
     safe = rig.last_torque(killed)
+    rig.ros.call(f'/{rig.namespace}/reset', Trigger)
     restarted = rig.ros.seconds
     rig.start('tracker')
     return {'safe': safe, 'recovered': rig.held_since(restarted) - restarted}

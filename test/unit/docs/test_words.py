@@ -1,0 +1,115 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sources and pages keep to the glossary; pages are short, and quote messages as they are."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+import io
+from pathlib import Path
+import re
+import tokenize
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+FOLDERS = ('tdm_planner', 'tdm_sim', 'launch', 'tools', 'benchmark')
+SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob('*.py'))
+PAGES = sorted(
+    path
+    for path in [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').rglob('*.md')]
+    if '_build' not in path.parts and path.name != 'benchmarks.md'  # written by a benchmark
+)
+# Retired, and what is said instead. Identifiers are exempt: names, backticks, braces.
+RETIRED = {
+    r'left out|leaves? (states|messages) out': 'ignored, dropped, skipped',
+    r'in force|carried out|carries out': 'active, executed',
+    r'taken over|takes over|taken up|take-over': 'superseded, resumed, recovered',
+    r'preempt\w*': 'superseded',
+    r'refus(e|es|ed|ing|als?)': 'rejected, ignored',
+    r'given up|gives? up': 'dropped, aborted',
+    r'foreseen|foresees|foretell': 'predicted',
+    r'made anew|started anew|planned anew': 'replanned, restarted',
+    r'first guess': 'initial guess',
+    r'steer(s|ed|ing)?': 'shooting',
+    r'lockstep|worth all|beyond help|whoever has written': '-',
+    r'wish(es|ed)?|trouble': '-',
+    r'(some|no|every)body': 'a client, no node, a viewer',
+}
+CHECKED = re.compile('|'.join(rf'\b(?:{phrase})\b' for phrase in RETIRED), re.IGNORECASE)
+EXEMPT = re.compile(r'`[^`\n]*`|\{[^}\n]*\}')
+GENERATED = re.compile(r'<!-- generated: .*?<!-- end -->', re.DOTALL)
+
+
+def prose(source: Path) -> str:
+    """Return the comments and strings of a module."""
+    tokens = tokenize.generate_tokens(io.StringIO(source.read_text(encoding='utf-8')).readline)
+    kinds = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', None)}
+    return '\n'.join(token.string for token in tokens if token.type in kinds)
+
+
+def retired_words(text: str) -> list[str]:
+    """Return the retired words of a text."""
+    return [match[0] for match in CHECKED.finditer(text)]
+
+
+@pytest.mark.parametrize('path', [ROOT / folder for folder in FOLDERS], ids=FOLDERS)
+def test_sources_use_no_retired_words(path: Path) -> None:
+    found = [
+        f'{source.relative_to(ROOT)}: {word}'
+        for source in SOURCES
+        if source.is_relative_to(path)
+        for word in retired_words(EXEMPT.sub('', prose(source)))
+    ]
+    assert not found, '\n'.join(found)
+
+
+def test_pages_use_no_retired_words() -> None:
+    found = [
+        f'{page.relative_to(ROOT)}: {word}'
+        for page in PAGES
+        for word in retired_words(GENERATED.sub('', page.read_text(encoding='utf-8')))
+    ]
+    assert not found, '\n'.join(found)
+
+
+def test_no_page_is_long() -> None:
+    long = {page.name: len(page.read_text(encoding='utf-8').splitlines()) for page in PAGES}
+    assert {name: lines for name, lines in long.items() if lines > 400} == {}
+
+
+def test_architecture_names_files_that_exist() -> None:
+    page = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`((?:tdm_planner|tdm_sim|nodes|tools)/[\w/.]*)`', page))
+    assert len(named) > 15
+    places = (ROOT, ROOT / 'tdm_planner')
+    assert not [name for name in named if not any((place / name).exists() for place in places)]
+
+
+def texts() -> Iterator[str]:
+    """Yield every text of the sources, `...` in the place of values."""
+    files = [*(ROOT / 'tdm_planner').rglob('*.py'), *(ROOT / 'tdm_sim').rglob('*.py')]
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (p.value if isinstance(p, ast.Constant) else '...' for p in node.values)
+                yield ''.join(map(str, parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+    yield (ROOT / 'Makefile').read_text(encoding='utf-8')
+
+
+def test_troubleshooting_quotes_messages_as_they_are() -> None:
+    page = (ROOT / 'docs/troubleshooting.md').read_text(encoding='utf-8')
+    quoted = re.findall(r'^> `(.+)`$', page, re.MULTILINE)
+    known = '\n'.join(texts())
+    missing = [
+        (message, part)
+        for message in quoted
+        for part in re.split(r"\s*'?\.\.\.'?\s*", message)
+        if len(part) > 3 and part not in known
+    ]
+    assert quoted
+    assert not missing
