@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """Names and units of states and controls, in the order of their arrays; the units are SI."""
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 The acrobot: two links on a free hinge, swung up by a torque at the elbow alone.
 

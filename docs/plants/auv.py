@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 An underwater vehicle in a current: Zermelo's problem with the vehicle's inertia.
 

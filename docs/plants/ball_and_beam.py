@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 Ball and beam: roll the ball along by tilting the beam, in the shortest time.
 

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 Double integrator with a wall: Bryson and Denham's problem, a limit on the state of second order.
 

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 Goddard's rocket: as high as the fuel carries, with a singular arc between full thrust and none.
 

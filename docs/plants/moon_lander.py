@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 A soft landing on the Moon with the least fuel: fall freely, then brake with all there is.
 

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 Overtaking: a car by the kinematic bicycle model, past one that drives ahead, and back in lane.
 

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 A quadrotor through a gate in the shortest time.
 

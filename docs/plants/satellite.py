@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """
 A satellite's turn in the shortest time: not about one axis, though it be all alike.
 

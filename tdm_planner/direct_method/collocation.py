@@ -65,7 +65,7 @@ class Settings:
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
 # A barrier of 1e-3 stalls: the multipliers begin at nothing.
-WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
+WARM = Settings(iterations=200, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +200,8 @@ class Collocation:
         unit = ca.repmat(1.0 / sx, 1, n)
         simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
         hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
-        limits = at(trace.margins, duration * times, x, u)
-        self.inner_limits = np.flatnonzero(trace.between)
+        limits = at(trace.rows, duration * times, x, u)
+        self.inner_limits = np.flatnonzero(trace.between[trace.limit_of_row])
         inner = []
         if self.inner_limits.size:
             for share in (0.5, *INNER):
@@ -210,9 +210,8 @@ class Collocation:
                 state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb) if share != 0.5 else m
                 control = (1 - share) * u[:, :-1] + share * u[:, 1:]
                 instants = duration * (times[:, :-1] + share / n)
-                inner.append(
-                    at(trace.margins, instants, state, control)[self.inner_limits.tolist(), :]
-                )
+                all_limits = at(trace.rows, instants, state, control)
+                inner.append(all_limits[self.inner_limits.tolist(), :])
         cost = trace.final(duration, x[:, -1], p)
         rounded = cost
         if trace.has_running_cost:
@@ -285,6 +284,7 @@ class Collocation:
         to every limit at the nodes, and between them.
         """
         n, (nx, nu) = self.intervals, self._sizes
+        kept = kept[:, self.trace.limit_of_row]
         # A guess may be no motion at all: what the ends ask for counts as well.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))

@@ -97,7 +97,7 @@ class Output:
 @dataclass(frozen=True)
 class Duration:
     """
-    Time for the whole arc [s]: varied between `shortest` and `longest`, or `fixed`.
+    Time for the whole arc [s]: varied between `shortest` and `longest`, or `fixed` at `guess`.
 
     `speed_factor_order` is the degree of the speed factor dt/ds, a Bernstein polynomial whose
     coefficients are varied; 0 is tau = t. Where all boundary conditions are at rest and the
@@ -116,6 +116,11 @@ class Duration:
         for what, value in given.items():
             if value is not None or what == 'guess':
                 number(value, f'the duration: {what}', positive=True)
+        if not isinstance(self.fixed, bool):
+            raise InvalidProblem(
+                f'the duration: fixed = {self.fixed!r} is not allowed: must be True or False, with '
+                'the time in guess'
+            )
         whole(self.speed_factor_order, 'speed_factor_order', 0, HIGHEST_ORDER)
         shortest, longest = self.bounds
         if not shortest <= self.guess <= longest:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
+_MOST_ROWS = 64  # of limits without kinks, whose number each kink may double
 
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
@@ -76,47 +78,101 @@ class Rounded:
     """
 
     def __init__(self, function: Any) -> None:
-        given = function.sx_in()
-        found: list[Any] = [None] * function.sz_w()
         radius: list[Any] = []
         inside: list[Any] = []
-        results = [ca.SX.zeros(function.size_out(i)) for i in range(function.n_out())]
 
         def root(square: Any, size: Any) -> Any:
             radius.append(ca.SX.sym('e'))
             inside.append(size)
             return ca.sqrt(square + radius[-1] ** 2)
 
-        for index in range(function.n_instructions()):
-            operation = function.instruction_id(index)
-            takes, gives = function.instruction_input(index), function.instruction_output(index)
-            if operation == ca.OP_CONST:
-                found[gives[0]] = ca.SX(function.instruction_constant(index))
-            elif operation == ca.OP_INPUT:
-                found[gives[0]] = given[takes[0]].nz[takes[1]]
-            elif operation == ca.OP_OUTPUT:
-                results[gives[0]].nz[gives[1]] = found[takes[0]]
-            else:
-                values = [found[place] for place in takes]
-                found[gives[0]] = _operated(operation, values, root)
+        def rounded(operation: int, a: Any, b: Any) -> Any:
+            if operation == ca.OP_FABS:
+                return root(a**2, a)
+            if operation == ca.OP_SQRT:
+                return root(a, ca.sqrt(a))
+            if operation == ca.OP_HYPOT:
+                return root(a**2 + b**2, ca.hypot(a, b))
+            if operation in (ca.OP_FMAX, ca.OP_FMIN):
+                apart = root((a - b) ** 2, a - b)
+                return 0.5 * (a + b + (apart if operation == ca.OP_FMAX else -apart))
+            return None
+
+        given, results = _rewritten(function, rounded)
         self.count = len(radius)
         e = ca.vertcat(ca.SX(0, 1), *radius)
         self.value = ca.Function('rounded', [*given, e], results)
         self.sizes = ca.Function('kinks', given, [ca.vertcat(ca.SX(0, 1), *inside)])
 
 
-def _operated(operation: int, values: list[Any], root: Any) -> Any:
-    a, b = values[0], values[-1]
-    if operation == ca.OP_FABS:
-        return root(a**2, a)
-    if operation == ca.OP_SQRT:
-        return root(a, ca.sqrt(a))
-    if operation == ca.OP_HYPOT:
-        return root(a**2 + b**2, ca.hypot(a, b))
-    if operation in (ca.OP_FMAX, ca.OP_FMIN):
-        apart = root((a - b) ** 2, a - b)
-        return 0.5 * (a + b + (apart if operation == ca.OP_FMAX else -apart))
-    return ca.SX.unary(operation, a) if len(values) == 1 else ca.SX.binary(operation, a, b)
+def _rewritten(
+    function: Any, replace: Callable[[int, Any, Any], Any]
+) -> tuple[list[Any], list[Any]]:
+    """
+    Write the graph of a function again; return what it is given, and its results.
+
+    `replace` gets every operation and its operands, of which a unary one has the same twice, and
+    returns what is to stand for it; None leaves it.
+    """
+    given = function.sx_in()
+    found: list[Any] = [None] * function.sz_w()
+    results = [ca.SX.zeros(function.size_out(i)) for i in range(function.n_out())]
+    for index in range(function.n_instructions()):
+        operation = function.instruction_id(index)
+        takes, gives = function.instruction_input(index), function.instruction_output(index)
+        if operation == ca.OP_CONST:
+            found[gives[0]] = ca.SX(function.instruction_constant(index))
+        elif operation == ca.OP_INPUT:
+            found[gives[0]] = given[takes[0]].nz[takes[1]]
+        elif operation == ca.OP_OUTPUT:
+            results[gives[0]].nz[gives[1]] = found[takes[0]]
+        else:
+            values = [found[place] for place in takes]
+            other = replace(operation, values[0], values[-1])
+            if other is None:
+                alone = len(values) == 1
+                other = (ca.SX.unary if alone else ca.SX.binary)(operation, *values)
+            found[gives[0]] = other
+    return given, results
+
+
+def unfolded(margins: Any, numbers: Array) -> tuple[Any, NDArray[np.intp]]:
+    """
+    Return limits without the kinks that only fold them, and to which limit each row belongs (m,).
+
+    L - |a| is the lesser of L - a and L + a, which have no kink at a = 0: both must be kept, as
+    the branches of a minimum, and of a maximum that is subtracted. Where the greater branch
+    would do, or the slope with respect to the kink is not constant, the kink stays. Ipopt needs
+    several times the iterations where it stands, and often does not converge.
+    """
+    kinks: list[tuple[Any, Any, tuple[Any, Any], float]] = []  # symbol, whole, branches, sign
+
+    def cut(operation: int, a: Any, b: Any) -> Any:
+        if operation not in (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN):
+            return None
+        alone = operation == ca.OP_FABS
+        whole = ca.SX.unary(operation, a) if alone else ca.SX.binary(operation, a, b)
+        sign = 1.0 if operation == ca.OP_FMIN else -1.0
+        kinks.append((ca.SX.sym('k'), whole, (a, -a if alone else b), sign))
+        return kinks[-1][0]
+
+    given, (limits,) = _rewritten(margins, cut)
+    varied, p = [*given[:-1], *(kink[0] for kink in kinks)], given[-1]
+    rows = [(row, limit) for limit, row in enumerate(ca.vertsplit(limits))]
+    for symbol, whole, branches, sign in reversed(kinks):  # those that hold others come first
+        slopes = [ca.jacobian(row, symbol) for row, _ in rows]
+        parts = []
+        for (row, limit), slope in zip(rows, slopes, strict=True):
+            lesser = not ca.depends_on(slope, ca.vertcat(*varied))
+            lesser = lesser and sign * float(ca.Function('slope', [p], [slope])(numbers)) > 0.0
+            ways = branches if lesser and len(rows) < _MOST_ROWS else (whole,)
+            if ca.depends_on(row, symbol):
+                parts += [(ca.substitute(row, symbol, way), limit) for way in ways]
+            else:
+                parts.append((row, limit))
+        rows = parts
+    every = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
+    return ca.Function('limits', given, [every]), np.array([limit for _, limit in rows], np.intp)
 
 
 def bent(margins: Any, numbers: Array, of: str) -> NDArray[np.bool_]:

@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-
 """A plan and its check: the one type of a result on the way from search to files and nodes."""
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from tdm_planner.verification import usual_tolerance
 
 Array = NDArray[np.float64]
 
-COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
+COARSE, FINE, FINEST = 20, 40, 320  # intervals of the collocation
 _REPAIRS = 7
 _SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
 _SHIFTS = 3
@@ -190,12 +190,9 @@ class Refinement:
             if (gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
                 break
             intervals, guess = motion.intervals, motion
-            if not (near and gap <= _NEAR) or (
-                gap > _SHARE and shifts >= _SHIFTS
-            ):  # too coarse to correct
-                intervals, shift, shifts = 2 * motion.intervals, 0.0 * shift, 0
-                if not self.affords(intervals):
-                    break
+            coarse = not (near and gap <= _NEAR) or (gap > _SHARE and shifts >= _SHIFTS)
+            if coarse and self.affords(2 * intervals):
+                intervals, shift, shifts = 2 * intervals, 0.0 * shift, 0
                 guess = self._on(motion, intervals)
             else:
                 if gap > _SHARE:

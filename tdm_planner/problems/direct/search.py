@@ -93,6 +93,7 @@ class DirectSearch(Search[Candidate]):
         self._rounds = 0
         self._found = self._warm = self._as_it_is = False
         self._coarse_error = 0.0  # of J on few intervals, as far as that is known
+        self._solved_cost = self._verified_cost = np.inf  # on more: the last, the verified plan's
         self._closest = np.inf
         self._nearest_miss = ''
 
@@ -121,6 +122,7 @@ class DirectSearch(Search[Candidate]):
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
+        self._verified_cost = min(self._verified_cost, self._solved_cost)
         return self._warm
 
     def widen(self) -> bool:
@@ -232,6 +234,9 @@ class DirectSearch(Search[Candidate]):
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
         motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
+        if motion.cost > self._verified_cost - _WORTHWHILE * abs(motion.cost):
+            return  # on more intervals it is the motion that was verified, or a dearer one
+        self._solved_cost = motion.cost
         for found, states in self._refinement.refined(motion):
             times = np.linspace(0.0, found.duration, found.intervals + 1)
             parameters = np.concatenate([[found.duration], found.controls.ravel()])
