@@ -26,6 +26,7 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.trajectory import to_nanoseconds
 
 Array = NDArray[np.float64]
 
@@ -86,6 +87,15 @@ class Motion:
     def intervals(self) -> int:
         """Return n."""
         return len(self.middles)
+
+    @property
+    def times(self) -> Array:
+        """
+        Return the instants of the ends, (n + 1,) [s], as they are published: in whole nanoseconds.
+
+        Where a plant is unstable a nanosecond at a switch may be a degree at the end.
+        """
+        return to_nanoseconds(np.linspace(0.0, self.duration, self.intervals + 1))
 
     @property
     def finite(self) -> bool:

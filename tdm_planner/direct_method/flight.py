@@ -31,6 +31,7 @@ _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to th
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
 _MOST_STEPS = 40_000
+_PARTS = 4  # steps where their errors are not looked at
 _FEW = 30  # pieces; of more the tolerance is less, as their errors add up
 
 
@@ -114,6 +115,20 @@ class Integrator:
         if trajectory.interpolation == 'zero_order_hold':
             last = first
         return self(times, first, last, trajectory.states[0], numbers, until)
+
+    def stepped(
+        self, states: Array, first: Array, last: Array, step: Array, numbers: Array
+    ) -> Array:
+        """
+        Return the states (n, nx) after `step` s, (n, 1), from each of `states`, in `_PARTS` steps.
+
+        Controls are linear, from `first` to `last` (n, nu).
+        """
+        call, change = Call(self._step, len(states)), (last - first) / _PARTS
+        for part in range(_PARTS):
+            begin = first + part * change
+            states = call(states, begin, begin + change, step / _PARTS, numbers)[1].copy()
+        return states
 
     def __call__(
         self,

@@ -118,8 +118,8 @@ class Duration:
                 number(value, f'the duration: {what}', positive=True)
         if not isinstance(self.fixed, bool):
             raise InvalidProblem(
-                f'the duration: fixed = {self.fixed!r} is not allowed: must be True or False, with '
-                'the time in guess'
+                f'the duration: fixed = {self.fixed!r} is not allowed: must be True or False, '
+                'with the time in guess'
             )
         whole(self.speed_factor_order, 'speed_factor_order', 0, HIGHEST_ORDER)
         shortest, longest = self.bounds

@@ -68,6 +68,14 @@ class DirectPlant:
         """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
         return self._trace.integrator.along(trajectory, self._numbers, until)
 
+    def stepped(self, states: Array, first: Array, last: Array, step: Array) -> Array:
+        """
+        Return the states (n, nx) after `step` s, (n, 1), from each of `states` (n, nx).
+
+        Controls are linear, from `first` to `last` (n, nu).
+        """
+        return self._trace.integrator.stepped(states, first, last, step, self._numbers)
+
     @property
     def control_range(self) -> Array:
         """Lowest and highest controls, (2, nu); infinite where they are not limited."""
@@ -107,6 +115,22 @@ class DirectPlant:
         margins = self._one_margin(time, state, control, self._numbers)[0]
         found: Array = margins[self._trace.of_controls]
         return found
+
+    def limits_by_controls(
+        self, times: Array, states: Array, controls: Array
+    ) -> tuple[Array, Array]:
+        """Return what is left to every limit at N instants (N, nm), by controls (N, nm, nu)."""
+        margins = self._trace.margins
+
+        def make() -> Any:
+            given = [ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txup')]
+            slopes = ca.jacobian(margins(*given), given[2])
+            return ca.Function('limits', given, [margins(*given), ca.vec(ca.densify(slopes))])
+
+        call = Call(self._trace.once('limits by controls', make), times.size)
+        left, slopes = call(times[:, None], states, controls, self._numbers)
+        shape = times.size, controls.shape[1], left.shape[1]
+        return left, np.swapaxes(slopes.reshape(shape), 1, 2)
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""

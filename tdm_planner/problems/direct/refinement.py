@@ -4,15 +4,16 @@
 """
 The refinement of a motion until its replay confirms it: the part of the search that collocates.
 
-A solution on few intervals is solved again on more; it is replayed and repaired, by a shifted end,
-by a reserve at a limit that the replay violates, or by more intervals.
+A solution on few intervals is solved again on more; it is replayed and repaired: by a correction
+where it ends beside the goal, by a reserve at a limit that the replay violates, or by more
+intervals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +29,16 @@ from tdm_planner.direct_method.collocation import (
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.problems.direct.correction import corrected
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
 Array = NDArray[np.float64]
 
-COARSE, FINE, FINEST = 20, 40, 320  # intervals of the collocation
-_REPAIRS = 7
-_SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
-_SHIFTS = 3
+COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
+_REPAIRS, _CORRECTIONS = 7, 5
+_SHARE = 0.1  # of the end's tolerance: to be content
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
@@ -47,6 +49,21 @@ _INSTANTS = 400  # at which a plan is compared with where it was left
 _LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked at; of them for J
 
 
+class _Flown(NamedTuple):
+    """
+    A replay: states (m, nx) and controls (m, nu) at m looks, least margins (nm,), J.
+
+    `miss` (nx,) is what the end is off by, `gap` that in tolerances; all NaN where it fails.
+    """
+
+    states: Array
+    controls: Array
+    least: Array
+    cost: float
+    miss: Array
+    gap: float
+
+
 class Refinement:
     """Collocation of one problem: `trace` of what is stated, `budget` for all of it."""
 
@@ -54,14 +71,15 @@ class Refinement:
         self,
         stated: CheckedFormulation,
         trace: Trace,
-        tolerance: tuple[float, ...] | None,
+        plant: DirectPlant,
         budget: Budget,
     ) -> None:
-        self.trace = trace
+        self.trace, self._plant = trace, plant
         self.numbers = trace.values(stated.formulation)
         self.ends = Ends.of(stated)
         self._budget = budget
-        self._given_tolerance, self._units = tolerance, stated.formulation.state_units
+        self._given_tolerance = stated.formulation.terminal_tolerance
+        self._units = stated.formulation.state_units
         duration = stated.duration()
         self._duration = duration.guess
         self._durations = (duration.guess,) * 2 if duration.fixed else duration.bounds
@@ -179,55 +197,64 @@ class Refinement:
             found = self.finer(found, 2 * found.intervals)
 
     def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
-        """Solve again until the replay ends at the goal and keeps the limits."""
-        reserve, shifts = np.zeros(self._reserve.size), 0
-        shift = np.zeros(self.ends.states.shape[1])
+        """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
+        reserve = np.zeros(self._reserve.size)
         for turn in range(_REPAIRS + 1):
-            states, least, cost = self._replayed(motion)
-            miss, gap = self._missed(states)
-            near = abs(cost - motion.cost) <= _COARSE * abs(cost)
-            kept = bool((least >= -_TOUCHED).all())
-            if (gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
+            expected, (motion, flown) = motion.cost, self._landed(motion)
+            near = abs(flown.cost - expected) <= _COARSE * abs(flown.cost)
+            kept = bool((flown.least >= -_TOUCHED).all())
+            if (flown.gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
                 break
-            intervals, guess = motion.intervals, motion
-            coarse = not (near and gap <= _NEAR) or (gap > _SHARE and shifts >= _SHIFTS)
-            if coarse and self.affords(2 * intervals):
-                intervals, shift, shifts = 2 * intervals, 0.0 * shift, 0
-                guess = self._on(motion, intervals)
+            if flown.gap <= _SHARE and near:
+                more = 1e-5 - (1.1 if turn < 2 else 2.0) * flown.least
+                reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
+                guess = motion
+            elif self.affords(2 * motion.intervals):
+                guess = self._on(motion, 2 * motion.intervals)
             else:
-                if gap > _SHARE:
-                    shift, shifts = shift - miss, shifts + 1
-                more = 1e-5 - (1.1 if turn < 2 else 2.0) * least
-                reserve = np.where(least < -_TOUCHED, reserve + more, reserve)
-            pinned = self.ends.states.copy()
-            pinned[1] += shift
-            ends = replace(self.ends, states=pinned)
-            again = self._solve(intervals, guess, WARM, ends, reserve, self._budget)
+                break
+            again = self._solve(guess.intervals, guess, WARM, self.ends, reserve, self._budget)
             if again is None:
                 break
             motion = again
-        return replace(motion, cost=cost), states
+        return replace(motion, cost=flown.cost), flown.states[::_LOOKS]
 
-    def _replayed(self, motion: Motion) -> tuple[Array, Array, float]:
-        """
-        Replay a motion, controls linear in every interval, to look before the check proper.
+    def _landed(self, motion: Motion) -> tuple[Motion, _Flown]:
+        """Correct a motion while that brings the end of its replay nearer to the goal."""
+        flown = self._replayed(motion)
+        shortest, longest = self._durations
+        for _ in range(_CORRECTIONS):
+            if flown.gap <= _SHARE or self._late:
+                break
+            tolerance = self.tolerance(motion.states)
+            other = corrected(self._plant, motion, self.ends, longest - shortest, tolerance)
+            if other is None:
+                break
+            again = self._replayed(other)
+            if not again.gap < flown.gap:
+                break
+            motion, flown = other, again
+        return motion, flown
 
-        Returns the states at the nodes (n + 1, nx), NaN where it cannot be followed, the least
-        margins (nm,), also between the nodes, and J.
-        """
+    def _replayed(self, motion: Motion) -> _Flown:
+        """Replay a motion, controls linear in every interval, to look before the check proper."""
         n, u = motion.intervals, motion.controls
-        ends, margins = np.linspace(0.0, motion.duration, n + 1), self.trace.margins
+        ends, margins = motion.times, self.trace.margins
+        times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
+        controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
         flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self.numbers)
         if flown is None:
-            nowhere = np.full_like(motion.states, np.nan)
-            return nowhere, np.full(margins.numel_out(), np.nan), np.nan
-        times = np.linspace(0.0, motion.duration, n * _LOOKS + 1)
+            nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
+            unknown = np.full(margins.numel_out(), np.nan)
+            return _Flown(nowhere, controls, unknown, np.nan, nowhere[0], np.inf)
         states = flown.states(times)
-        controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
         seen = Call(margins, times.size)(times[:, None], states, controls, self.numbers)[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
         cost = self.trace.cost_along(self.numbers, times[at], states[at], controls[at])
-        return states[::_LOOKS], seen.min(axis=0, initial=np.inf), cost
+        miss = states[-1] - self.goal(states)
+        gap = float(np.abs(miss / self.tolerance(states)).max())
+        gap = gap if np.isfinite(states).all() else np.inf
+        return _Flown(states, controls, seen.min(axis=0, initial=np.inf), cost, miss, gap)
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""
@@ -240,12 +267,6 @@ class Refinement:
     def _late(self) -> bool:
         """Whether the time that is left is for the check."""
         return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
-
-    def _missed(self, states: Array) -> tuple[Array, float]:
-        """Return by how much replayed states (N, nx) miss the end, and that in tolerances."""
-        miss = states[-1] - self.goal(states)
-        gap = float(np.abs(miss / self.tolerance(states)).max())
-        return miss, gap if np.isfinite(states).all() else np.inf
 
     def _on(self, motion: Motion, intervals: int) -> Motion:
         rates: Any = Call(self.trace.rates, motion.intervals + 1)

@@ -6,8 +6,8 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 A loose minimum of the direct method is the initial guess of a collocation on few intervals; lines
 bent to either side are others. The first such solution is solved again on more, then the cheapest
-of the others if it is cheaper. It is replayed and repaired: by a shifted end, a reserve at a limit
-that the replay violates, or more intervals. Where nothing comes of that the direct method's own
+of the others if it is cheaper. It is replayed and repaired: by corrected controls, a reserve at a
+limit that the replay violates, or more intervals. Where nothing comes of that the direct method's own
 motion, minimised to the end, is the plan.
 """
 
@@ -87,7 +87,7 @@ class DirectSearch(Search[Candidate]):
         self._previous = previous
         trace = self._trace = Trace.of(self._stated)
         self._plant = DirectPlant(problem, trace)
-        self._refinement = Refinement(self._stated, trace, problem.terminal_tolerance, budget)
+        self._refinement = Refinement(self._stated, trace, self._plant, budget)
         check_limits(trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
@@ -238,9 +238,9 @@ class DirectSearch(Search[Candidate]):
             return  # on more intervals it is the motion that was verified, or a dearer one
         self._solved_cost = motion.cost
         for found, states in self._refinement.refined(motion):
-            times = np.linspace(0.0, found.duration, found.intervals + 1)
             parameters = np.concatenate([[found.duration], found.controls.ravel()])
-            plan = self._planned(times, states, found.controls, 'linear', found.cost, parameters)
+            written = found.times, states, found.controls
+            plan = self._planned(*written, 'linear', found.cost, parameters)
             if plan is None:
                 return
             yield plan
