@@ -188,11 +188,8 @@ class Collocation:
         nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
         x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
         u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
-        p, sx, su = (
-            ca.SX.sym('p', trace.rates.size1_in(2)),
-            ca.SX.sym('sx', nx),
-            ca.SX.sym('su', nu),
-        )
+        sizes = {'p': trace.rates.size1_in(2), 'sx': nx, 'su': nu}
+        p, sx, su = (ca.SX.sym(*one) for one in sizes.items())
         st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
         self._rounded = Rounded(trace.running)
         e = ca.SX.sym('e', self._rounded.count)
@@ -326,8 +323,6 @@ class Collocation:
         most[:rows] = 0.0
         between = kept[1] if n > 1 else kept[0]
         inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
-        if not self.inner_limits.size:
-            inside = np.zeros(0)
         least[rows:] = np.concatenate([kept.ravel(), inside])
         given = np.concatenate([numbers, sx, su, self._rounding(guess, numbers), [st, 1.0]])
         with self._lock:

@@ -7,8 +7,8 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 A loose minimum of the direct method is the initial guess of a collocation on few intervals; lines
 bent to either side are others. The first such solution is solved again on more, then the cheapest
 of the others if it is cheaper. It is replayed and repaired: by corrected controls, a reserve at a
-limit that the replay violates, or more intervals. Where nothing comes of that the direct method's own
-motion, minimised to the end, is the plan.
+limit that the replay violates, or more intervals. Where nothing comes of that, the direct method's
+own motion, minimised to the end, is the plan.
 """
 
 from __future__ import annotations
