@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Missions whose motions are known in closed form: those that tests of the report read or show.
+Missions in closed form, as a reader returns them, that tests of the report read or show.
 
 The pendulum's angles turn evenly and each robot goes straight on while it turns evenly, for
-`DURATION` s (`pendulum_states`, `robot_states`). `pendulum_mission` and `robots_mission` are what
-a reader returns, for pages, charts and figures; recordings.py has the messages of such missions.
-`Parts` takes a report's page to pieces; `EVIL` are strings that would do something if they could.
+`DURATION` s; recordings.py has the messages of such missions.
 """
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
@@ -50,7 +48,7 @@ ARENA_PARAMETERS = {
     'limits.torque': 0.02,
     'limits.thruster_rate': 2.0,
 }
-EVIL = (
+EVIL = (  # strings that would do something if they could
     '</script><script>window.hacked=1</script>',
     '<img src=x onerror="window.hacked=2">',
     """'"><svg/onload=window.hacked=3>""",
@@ -64,15 +62,6 @@ ALONE = {
     'formation.anchor': [0.0, 0.0, 0.0],
     'formation.robot1': [1.0, 2.0, 0.0],
 }
-
-
-def pendulum_view(**changes: Any) -> PendulumView:
-    problem = PendulumSwingUp.from_parameters({**PENDULUM_PARAMETERS, **changes})
-    return PendulumView(problem=problem)
-
-
-def robot_view(parameters: Mapping[str, Any]) -> RobotView:
-    return RobotView(problem=RobotFormation.from_parameters(parameters))
 
 
 def pendulum_states(t: Any) -> Any:
@@ -110,8 +99,7 @@ def pendulum_plan() -> Trajectory:
 def robot_plan(number: int) -> Trajectory:
     times = np.linspace(0.0, DURATION, 41)
     controls = np.tile([0.5, 0.125, 0.001], (times.size, 1))
-    states = robot_states(times, number)
-    return Trajectory(times, states, controls, ROBOT.state_names, ROBOT.control_names, 'linear')
+    return Trajectory.of(ROBOT, times, robot_states(times, number), controls, 'linear')
 
 
 def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
@@ -120,25 +108,26 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     if measured:
         at = np.arange(-1.0, 4.0, 0.01)
         moving = np.clip(at, 0.0, DURATION)
-        offset = np.array([0.02, -0.01, 0.0, 0.0])
-        states = pendulum_states(moving) + offset
-        errors = np.tile(offset, (at.size, 1))
-        applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
+        errors = np.tile([0.02, -0.01, 0.0, 0.0], (at.size, 1))
+        states = pendulum_states(moving) + errors
+        kinds = {'names': plan.state_names, 'units': PENDULUM.state_units}
         found = {
-            'states': Signals(at, states, plan.state_names, PENDULUM.state_units),
-            'commands': applied,
-            'applied': applied,
-            'tracking_error': Signals(at, errors, plan.state_names, PENDULUM.state_units),
+            'states': Signals(at, states, **kinds),
+            'tracking_error': Signals(at, errors, **kinds),
         }
+        applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
+        found['commands'] = found['applied'] = applied
+    view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
+    events = (
+        Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
+        Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
+    )
     plain = Mission(
         'Swing-up',
         'pendulum_swing_up',
-        (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0),), **found),),
+        (Vehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
         figures=(PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
-        events=(
-            Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
-            Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
-        ),
+        events=events,
         parameters=PENDULUM_PARAMETERS,
         source='/bags/one',
         recorded_at=1.7e9,
@@ -151,11 +140,11 @@ def robots_mission(
     measured: bool = True,
     rate: float = 100.0,
     after: float = 1.0,
-    view: RobotView | None = None,
+    given: Any = ARENA_PARAMETERS | ALONE,
     **changes: Any,
 ) -> Mission:
     vehicles = []
-    view = view or robot_view({**ARENA_PARAMETERS, **ALONE})
+    view = RobotView(problem=RobotFormation.from_parameters(given))
     for number, name in enumerate(names):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
@@ -174,7 +163,7 @@ def robots_mission(
 def formation_mission(**changes: Any) -> Mission:
     """Return one of two robots in an arena that both fit into."""
     given = robot_parameters(2)
-    return robots_mission(view=robot_view(given), **({'parameters': given} | changes))
+    return robots_mission(given=given, **({'parameters': given} | changes))
 
 
 def unpacked(data: dict[str, str]) -> Any:
@@ -191,25 +180,20 @@ class Parts(HTMLParser):
         self.scripts: list[tuple[dict[str, str | None], str]] = []
         self.texts: list[str] = []
         self.rows: list[list[str]] = []
-        self._script = False
         self.feed(page)
         self.close()
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:
         self.elements.append((tag, dict(attrs)))
-        self._script = tag == 'script'
-        if self._script:
+        if tag == 'script':
             self.scripts.append((dict(attrs), ''))
         elif tag == 'tr':
             self.rows.append([])
         elif tag in ('td', 'th'):
             self.rows[-1].append('')
 
-    def handle_endtag(self, tag: str) -> None:
-        self._script = self._script and tag != 'script'
-
     def handle_data(self, data: str) -> None:
-        if self._script:
+        if self.cdata_elem == 'script':  # what HTMLParser is within
             attributes, text = self.scripts[-1]
             self.scripts[-1] = attributes, text + data
             return

@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Recordings of missions.
+Messages of missions such as those of missions.py, made as the nodes make theirs.
 
-`recorded` makes the messages of a mission, such as those of missions.py (`pendulum_recording`,
-`robot_recording`), by what the nodes make theirs with, to leave out (`without`), add or change
-some, and to `write` a bag; `check_vehicles` compares what is read of it. An `Item` is a message to
-record under a topic at an instant [ns]; the first plan's motion starts at `START`.
+Some are left out, added or changed, a bag is written, and what is read of it compared. The first
+plan's motion starts at `START`.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes import messages
 from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.plant_kind import Joint, QUANTITIES, ROBOT
+from tdm_planner.plant_kind import QUANTITIES, ROBOT
 from tdm_sim.report.mission import Mission, Signals
 
 START = 1_700_000_000_250_000_000  # ns
@@ -70,33 +68,19 @@ def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -
 
 
 def summary(at: int, problem: str, parameters: Any, **more: Any) -> String:
-    document = {
-        'plan_id': 1,
-        'stamp': {'sec': at // SECOND, 'nanosec': at % SECOND},
-        'problem': problem,
-        'duration': DURATION,
-        'cost': 1.25,
-        'cost_terms': {},
-        'penalty': 0.0,
-        'solve_time': 0.125,
-        'evaluations': 42,
-        'summary': 'a plan',
-        'verification': {},
-        'vehicles': {},
-        'parameters': parameters,
-    }
+    stamp = {'sec': at // SECOND, 'nanosec': at % SECOND}
+    document = {'plan_id': 1, 'stamp': stamp, 'problem': problem, 'parameters': parameters}
+    document |= {'duration': DURATION, 'cost': 1.25, 'penalty': 0.0, 'solve_time': 0.125}
+    document |= {'evaluations': 42, 'summary': 'a plan'}
+    document |= {name: {} for name in ('cost_terms', 'verification', 'vehicles')}
     return String(data=json.dumps(document | more))
 
 
 def status(at: int, node: str, level: int, message: str, **values: Any) -> DiagnosticArray:
     """Diagnostics of a node; of the names of values the underscores are spaces."""
-    told = DiagnosticStatus(
-        level=bytes([level]),
-        name=f'{node}: x',
-        message=message,
-        hardware_id=node,
-        values=[KeyValue(key=k.replace('_', ' '), value=str(v)) for k, v in values.items()],
-    )
+    told = DiagnosticStatus(level=bytes([level]), name=f'{node}: x', hardware_id=node)
+    told.message = message
+    told.values = [KeyValue(key=k.replace('_', ' '), value=str(v)) for k, v in values.items()]
     array = DiagnosticArray(status=[told])
     array.header.stamp = to_stamp(at)
     return array
@@ -125,18 +109,15 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
             ('tracking_error', kind.joints, (vehicle.tracking_error,)),
         ):
             found += _joint_states(f'{space}/{name}', joints, histories)
-        if kind.odometry and vehicle.states is not None:
-            for at, values in _moments(vehicle.states):
-                state = odometry(at, vehicle.name, list(values.values()))
-                found.append(Item(f'{space}/odom', at, state))
+        for at, values in _moments(vehicle.states if kind.odometry else None):
+            state = odometry(at, vehicle.name, list(values.values()))
+            found.append(Item(f'{space}/odom', at, state))
     parameters = dict(mission.parameters)
     said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
     return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
 
 
-def _joint_states(
-    topic: str, joints: Sequence[Joint], histories: Iterable[Signals | None]
-) -> Iterator[Item]:
+def _joint_states(topic: str, joints: Any, histories: Iterable[Any]) -> Iterator[Item]:
     """Yield the histories of those joints that they are of, on common instants."""
     for at, values in _moments(*histories):
         known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
@@ -173,13 +154,6 @@ def robot_recording(namespace: str = '/robots') -> list[Item]:
         cost_terms={'time': 0.5, 'sequence': 0.25, 'gas': 0.5},
         verification={'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)},
     )
-
-
-def filling() -> list[Item]:
-    """Return some 3 MB of log messages during the motion, so that a file has several blocks."""
-    random = np.random.default_rng(1)
-    times = [START + k * 10**7 for k in range(-50, 250)]
-    return [Item('/rosout', at, log(at, 20, 'x', random.bytes(5000).hex())) for at in times]
 
 
 def without(items: Iterable[Item], *endings: str) -> list[Item]:
@@ -227,14 +201,13 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
     """Compare plans and everything measured with what was recorded."""
     for found, wanted in zip(mission.vehicles, expected.vehicles, strict=True):
         assert (found.name, found.view.name) == (wanted.name, wanted.view.name)
-        (plan,), (planned,) = found.plans, wanted.plans
-        assert (plan.start, plan.until) == (0.0, None)
-        assert plan.trajectory.interpolation == planned.trajectory.interpolation
-        np.testing.assert_allclose(plan.trajectory.times, planned.trajectory.times, atol=1e-9)
-        np.testing.assert_array_equal(plan.trajectory.states, planned.trajectory.states)
+        ((plan, start, until),) = ((p.trajectory, p.start, p.until) for p in found.plans)
+        planned = wanted.plans[0].trajectory
+        assert (start, until, plan.interpolation) == (0.0, None, planned.interpolation)
+        np.testing.assert_allclose(plan.times, planned.times, atol=1e-9)
+        np.testing.assert_array_equal(plan.states, planned.states)
         # the last controls are held for no time
-        controls = plan.trajectory.controls[:-1], planned.trajectory.controls[:-1]
-        np.testing.assert_array_equal(*controls)
+        np.testing.assert_array_equal(plan.controls[:-1], planned.controls[:-1])
         for part in ('states', 'applied', 'commands', 'tracking_error'):
             one, other = getattr(found, part), getattr(wanted, part)
             assert (one is None) == (other is None), part

@@ -20,7 +20,6 @@ from recordings import (
     after,
     check_pendulum,
     check_vehicles,
-    filling,
     goal,
     Item,
     joint_state,
@@ -235,7 +234,10 @@ def test_of_several_planners_the_one_that_was_followed_or_has_a_plan(read: Read)
 
 @pytest.mark.parametrize(('storage', 'share'), [('mcap', 0.5), ('sqlite3', 0.95)])
 def test_a_recording_cut_short_is_read_as_far_as_it_goes(tmp_path, storage, share):
-    bag = write(tmp_path / 'bag', [*pendulum_recording(), *filling()], storage)
+    random = np.random.default_rng(1)  # 3 MB of log messages, so that a file has several blocks
+    times = [START + k * 10**7 for k in range(-50, 250)]
+    logs = [Item('/rosout', at, log(at, 20, 'x', random.bytes(5000).hex())) for at in times]
+    bag = write(tmp_path / 'bag', [*pendulum_recording(), *logs], storage)
     (file,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
     copy = file.with_name(f'cut_{file.name}')
     copy.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
