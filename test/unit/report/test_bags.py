@@ -50,7 +50,6 @@ Read = Callable[[Iterable[Item]], Mission]
 
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
-    """Return what reads a mission from messages."""
     number = itertools.count()
     return lambda items: read_mission(write(tmp_path / f'bag{next(number)}', items))
 
@@ -148,22 +147,21 @@ def test_hostile_contents_are_data(read: Read) -> None:
         assert told(mission, sentence)
 
 
-def said(seconds: float, level: int, text: str, node: str = '/pendulum/planner', **values: Any):
+def said(seconds: float, level: int, text: str, node: str = '/pendulum/planner'):
     at = after(seconds)
-    return Item('/diagnostics', at, status(at, node, level, text, **values))
+    return Item('/diagnostics', at, status(at, node, level, text))
 
 
-def replanned(second: int) -> list[Item]:
-    """Return the recording with the same motion planned once more, from `second` [ns] on."""
+def replanned() -> list[Item]:
+    """Return the recording with the same motion planned once more, from 0.5 s on."""
     (again,) = (item for item in pendulum_recording() if item.topic.endswith('trajectory'))
-    again.message.header.stamp = to_stamp(second)
+    again.message.header.stamp = to_stamp(after(0.5))
     return [*pendulum_recording(), again._replace(stamp=after(0.1))]
 
 
 def test_replans_are_in_force_one_after_the_other(read: Read) -> None:
-    second = after(0.5)
-    about = summary(second, 'pendulum_swing_up', {}, plan_id=2)
-    mission = read([*replanned(second), Item('/pendulum/plan_summary', after(0.1), about)])
+    about = summary(after(0.5), 'pendulum_swing_up', {}, plan_id=2)
+    mission = read([*replanned(), Item('/pendulum/plan_summary', after(0.1), about)])
     plans = mission.vehicles[0].plans
     assert [(plan.start, plan.until) for plan in plans] == [(0.0, 0.5), (0.5, None)]
     assert [figures.time for figures in mission.figures] == [0.0, 0.5]
@@ -175,11 +173,9 @@ def test_replans_are_in_force_one_after_the_other(read: Read) -> None:
     [([1, 2, 4], 2), ([1, 2, 5], 2), ([1], 2), ([1, 5], 1), ([6], 1)],  # the last: rejected
 )
 def test_plans_that_the_tracker_never_began_do_not_count(read, statuses, plans):
-    second = after(0.5)
-    answers = [goal(second, code) for code in statuses]
-    topic = '/pendulum/tracker_status'
+    topic, answers = '/pendulum/tracker_status', [goal(after(0.5), code) for code in statuses]
     told_of = [Item(topic, START + k, answer) for k, answer in enumerate(answers)]
-    mission = read([*replanned(second), *told_of])
+    mission = read([*replanned(), *told_of])
     assert len(mission.vehicles[0].plans) == plans
     assert told(mission, 'rejected by the tracker') == (plans == 1)
 
@@ -330,7 +326,6 @@ def test_what_is_no_recording_of_ours_is_refused_in_one_sentence(tmp_path, make,
 
 
 def poisoned(message: Any, evil: str) -> Any:
-    """Return a copy of a message, or of a part of it, with an attack for every string."""
     if isinstance(message, str):
         return evil
     if isinstance(message, list):
@@ -382,7 +377,6 @@ def what_nodes_say() -> list[Item]:
 
 @pytest.mark.parametrize('robots', [True, False])
 def test_no_string_of_a_recording_becomes_markup(tmp_path, robots, capsys):
-    """Of robots, their planner and another one; or of planners in two evil namespaces."""
     items, other = (pendulum_recording(f'/{evil}') for evil in EVIL[:2])
     if robots:  # one of them is called an attack
         named = without(robot_recording(), '/plan_summary')
