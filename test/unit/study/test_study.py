@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A study: what it varies; a row depends on its point alone; table, pictures, page; gone on with."""
+"""A study: what it varies, rows that depend on their points alone; table, pictures, page."""
 
 from __future__ import annotations
 
