@@ -50,7 +50,6 @@ scalars = numbers | integers | st.booleans() | st.none() | st.text(max_size=8)
 
 
 def nested(keys: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
-    """Scalars, or lists and mappings of them."""
     return st.recursive(
         scalars,
         lambda v: st.lists(v, max_size=5) | st.dictionaries(keys, v, max_size=3),
@@ -310,7 +309,6 @@ def quiet_plans(draw: Any, plant: str) -> Any:
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
-    """Draw a measured state: joints, or odometry and joints."""
     joints = messages(message_type('sensor_msgs/JointState'))
     if plant == 'pendulum':
         return joints

@@ -144,7 +144,6 @@ def planned(problem: str, parameters: Any, deadline: float = DEADLINE) -> Soluti
 
 
 def _names_a_field(problem: str, parameters: Mapping[str, Any], sentence: str) -> None:
-    """Check that a refusal says which parameter, group of parameters or robot it is about."""
     flat: list[str] = []
     with suppress(InvalidProblem):
         flat = list(flatten(parameters))
@@ -162,7 +161,6 @@ def refused_by_name(case: tuple[str, str, Any]) -> None:
 
 
 def read_file(content: str | bytes) -> Any:
-    """Make a problem of what is in a parameter file of this content."""
     data = content if isinstance(content, bytes) else content.encode('utf-8', 'surrogatepass')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'parameters.yaml')
@@ -177,7 +175,6 @@ def read_setting(text: str) -> Any:
 
 
 def becomes(act: Callable[[Any], Any], kind: type) -> Callable[[Any], bool]:
-    """Check that a case becomes of a kind, or is refused."""
 
     def check(case: Any) -> bool:
         found = outcome(lambda: act(case), case)

@@ -103,7 +103,6 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def described(name: str) -> LaunchDescription:
-    """Return what a launch file describes."""
     file = SOURCE / 'launch' / f'{name}.launch.py'
     made = runpy.run_path(str(file))['generate_launch_description']()
     assert isinstance(made, LaunchDescription)

@@ -104,7 +104,6 @@ def formation() -> Planned:
 
 
 def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
-    """Where lines of a colour lie."""
     lines = [line for line in axis.get_lines() if line.get_color() == colour]
     return [getattr(line, f'get_{way}data')()[0] for line in lines]
 

@@ -132,7 +132,6 @@ def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sour
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
-    """What must not be interrupted is done whole."""
     before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
         pass  # without a signal nothing happens

@@ -15,6 +15,7 @@ import re
 import sqlite3
 import sys
 from typing import Any
+from unittest.mock import Mock
 
 from bag_contents import fill, metadata, numbers, read_with_mcap, read_with_rosbags
 from mcap.exceptions import EndOfFile
@@ -25,7 +26,6 @@ import pytest
 if find_spec('rclpy') is None:
     pytest.skip('messages are made by rclpy', allow_module_level=True)
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -42,8 +42,6 @@ from tdm_sim.wire_types import definition_and_hash, installed_types, message_cla
 
 
 class Endpoint:
-    """What a publisher says of itself to the writer."""
-
     qos_profile = QoSProfile(depth=1)
     topic_type_hash = None
 
@@ -85,9 +83,7 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
 
 
 def test_a_disk_too_full_to_begin_is_said_to_be(tmp_path, monkeypatch):
-    def full(*_: Any) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr(bag_writer.os, 'posix_fallocate', full)
     with BagWriter(tmp_path / 'bag') as writer:
         assert 'No space left on device' in writer.failure
@@ -156,7 +152,6 @@ DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
 
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
-    """With the recording itself left out."""
     failures: list[Exception] = []
 
     def pretend(*_: Any, on_start: Any, on_progress: Any, **__: Any) -> Progress:
@@ -196,6 +191,8 @@ OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/d
     ],
 )
 def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(node, figures, connected):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
     connections = Connections()
     ask = connections.tracker if node == TRACKER else connections.plant
     assert not ask(node)
@@ -243,10 +240,7 @@ def test_piped_there_are_plain_lines_and_when_quiet_none(capsys, quiet, lines):
 
 
 class Terminal(io.StringIO):
-    """What is written to a terminal."""
-
-    def isatty(self) -> bool:
-        return True
+    isatty = Mock(return_value=True)
 
 
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -296,29 +290,23 @@ def test_topics_are_recorded_by_name_or_all() -> None:
         assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
 
 
-@pytest.fixture
-def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return where ROS 2 looks for packages."""
-    (tmp_path / 'share/ament_index/resource_index/packages').mkdir(parents=True)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
-    return tmp_path
-
-
-def test_ros2_bag_records_where_it_is_installed(prefix: Path) -> None:
-    (prefix / 'share/ament_index/resource_index/packages/ros2bag').touch()
-    command = record_command('hall/a', 'my_bag')
-    assert command[:3] == ['ros2', 'bag', 'record']
-    assert command[3:] == ['--output', 'my_bag', '--regex', topics_pattern('hall/a')]
-    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
-
-
-def test_the_installed_tdm_records_elsewhere(prefix: Path) -> None:
+def test_ros2_bag_records_where_it_is_installed_and_the_installed_tdm_elsewhere(
+    tmp_path, monkeypatch
+):
     """Of a workspace that colcon built; its Python need not be this one."""
-    (prefix / 'share/ament_index/resource_index/packages/tdm_planner').touch()
-    (prefix / 'lib/tdm_planner').mkdir(parents=True)
-    (prefix / 'lib/tdm_planner/tdm').touch(0o755)
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    (index / 'ros2bag').touch()
+    command = record_command('hall/a', 'my_bag')
+    pattern = topics_pattern('hall/a')
+    assert command == ['ros2', 'bag', 'record', '--output', 'my_bag', '--regex', pattern]
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
+    (index / 'ros2bag').rename(index / 'tdm_planner')
+    (tmp_path / 'lib/tdm_planner').mkdir(parents=True)
+    (tmp_path / 'lib/tdm_planner/tdm').touch(0o755)
     program, *words = record_command('hall/a', 'my_bag')
-    assert program == str(prefix / 'lib/tdm_planner/tdm')
+    assert program == str(tmp_path / 'lib/tdm_planner/tdm')
     options = _parser().parse_args(words)
     assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]

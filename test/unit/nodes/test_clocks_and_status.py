@@ -29,8 +29,6 @@ SECOND = 10**9
 
 
 class Clock:
-    """A clock that is set by hand [s]."""
-
     now = 100.0
 
     def __call__(self) -> float:
@@ -180,7 +178,6 @@ class Bench:
         return made
 
     def tick(self, phase: Phase, *starts: int, unquiet: bool = False) -> dict[int, str]:
-        """Return what is told last once the tracker has come into a phase."""
         self.status.update(self.tracker(phase, *starts, unquiet=unquiet))
         return self.told[-1]
 
@@ -268,7 +265,6 @@ class Parts:
         return (nanoseconds_of(stamp) or self.now) * 1e-9
 
     def take(self, stamp: int, message: Any) -> bool:
-        """Whether a state is known of what comes."""
         message.header.stamp = to_stamp(stamp)
         before = len(self.states)
         self.callbacks[isinstance(message, JointState)](message)

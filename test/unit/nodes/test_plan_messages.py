@@ -171,7 +171,6 @@ def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw)
 
 
 def read_state(kind: PlantKind, joints: JointState, moved: Odometry | None = None) -> np.ndarray:
-    """Return the state that messages hold, as MeasuredState puts it together."""
     found = reading.read_joints(kind.measured, joints, kind.state_names)
     if moved is not None:
         found |= reading.read_odometry(kind, moved)

@@ -56,7 +56,6 @@ class Queue(PlanQueue):
         return compute, self.done.append
 
     def finish(self) -> None:
-        """Let the computation under way end, and the executor take its outcome."""
         self.go.set()
         assert self.delivered.wait(20.0)
         self.go.clear()
@@ -229,7 +228,6 @@ def plan():
 
 
 def predict(plan, state, measured, start):
-    """Return the state of a robot that follows a plan, measured in a state at an instant."""
     robot: Any = SimpleNamespace(
         _plant=PlannedRobots(RobotFormation, {}),
         _angles=np.isin(np.arange(7), (4, 6)),

@@ -95,7 +95,6 @@ class Problem:
 
 
 def solved_by(search: Any) -> Any:
-    """Return a problem with a solver of its own: `search(problem, deadline)`."""
     return type('Own', (Problem,), {'search': search})
 
 
@@ -116,7 +115,6 @@ def distant(self: Any, deadline: float) -> Any:
 
 @solved_by
 def slow(self: Any, deadline: float) -> Any:
-    """Take longer than the start is ahead."""
     self.clock.sleep(2.0)
 
 

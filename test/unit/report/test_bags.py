@@ -13,18 +13,18 @@ import shutil
 import sqlite3
 from typing import Any
 
-from missions import EVIL, formation_mission, Parts
-import numpy as np
-import pytest
-from recordings import (
+from missions import (
     after,
     check_pendulum,
     check_vehicles,
+    EVIL,
+    formation_mission,
     goal,
     Item,
     joint_state,
     log,
     odometry,
+    Parts,
     pendulum_recording,
     robot_recording,
     SECOND,
@@ -35,6 +35,8 @@ from recordings import (
     without,
     write,
 )
+import numpy as np
+import pytest
 from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
@@ -239,9 +241,8 @@ def test_a_recording_cut_short_is_read_as_far_as_it_goes(tmp_path, storage, shar
     copy.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     mission = read_mission(copy)
     assert told(mission, 'cut short') or told(mission, 'damaged')
-    (vehicle,) = mission.vehicles
-    assert vehicle.plans
-    times = vehicle.states.times
+    assert mission.vehicles[0].plans
+    times = mission.vehicles[0].states.times
     assert times[0] == pytest.approx(-1.0)
     assert 0.4 * share < times.size / 500 < 1.0
 
@@ -265,7 +266,6 @@ def test_damage_anywhere_is_read_around_or_refused(tmp_path: Path, storage: str)
 
 
 def test_what_sqlite_had_not_yet_moved_into_its_file_is_read(tmp_path: Path) -> None:
-    """A recorder that is killed leaves a write-ahead log beside the database."""
     bag = write(tmp_path / 'bag', pendulum_recording(), 'sqlite3')
     live, killed = bag / 'bag.db3', tmp_path / 'killed.db3'
     database = sqlite3.connect(live)
@@ -278,7 +278,7 @@ def test_what_sqlite_had_not_yet_moved_into_its_file_is_read(tmp_path: Path) -> 
     database.executemany(f'INSERT INTO messages VALUES ({places})', rows)
     database.commit()
     for ending in ('', '-wal'):
-        shutil.copyfile(f'{live}{ending}', f'{killed}{ending}')
+        shutil.copyfile(f'{live}{ending}', f'{killed}{ending}')  # as a killed recorder leaves it
     database.close()
     check_pendulum(read_mission(killed))
 
@@ -337,7 +337,6 @@ def poisoned(message: Any, evil: str) -> Any:
 
 
 def with_strangers(items: list[Item]) -> list[Item]:
-    """Add what others send on each topic, and on those of evil names."""
     found = list(items)
     for topic, last in {item.topic: item for item in without(items, 'plan_summary')}.items():
         for number, evil in enumerate(EVIL):
@@ -348,7 +347,6 @@ def with_strangers(items: list[Item]) -> list[Item]:
 
 
 def what_nodes_say() -> list[Item]:
-    """Diagnostics, log messages and the summary of a plan, with attacks for all strings."""
     found = []
     for number, evil in enumerate(EVIL):
         when = START + number * SECOND // 10
@@ -382,9 +380,9 @@ def test_no_string_of_a_recording_becomes_markup(tmp_path, robots, capsys):
         named = without(robot_recording(), '/plan_summary')
         items = [item._replace(topic=item.topic.replace('robot1', EVIL[1])) for item in named]
         items += what_nodes_say()
-    write(tmp_path / 'bag', with_strangers([*items, *without(other, '/trajectory')]))
-    file = tmp_path / 'report.html'
-    assert main(['report', str(tmp_path / 'bag'), '-o', str(file), '--quiet']) == 0
+    items += without(other, '/trajectory')
+    bag, file = write(tmp_path / 'bag', with_strangers(items)), tmp_path / 'report.html'
+    assert main(['report', str(bag), '-o', str(file), '--quiet']) == 0
     assert 'Traceback' not in capsys.readouterr().err
     page = Parts(file.read_text())
     for tag, attributes in page.elements:

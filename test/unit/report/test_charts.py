@@ -26,12 +26,12 @@ from missions import (
     pendulum_states,
     robot_states,
     robots_mission,
+    SECOND,
     unpacked,
 )
 import numpy as np
 import plotly.graph_objects as go
 import pytest
-from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.animation import measured_frames, planned_frames, scene
@@ -51,7 +51,6 @@ def pendulum() -> Vehicle:
 
 
 def replanned(second: float) -> Vehicle:
-    """Return a pendulum whose plan starts once more."""
     plan = pendulum_plan()
     plans = (FollowedPlan(plan, 0.0, until=second), FollowedPlan(plan, second))
     return replace(pendulum(), plans=plans)

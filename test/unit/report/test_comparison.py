@@ -63,7 +63,6 @@ def formation(after: float = 7.0, **changes: Any) -> Mission:
 
 
 def recorded_until(mission: Mission, end: float) -> Mission:
-    """Return the mission with states up to an instant [s]."""
     vehicles = [replace(v, states=v.states.between(-1.0, end)) for v in mission.vehicles]
     return replace(mission, vehicles=tuple(vehicles))
 
@@ -183,8 +182,8 @@ def coasting(thrust: float) -> Comparison:
     mission = formation()
     first, *others = mission.vehicles
     values = np.zeros_like(first.controls.values)
-    k = int(np.searchsorted(first.controls.times, 0.8))
-    values[k : k + 10, first.controls.names.index('thrust')] = thrust
+    times = first.controls.times
+    values[(times >= 0.8) & (times < 0.9), first.controls.names.index('thrust')] = thrust
     controls = replace(first.controls, values=values)
     return compare(replace(mission, vehicles=(replace(first, applied=controls), *others)))
 

@@ -12,10 +12,9 @@ from typing import Any, ClassVar
 import webbrowser
 
 from double_integrator import DoubleIntegrator
-from missions import pendulum_plan
+from missions import pendulum_plan, recorded, write
 import numpy as np
 import pytest
-from recordings import recorded, write
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
@@ -147,7 +146,6 @@ def test_strange_figures_are_left_out(tmp_path: Path) -> None:
 
 @pytest.fixture
 def plan(plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Return the file of a plan of robots, from an empty folder to work in."""
     monkeypatch.chdir(tmp_path)
     return str(plans['robots'][0])
 
@@ -240,7 +238,6 @@ def cubic(end: float) -> Trajectory:
 
 
 def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float) -> Mission:
-    """Return a mission that follows the plan, off by so much in the states and the control."""
     motion = cubic(end)
     at = np.arange(0.0, until, 0.01)
     states, controls = motion.sample(np.minimum(at, LENGTH))

@@ -76,7 +76,6 @@ def test_a_row_without_a_plan_says_why(point, code, reason, monkeypatch):
 
 
 def flown(kind: Any, parameters: Any = (), point: Any = (), **how: Any) -> dict[str, Any]:
-    """Return the row of a plan that every flight held."""
     row = Trial(kind, dict(parameters), ClosedLoop(**how))(dict(point))
     seeds = how.get('seeds', 1)
     assert (row['code'], row['lost']) == ('', '')
