@@ -107,6 +107,16 @@ def test_what_holds_for_all_nodes(name: str):
             enclave = f'/{node.namespace}/{node.executable}'
             assert node.ros_arguments[-2:] == ['--enclave', enclave]
             assert enclave in known
+    # neither window nor recording unless asked for
+    started = described(name).started()
+    assert not [item for item in started if isinstance(item, ExecuteProcess)]
+    assert 'rviz2' not in {item.executable for item in started}
+    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
+    (index / 'ros2bag').touch()
+    for clock in ('true', 'false'):
+        recorded = described(name).started(record='true', use_sim_time=clock)
+        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
+        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
 
 
 @pytest.mark.parametrize('pushed', [None, 'site', '/site'])
@@ -133,19 +143,6 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
 
 
 @BOTH
-def test_neither_window_nor_recording_unless_asked_for(name: str):
-    started = described(name).started()
-    assert not [item for item in started if isinstance(item, ExecuteProcess)]
-    assert 'rviz2' not in {item.executable for item in started}
-    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
-    (index / 'ros2bag').touch()
-    for clock in ('true', 'false'):
-        recorded = described(name).started(record='true', use_sim_time=clock)
-        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
-        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
-
-
-@BOTH
 def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: Path):
     def refused(words: str, **arguments: str) -> None:
         with pytest.raises(InvalidProblem, match=words):
@@ -167,7 +164,8 @@ def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
         try:
             item.on_exit(SimpleNamespace(returncode=code), LaunchContext({}, shutdown))
         except RuntimeError as error:
-            return f'ended with code {code}: the launch ends' in str(error)
+            assert f'ended with code {code}: the launch ends' in str(error)
+            return True
         return False
 
     for plant in ('true', 'false'):

@@ -135,6 +135,7 @@ def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: sig
     before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
         pass  # without a signal nothing happens
+    assert signal.getsignal(number) is before
 
     def work(whole: bool):
         with interruptible():

@@ -131,13 +131,6 @@ def test_folders_and_storages_that_cannot_be_are_refused(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ['precious']
 
 
-def test_a_message_type_that_is_not_installed_is_told() -> None:
-    assert message_class('std_msgs/msg/String') is String
-    for name in ('nowhere_msgs/msg/Thing', 'std_msgs/msg/Thing'):
-        with pytest.raises(InvalidProblem, match=f"its message type '{name}' is not installed"):
-            message_class(name)
-
-
 @pytest.mark.parametrize('name', ['sensor_msgs/msg/JointState', 'nav_msgs/msg/Odometry'])
 def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> None:
     """Types unknown to `rosbags` are read from their package: known ones must come out alike."""
@@ -145,6 +138,9 @@ def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> Non
     assert installed_types(name).hash_rihs01(name) == type_hash
     for member in ('std_msgs/Header', 'builtin_interfaces/Time'):
         assert f'MSG: {member}' in standard
+    for absent in ('nowhere_msgs/msg/Thing', 'std_msgs/msg/Thing'):
+        with pytest.raises(InvalidProblem, match=f"its message type '{absent}' is not installed"):
+            message_class(absent)
 
 
 DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
@@ -228,15 +224,13 @@ def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() 
     assert settings('tracker', 0.5)['rate'] == 200.0
 
 
-@pytest.mark.parametrize(
-    ('quiet', 'lines'), [(False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')]
-)
-def test_piped_there_are_plain_lines_and_when_quiet_none(capsys, quiet, lines):
-    with make_progress(quiet) as progress:
-        progress.phase('first')
-        progress.update('live only')
-        progress.line('[b]')
-    assert re.fullmatch(lines, capsys.readouterr().out)
+def test_piped_there_are_plain_lines_and_when_quiet_none(capsys):
+    for quiet, lines in ((False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')):
+        with make_progress(quiet) as progress:
+            progress.phase('first')
+            progress.update('live only')
+            progress.line('[b]')
+        assert re.fullmatch(lines, capsys.readouterr().out)
 
 
 class Terminal(io.StringIO):
@@ -280,9 +274,7 @@ def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorde
         assert choice.wants(topic) == (topic in SHARED | wanted), topic
         assert bool(pattern.search(topic)) == choice.wants(topic), topic
     assert not choice.wants('/robots/_hidden/odom')
-
-
-def test_topics_are_recorded_by_name_or_all() -> None:
+    # by name, or all
     choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
     both = TopicChoice(frozenset({'/chosen'}), 'robots')
     asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')

@@ -114,9 +114,7 @@ def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
     assert np.array_equal([point.accelerations for point in made.points], expected)
     assert list(made.points[-1].velocities) == [0.0, 0.0]
     assert [p.effort[1] for p in made.points[9:11]] == [0.02, 0.01]
-
-
-def test_a_joint_without_a_velocity_has_that_of_its_position() -> None:
+    # a joint without a velocity has that of its position
     plan = switched(CRANE).with_rates(lambda x, u: 2.0 * x)
     made = messages.plan_message(CRANE, plan, STAMP)
     assert list(made.joint_names) == ['trolley', 'winch', 'sway', 'force']
@@ -190,18 +188,15 @@ def test_states_and_commands_come_back(kind: PlantKind) -> None:
     assert np.array_equal(reading.read_command(kind, command), control)
 
 
-@pytest.mark.parametrize(
-    ('names', 'effort', 'words'),
-    [
+def test_malformed_commands_say_why() -> None:
+    for names, effort, words in (
         ([], [], r'joint\(s\) disk must be named once, but the names are: none'),
         (['disk', 'disk'], [0.0, 1.0], r'joint\(s\) disk must be named once'),
         (['disk'], [0.0, 1.0], "'effort' has 2 values for 1 named joint"),
         (['disk'], [math.nan], 'effort of joint disk is nan'),
-    ],
-)
-def test_malformed_commands_say_why(names: list[str], effort: list[float], words: str) -> None:
-    with pytest.raises(InvalidProblem, match=words):
-        reading.read_command(PENDULUM, JointState(name=names, effort=effort))
+    ):
+        with pytest.raises(InvalidProblem, match=words):
+            reading.read_command(PENDULUM, JointState(name=names, effort=effort))
 
 
 def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():

@@ -238,7 +238,7 @@ def predict(plan, state, measured, start):
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
-def test_a_robot_that_follows_its_plan_is_met_on_it(plan, at):
+def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at):
     """Under full thrust drifting alone would miss by ten centimetres."""
     times = np.array([at, at + 1.0])
     before, after = replay(FloatingRobot(), plan.trajectory, times)
@@ -249,9 +249,7 @@ def test_a_robot_that_follows_its_plan_is_met_on_it(plan, at):
     state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
     away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
     np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)
-
-
-def test_a_robot_that_does_not_follow_drifts(plan):
+    # one that does not follow drifts
     state = np.array([1.0, 1.0, 0.1, 0.0, 0.0, 0.2, 0.5])
     for force in (plan, None):
         predicted = predict(force, state, START + 9.0, START + 10.0)

@@ -64,6 +64,8 @@ def test_a_plan_of_the_pendulum(plans: Plans) -> None:
     torque, check = figures.margins['torque'], solution.verification
     assert (torque.worst, torque.unit) == (check.worst['torque'], 'N m')
     assert torque.instant == check.worst_times['torque']
+    (missing,) = mission.missing
+    assert 'nothing is measured' in missing
     assert not mission.was_executed
     drawn = compare(mission).margins['pendulum']
     assert drawn.measured is None

@@ -183,25 +183,20 @@ def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) 
     assert bool(tracker.warning) == bool(least)
 
 
-@pytest.mark.parametrize(
-    ('given', 'values', 'spacing'),
-    [
+def test_ranges_lists_and_random_values() -> None:
+    for given, values, spacing in (
         ('0.1:0.3:3', [0.1, 0.2, 0.3], 'linear'),
         ('1e-2:1:log 3', [0.01, 0.1, 1.0], 'log'),
         ('-3.14:3.14:2', [-3.14, 3.14], 'linear'),
         ('.5', [0.5], 'list'),
-        ('switching,smooth', ['switching', 'smooth'], 'list'),
-        ('[1, 2],[3, 4]', [[1, 2], [3, 4]], 'list'),
-    ],
-)
-def test_ranges_and_lists(given: str, values: list[Any], spacing: str) -> None:
-    axis = parse_axis(f'a.b={given}')
-    assert (axis.name, axis.spacing) == ('a.b', spacing)
-    numbers = isinstance(values[0], float)
-    assert list(axis.values) == (pytest.approx(values) if numbers else values)
-
-
-def test_random_values_are_those_of_the_name() -> None:
+    ):
+        axis = parse_axis(f'a.b={given}')
+        assert (axis.name, axis.spacing) == ('a.b', spacing)
+        assert list(axis.values) == pytest.approx(values)
+    lists = {'switching,smooth': ('switching', 'smooth'), '[1, 2],[3, 4]': ([1, 2], [3, 4])}
+    for given, items in lists.items():
+        assert parse_axis(f'a.b={given}') == Axis('a.b', items, 'list')
+    # the name makes the random ones
     one, other = parse_axis('a=0:1:random 50'), parse_axis('b=0:1:random50')
     assert one == parse_axis('a=0:1:random 50')
     assert one.values != other.values
@@ -290,9 +285,7 @@ def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
     assert Table(path).rows == {2, 4}
     assert Table(path).save()['reason'].to_pylist() == ['', '']  # still texts
     assert collected(path, [0, 1, 2, 3, 4, 5]).equals(collected(None, [0, 1, 2, 3, 4, 5]))
-
-
-def test_a_table_that_is_none_is_named(path: Path) -> None:
+    # what is no table is named
     path.write_bytes(b'\xff\x00')
     with pytest.raises(UnusableFile, match=path.name):
         Table(path).save()
