@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import csv
 from dataclasses import replace
 from pathlib import Path
@@ -20,65 +19,7 @@ from tdm_planner.plan_files import check_path, load_plan, save_plan
 from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Constraint, Verification
-
-NUMBERS = ((0.1, 2.0), (1 / 3, -1e-17), (3.0, 4.0))
-
-
-def trajectory(values: object = NUMBERS) -> Trajectory:
-    times, torque = np.array([0.0, 0.1, 0.30000000000000004]), np.array([[1.0], [-1.0], [0.0]])
-    return Trajectory(times, np.array(values), torque, ('theta', 'psi'), ('torque',))
-
-
-def solution(trajectories: Mapping[str, Trajectory]) -> Solution:
-    check = Verification(True, np.zeros(2), {'torque': 0.1}, {'torque': 0.2})
-    checks = dict.fromkeys(trajectories, check) if len(trajectories) > 1 else {}
-    return Solution(trajectories, check, 1.5, np.zeros(2), 0.0, {}, checks, 'example', 7, 0.01)
-
-
-def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:
-    original = trajectory()
-    for ending in ('json', 'csv', 'npz'):
-        save_plan(solution({'pendulum': original}).to_dict(), tmp_path / f'plan.{ending}')
-    plan = load_plan(tmp_path / 'plan.json')
-    again = Trajectory.from_dict(plan)
-    for name in ('times', 'states', 'controls'):
-        np.testing.assert_array_equal(getattr(again, name), getattr(original, name))
-    assert plan['interpolation'] == 'zero_order_hold'
-    assert plan['verification']['worst'] == {'torque': 0.1}
-    assert set(plan) >= {'problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations'}
-    head, *rows = csv.reader((tmp_path / 'plan.csv').open())
-    assert head == ['time', 'theta', 'psi', 'torque']
-    np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:3], original.states)
-    with np.load(tmp_path / 'plan.npz') as arrays:
-        np.testing.assert_array_equal(arrays['times'], original.times)
-        np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
-
-
-def test_several_vehicles(tmp_path: Path) -> None:
-    both = solution({'a': trajectory(), 'b': trajectory()})
-    plan = both.to_dict()
-    assert set(plan['robots']) == {'a', 'b'}
-    save_plan(plan, tmp_path / 'plan.csv')
-    rows = list(csv.reader((tmp_path / 'plan.csv').open()))
-    assert [row[0] for row in rows] == ['robot', *'aaabbb']
-    save_plan(plan, tmp_path / 'plan.json')
-    assert set(load_plan(tmp_path / 'plan.json')['robots']) == {'a', 'b'}
-    assert both.trajectory.state_names == ('a.theta', 'a.psi', 'b.theta', 'b.psi')
-
-
-def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None:
-    for name in ('plan.txt', 'plan', 'missing/plan.json', ''):
-        with pytest.raises(InvalidProblem):
-            check_path(tmp_path / name)
-    path = tmp_path / 'plan.json'
-    with pytest.raises(InvalidProblem, match='cannot be read'):
-        load_plan(path)
-    for text in ('', '{', '[]', '{"problem": "x"}', '{"problem":"x","times":[1]}'):
-        path.write_text(text)
-        with pytest.raises(InvalidProblem):
-            load_plan(path)
-
+from tdm_planner.verification import Constraint
 
 Planned = tuple[Any, Solution]
 CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
@@ -101,6 +42,52 @@ def swing_up() -> Planned:
 @pytest.fixture(scope='module')
 def formation() -> Planned:
     return RobotFormation(), RobotFormation().solve(deadline=5.0)
+
+
+def test_json_csv_and_npz_keep_every_bit(swing_up: Planned, tmp_path: Path) -> None:
+    solution = swing_up[1]
+    original = solution.trajectory
+    for ending in ('json', 'csv', 'npz'):
+        save_plan(solution.to_dict(), tmp_path / f'plan.{ending}')
+    plan = load_plan(tmp_path / 'plan.json')
+    again = Trajectory.from_dict(plan)
+    for name in ('times', 'states', 'controls'):
+        np.testing.assert_array_equal(getattr(again, name), getattr(original, name))
+    assert plan['interpolation'] == 'zero_order_hold'
+    assert plan['verification']['worst'] == solution.verification.worst
+    assert set(plan) >= {'problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations'}
+    head, *rows = csv.reader((tmp_path / 'plan.csv').open())
+    assert head == ['time', *original.state_names, 'torque']
+    np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:5], original.states)
+    with np.load(tmp_path / 'plan.npz') as arrays:
+        np.testing.assert_array_equal(arrays['times'], original.times)
+        np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
+
+
+def test_several_vehicles(formation: Planned, tmp_path: Path) -> None:
+    solution = formation[1]
+    plan, robots = solution.to_dict(), solution.trajectories
+    assert set(plan['robots']) == set(robots)
+    save_plan(plan, tmp_path / 'plan.csv')
+    rows = list(csv.reader((tmp_path / 'plan.csv').open()))
+    places = [name for name, planned in robots.items() for _ in planned.times]
+    assert [row[0] for row in rows] == ['robot', *places]
+    save_plan(plan, tmp_path / 'plan.json')
+    assert load_plan(tmp_path / 'plan.json')['robots'] == plan['robots']
+    assert solution.trajectory.state_names[:2] == ('robot1.x', 'robot1.y')
+
+
+def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None:
+    for name in ('plan.txt', 'plan', 'missing/plan.json', ''):
+        with pytest.raises(InvalidProblem):
+            check_path(tmp_path / name)
+    path = tmp_path / 'plan.json'
+    with pytest.raises(InvalidProblem, match='cannot be read'):
+        load_plan(path)
+    for text in ('', '{', '[]', '{"problem": "x"}', '{"problem":"x","times":[1]}'):
+        path.write_text(text)
+        with pytest.raises(InvalidProblem):
+            load_plan(path)
 
 
 def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
