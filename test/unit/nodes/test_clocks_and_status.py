@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
 from hypothesis import assume, given
@@ -249,26 +250,18 @@ class Parts:
     now, runs = 1_700_000_000_000, True
 
     def __init__(self) -> None:
-        self.ignored, self.states = [''], []
-        self.callbacks: list[Any] = []
-        node: Any = self
-        MeasuredState(node, node, ROBOT, '', self.observe, self.ignored.append, lambda: 0.1)
-
-    def observe(self, state: Any, _: float) -> None:
-        self.states.append(state[-1])
-
-    def create_subscription(self, _: Any, topic: str, callback: Any, *more: Any) -> Any:
-        self.callbacks.append(callback)
-        return SimpleNamespace(topic_name=topic)
+        self.observe, self.ignore, node = Mock(), Mock(), Mock()
+        MeasuredState(node, self, ROBOT, '', self.observe, self.ignore, lambda: 0.1)
+        self.callbacks = [call.args[2] for call in node.create_subscription.call_args_list]
 
     def instant_of(self, stamp: Any) -> float:
         return (nanoseconds_of(stamp) or self.now) * 1e-9
 
     def take(self, stamp: int, message: Any) -> bool:
         message.header.stamp = to_stamp(stamp)
-        before = len(self.states)
+        self.observe.reset_mock()
         self.callbacks[isinstance(message, JointState)](message)
-        return self.states[before:] == [0.3]
+        return [call.args[0][-1] for call in self.observe.call_args_list] == [0.3]
 
     def joints(self, stamp: int) -> None:
         message = JointState(name=['thruster', 'reaction_wheel'], position=[0.3, 0.0])
@@ -283,13 +276,13 @@ class Parts:
 def test_stamps_may_differ_by_the_timeout():
     parts, begin = Parts(), Parts.now
     assert not parts.state(begin)  # without joints there is none
-    assert parts.ignored == ['']
+    parts.ignore.assert_not_called()
     parts.joints(begin)
     parts.now += 3600 * SECOND  # by what clock it came is no matter
     for sign in (-1, 1):
         assert parts.state(begin + sign * 99_000_000)
         assert not parts.state(begin + sign * 101_000_000)
-        assert '0.101 s apart, more than state_timeout = 0.1 s' in parts.ignored[-1]
+        assert '0.101 s apart, more than state_timeout = 0.1 s' in parts.ignore.call_args.args[0]
 
 
 @pytest.mark.parametrize('stamps', [(0, 0), (Parts.now, 0), (0, Parts.now + 90_000_000)])

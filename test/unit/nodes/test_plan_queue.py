@@ -10,6 +10,7 @@ from functools import partial
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -27,8 +28,6 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Outlook, Review
 from tdm_planner.trajectory import TimedTrajectory
 from tdm_planner.verification import replay
-
-SILENT = SimpleNamespace(info=lambda *_, **__: None, warning=lambda *_, **__: None)
 
 
 class Queue(PlanQueue):
@@ -116,38 +115,22 @@ def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome(queue: Q
     assert isinstance(queue.done[2], ValueError)
 
 
-class Reviewed:
-    """Node, clock, queue and adapter of a planner's review under way."""
-
-    instant, active, measures, inactive = 0.0, True, True, ()
-
-    def __init__(self) -> None:
-        self.published: list[ActivePlan] = []
-        self.seen: list[Any] = []
-        self.parameter_values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
-        self.get_logger = self.drop_review = lambda: SILENT
-
-    def now(self) -> float:
-        return self.instant
-
-    def observations(self, values: Any, *_: Any) -> None:
-        self.seen.append(values)
-
-    def review(self, compute: Any, done: Callable[[Any], None]) -> None:
-        self.done = done
-
-
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped() -> None:
-    review: Any = Reviewed()
-    replanning = Replanning(review, review, review, review, review.published.append)
+    values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
+    # node, clock, queue and adapter of the planner
+    it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
+    it.now.return_value = 0.0
+    replanning = Replanning(it, it, it, it, it.publish)
     plan: Any = partial(ActivePlan, 'problem', 'solution')
     replanning.follow(plan(0.0, own={'wide': 2.0}))
     replanning._on_timer()
-    assert review.seen == [{**review.parameter_values, 'wide': 2.0}]
+    ((asked, *_), _) = it.observations.call_args
+    assert asked == {**values, 'wide': 2.0}
+    ((_, done), _) = it.review.call_args
     for _ in range(2):
-        review.done(Review(plan(0.5), 'the problem has changed', Outlook(), True))
-        assert [plan.start for plan in review.published] == [0.5]
-        review.instant += 0.6
+        done(Review(plan(0.5), 'the problem has changed', Outlook(), True))
+        assert [call.args[0].start for call in it.publish.call_args_list] == [0.5]
+        it.now.return_value += 0.6
     assert replanning._last == 'a new plan came 0.100 s late'
 
 
@@ -159,12 +142,10 @@ class Restarted:
         self.taken: list[tuple[list[str], int]] = []
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(other_planners, 'read_plan', lambda _, message: message.plan)
-        self.takes: dict[str, Callable[[Any], None]] = {}
-        node: Any = SimpleNamespace(
-            create_subscription=lambda _, topic, take, *__: self.takes.update({topic: take})
-        )
+        node = Mock()
         vehicles: Any = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
         self.recovery = other_planners.Recovery(node, vehicles)
+        self.takes = {c.args[1]: c.args[2] for c in node.create_subscription.call_args_list}
         assert list(self.takes) == ['a/active_trajectory', 'b/active_trajectory']
 
     def told(self, plan: str, *starts: int) -> None:

@@ -10,6 +10,7 @@ import json
 import math
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -45,26 +46,18 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-class Adapter:
-    """Measures how far ahead it is asked to look; a plan begins at `begins`, a state comes [s]."""
+def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> Any:
+    """Return one that is asked how far ahead; a plan begins at `begins`, a state comes [s]."""
+    made, begin = Mock(measures=True, asked=[]), BEGIN + begins
 
-    measures = True
-
-    def __init__(self, begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> None:
-        self.comes, self.begins = comes, BEGIN + begins
-        self.asked: list[float] = []
-        self.plans, self.rests = self, lambda _: rests
-
-    def next_start(self, now: float) -> float | None:
-        return self.begins if self.begins > now else None
-
-    def missing(self) -> list[str]:
-        there = Problem.clock.passed >= self.comes
-        return [] if there else ['no state was received on /there']
-
-    def measured_start(self, values: Any, now: float, start: float) -> dict[str, Any]:
-        self.asked.append(now - BEGIN)
+    def measured_start(values: Any, now: float, start: float) -> dict[str, Any]:
+        made.asked.append(now - BEGIN)
         return {'start.x': start - now}
+
+    made.measured_start, made.rests.return_value = measured_start, rests
+    made.plans.next_start = lambda now: begin if begin > now else None
+    made.missing = lambda: [] if Problem.clock.passed >= comes else ['no state was received here']
+    return made
 
 
 def solution(ok: bool = True, **changes: Any) -> Any:
@@ -132,15 +125,15 @@ def late(error: type[Exception], never: bool = False) -> Any:
     return solved_by(search)
 
 
-def plan(kind: Any = Problem, adapter: Any = None, source: str = 'measured', **start: Any) -> Any:
+def plan(kind: Any = Problem, there: Any = None, source: str = 'measured', **start: Any) -> Any:
     asked = {'source': source, 'delay': 0.4, 'max_age': 0.5} | start
     values = {f'start.{name}': value for name, value in asked.items()} | {'solver.deadline': 0.3}
-    return make_plan(kind, values, adapter or Adapter(), Problem.clock)
+    return make_plan(kind, values, there or adapter(), Problem.clock)
 
 
-def failure(kind: Any, adapter: Any = None, **start: Any) -> Failure:
+def failure(kind: Any, there: Any = None, **start: Any) -> Failure:
     with pytest.raises(Exception) as raised:  # noqa: PT011
-        plan(kind, adapter, **start)
+        plan(kind, there, **start)
     return Failure.of(raised.value)
 
 
@@ -153,20 +146,20 @@ def test_what_its_own_check_objects_to_is_no_plan(source):
 
 @pytest.mark.parametrize(('max_age', 'waited'), [(0.5, 0.5), (60.0, 10.0)])
 def test_the_first_state_is_waited_for_and_named_if_it_does_not_come(clock, max_age, waited):
-    adapter = Adapter(comes=0.2)
-    assert plan(Problem, adapter).start == pytest.approx(BEGIN + 0.6)
-    assert adapter.asked == [pytest.approx(0.2)]
+    there = adapter(comes=0.2)
+    assert plan(Problem, there).start == pytest.approx(BEGIN + 0.6)
+    assert there.asked == [pytest.approx(0.2)]
     clock.passed = 0.0
-    reason = rf'no state was received on /there within {waited:g} s \(start.max_age\)'
+    reason = rf'no state was received here within {waited:g} s \(start.max_age\)'
     with pytest.raises(NoState, match=reason):
-        plan(Problem, Adapter(comes=1e6), max_age=max_age)
+        plan(Problem, adapter(comes=1e6), max_age=max_age)
     assert clock.passed == pytest.approx(waited, abs=0.01)
-    plan(Problem, Adapter(comes=1e6), source='parameters')
+    plan(Problem, adapter(comes=1e6), source='parameters')
 
 
 def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
     clock.now = lambda: BEGIN
-    plan(Problem, Adapter(0.1), delay=0.1)
+    plan(Problem, adapter(0.1), delay=0.1)
     assert clock.passed == pytest.approx(2 * 0.4, abs=0.01)
     clock.runs = False  # without time there is no plan
     with pytest.raises(NoState, match='/clock'):
@@ -183,9 +176,9 @@ def test_a_fault_of_the_program_is_internal_and_has_its_traceback():
 @pytest.mark.parametrize(('begins', 'asked'), [(0.2, 0.2), (0.399, 0.4), (0.41, 0.0)])
 def test_a_plan_that_may_begin_meanwhile_is_waited_for(begins, asked):
     """One that begins later is replaced before: the deadline of .3 s and .1 s to publish it."""
-    adapter = Adapter(begins)
-    made = plan(Problem, adapter)
-    assert adapter.asked == [pytest.approx(asked)]
+    there = adapter(begins)
+    made = plan(Problem, there)
+    assert there.asked == [pytest.approx(asked)]
     assert made.start == pytest.approx(BEGIN + asked + 0.4)
 
 
@@ -200,7 +193,7 @@ def test_what_begins_sooner_is_not_begun_too_late(clock):
 
 @pytest.mark.parametrize('source', ['measured', 'parameters'])
 def test_a_start_is_put_off_beyond_the_present_unless_the_plant_moves(source):
-    made = plan(slow, Adapter(rests=True), source=source)
+    made = plan(slow, adapter(rests=True), source=source)
     assert made.start - BEGIN == pytest.approx(2.0 + 0.5 * 0.4)
     moving = plan(slow)
     assert moving.start - BEGIN == pytest.approx(2.0 + 0.4)
@@ -218,9 +211,9 @@ def test_an_attempt_leaves_time_for_what_begins_sooner(clock, error):
 
 @pytest.mark.parametrize(('error', 'asked'), [(InvalidProblem, 3), (DeadlineExceeded, 1)])
 def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
-    adapter = Adapter()
-    failure(raising(error('it is so')), adapter)
-    assert len(adapter.asked) == asked
+    there = adapter()
+    failure(raising(error('it is so')), there)
+    assert len(there.asked) == asked
 
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
