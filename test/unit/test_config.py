@@ -62,17 +62,12 @@ def test_ros_reads_the_same_values_in_every_namespace_and_nodes_agree(path: Path
             assert all(other.get(name, value) == value for other in nodes.values()), name
     for token in yaml.scan(path.read_text(encoding='utf-8')):
         assert not isinstance(token, yaml.AliasToken | yaml.AnchorToken | yaml.TagToken)
+    options: dict[str, Any] = {'context': ros.node.context, 'enable_rosout': False}
+    options |= {'cli_args': ['--ros-args', '--params-file', str(path)]}
+    options |= {'automatically_declare_parameters_from_overrides': True}
     for name, expected in nodes.items():
         for namespace in ('/', '/robots/robot1'):
-            node = Node(
-                name,
-                namespace=namespace,
-                context=ros.node.context,
-                cli_args=['--ros-args', '--params-file', str(path)],
-                automatically_declare_parameters_from_overrides=True,
-                start_parameter_services=False,
-                enable_rosout=False,
-            )
+            node = Node(name, namespace=namespace, start_parameter_services=False, **options)
             read = {key: node.get_parameter(key).value for key in expected}
             node.destroy_node()
             plain = {k: list(v) if hasattr(v, 'tolist') else v for k, v in read.items()}

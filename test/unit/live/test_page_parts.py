@@ -95,9 +95,7 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     assert (margins.curves['torque'] > 0.0).all()
     for chart in charts:
         assert all(np.isfinite(curve).all() for curve in chart.curves.values())
-
-
-def test_only_the_last_seconds_are_kept_and_a_clock_that_begins_anew_begins_anew() -> None:
+    # only the last seconds are kept; a clock that begins anew begins anew
     made = history(SPAN + 5.0)
     x = made.charts(None)[0].x
     assert -SPAN - 1.0 < x[0] < -SPAN / 2

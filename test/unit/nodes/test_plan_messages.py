@@ -92,7 +92,6 @@ def test_a_robots_plan_is_one_message() -> None:
     assert list(point.positions) == [x, y, yaw, alpha, 0.0]
     assert list(point.velocities) == [u, v, omega[3], rate, wheel[3]]
     assert list(point.effort) == [0.0, 0.0, 0.0, thrust, torque]
-    assert plan.rates is not None
     expected = [*plan.rates[3, 0, [2, 3, 5]], 0.0, 0.0]
     np.testing.assert_allclose(point.accelerations, expected)
     speeds = np.array([p.velocities[4] for p in made.points])

@@ -105,6 +105,16 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     for absent in ('parameters', 'margins'):
         assert any(absent in text for text in mission.missing)
     assert compare(mission).margins['vehicle'].planned is None
+    # strange figures are left out
+    strange = {'problem': '<b>\n' * 300, 'cost': 'cheap', 'solve_time': [1], 'verification': []}
+    strange |= {'cost_terms': {'a': None, 'b': 2}, 'parameters': {'x': {'y': 1}, 'z': [1, [2]]}}
+    (tmp_path / 'plan.json').write_text(json.dumps(HALF | strange))
+    mission = read_mission(tmp_path / 'plan.json')
+    (figures,) = mission.figures
+    assert (figures.cost, figures.solve_time, figures.cost_terms) == (None, None, {'b': 2.0})
+    assert mission.parameters == {'x': None, 'z': [1, None]}
+    assert mission.problem.isprintable()
+    compare(mission)
 
 
 @pytest.mark.parametrize(
@@ -131,19 +141,6 @@ def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content: Any
     with pytest.raises(TdmError) as caught:
         read_mission(path)
     assert '\n' not in str(caught.value)
-
-
-def test_strange_figures_are_left_out(tmp_path: Path) -> None:
-    strange = {'problem': '<b>\n' * 300, 'cost': 'cheap', 'solve_time': [1], 'verification': []}
-    strange |= {'cost_terms': {'a': None, 'b': 2}, 'parameters': {'x': {'y': 1}, 'z': [1, [2]]}}
-    path = tmp_path / 'plan.json'
-    path.write_text(json.dumps(HALF | strange))
-    mission = read_mission(path)
-    figures = mission.figures[0]
-    assert (figures.cost, figures.solve_time, figures.cost_terms) == (None, None, {'b': 2.0})
-    assert mission.parameters == {'x': None, 'z': [1, None]}
-    assert mission.problem.isprintable()
-    compare(mission)
 
 
 @pytest.fixture
