@@ -55,7 +55,7 @@ def read_state(plant: str, value: Any) -> np.ndarray:
 
 
 def live_through(history: dict[str, Any]) -> bool:
-    """Only refusals are raised, commands are finite and within limits; was a plan accepted?"""
+    """Only refusals are raised, commands are finite and within limits; tells of accepted plans."""
     plant, accepted = history['plant'], False
     kind, parameters = BUILT_IN[plant], TRACKERS[plant]
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
