@@ -38,12 +38,10 @@ def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
 
 
 def metadata(bag: Path) -> Any:
-    """Return what rosbag2's own file says of a bag."""
     return yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
 
 
 def numbers(messages: list[Any]) -> list[int]:
-    """Return the numbers that the texts of messages begin with."""
     return [int(message.data[:6]) for message in messages]
 
 

@@ -4,9 +4,7 @@
 """
 Faults of data: streams of states that are spoiled, clocks that are set, while a pendulum moves.
 
-`FAULTS` has what is done by name; each asserts what docs/reliability.md promises, and returns what
-was measured, on `misled_rig`: nodes in the test's process, with a time that the test steps. Some
-are tried in test/ros/test_faults.py, all in test/nightly/faults/test_all_faults.py.
+`FAULTS` assert what docs/reliability.md promises, and return what was measured, on `misled_rig`.
 """
 
 from __future__ import annotations
@@ -80,23 +78,22 @@ class Relay:
         """Return what becomes of a message: those that come, each with its delay [s]."""
         kind, amount, stamp = self._kind, self._amount, message.header.stamp
         chance = self._random.random()
-        passed = copy.deepcopy(self._last if kind in ('repeat', 'stuck') else message)
         if kind not in ('repeat', 'stuck'):
             self._last = message
-        if kind == 'freeze' or (kind == 'drop' and chance < amount):
-            return []
-        if kind == 'duplicate':
-            return [(0.0, passed), (chance * amount, passed)]
-        if kind in ('delay', 'reorder'):
-            return [(amount if kind == 'delay' else chance * amount, passed)]
-        if kind == 'stuck':
-            passed.header.stamp = stamp
-        elif kind == 'shift':
+        passed = copy.deepcopy(self._last)
+        if kind == 'shift':
             shifted = nanoseconds_of(stamp) + round(amount * SECOND)
-            passed.header.stamp = to_stamp(max(shifted, -(2**31) * SECOND))
-        elif kind == 'unstamped':
-            passed.header.stamp = Time()
-        return [(0.0, passed)]
+            stamp = to_stamp(max(shifted, -(2**31) * SECOND))
+        if kind != 'repeat':
+            passed.header.stamp = Time() if kind == 'unstamped' else stamp
+        delays = {
+            'freeze': [],
+            'drop': [0.0] * (chance >= amount),
+            'duplicate': [0.0, chance * amount],
+            'delay': [amount],
+            'reorder': [chance * amount],
+        }
+        return [(delay, passed) for delay in delays.get(kind, [0.0])]
 
 
 class MisledRig(PendulumRig):
@@ -107,12 +104,9 @@ class MisledRig(PendulumRig):
     def __init__(self, stepped: Stepped, namespace: str, **common: Any) -> None:
         plant = f'/{namespace}/unspoilt'
         self.relay = Relay(stepped, plant, f'/{namespace}/joint_states')
+        renamed, planner = ['-r', f'joint_states:={plant}'], {'start.delay': 0.1}
         super().__init__(
-            stepped,
-            namespace,
-            plant_arguments=['-r', f'joint_states:={plant}'],
-            common=common,
-            planner={'start.delay': 0.1},
+            stepped, namespace, plant_arguments=renamed, common=common, planner=planner
         )
         self.states = self._hear('unspoilt', JointState)
         self.wait(lambda: self.states)
@@ -157,29 +151,20 @@ def harmless(rig: MisledRig, kind: str, amount: float) -> Figures:
 
 
 def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
-    """Withhold states: the torque goes off in time; the mission is completed afterwards."""
+    """Withhold states: it is noticed, the torque goes off in time, the mission is completed."""
+    stuck = kind == 'stuck'
     at = rig.reach(phase)
+    end = at + (1.5 if stuck else SILENCE)
     rig.relay.suffer(kind, amount)
-    rig.wait_until(at + SILENCE)
+    if stuck:
+        rig.wait(lambda: rig.says('tracker', 'is a sensor stuck?'))
+    rig.wait_until(end)
     rig.relay.suffer()
-    safe = rig.last_torque(at, at + SILENCE)
-    assert safe < SAFE, rig.story()
-    recovered = rig.held_since(at + SILENCE) - at - SILENCE
-    assert rig.said('tracker', 'state_timeout') or 'state_timeout' in rig.story()
+    safe = rig.last_torque(at, end)
+    assert safe < (STUCK_SAFE if stuck else SAFE), rig.story()
+    recovered = rig.held_since(end) - end
+    assert stuck or rig.said('tracker', 'state_timeout') or 'state_timeout' in rig.story()
     return {'safe': safe, 'recovered': recovered}
-
-
-def stuck(rig: MisledRig, phase: str) -> Figures:
-    """Let a sensor repeat itself: it is noticed."""
-    at = rig.reach(phase)
-    rig.relay.suffer('stuck')
-    rig.wait(lambda: rig.says('tracker', 'is a sensor stuck?'))
-    rig.wait_until(at + 1.5)
-    safe = rig.last_torque(at, at + 1.5)
-    assert safe < STUCK_SAFE, rig.story()
-    end = rig.now
-    rig.relay.suffer()
-    return {'safe': safe, 'recovered': rig.held_since(end) - end}
 
 
 def largest_delay(rig: MisledRig, delay: float, falls: bool) -> Figures:
@@ -231,14 +216,14 @@ def simulated_time_set(rig: MisledRig, step: float) -> Figures:
 
 def negative_simulated_times(rig: MisledRig) -> Figures:
     at = rig.reach('hold')
-    deaf = Parameter('use_sim_time', value=False)  # the test's own node is as rclpy made it
-    rig.ros.node.set_parameters([deaf])
-    clock = rig.ros.node.create_publisher(Clock, '/clock', 1)
+    node = rig.ros.node  # as rclpy made it: it must not hear this clock itself
+    node.set_parameters([Parameter('use_sim_time', value=False)])
+    clock = node.create_publisher(Clock, '/clock', 1)
     for base in (-5, -(2**31), -5):
         clock.publish(Clock(clock=Time(sec=base, nanosec=1)))
         rig.ros.spin_for(0.1)
-    rig.ros.node.destroy_publisher(clock)
-    rig.ros.node.set_parameters([Parameter('use_sim_time', value=True)])
+    node.destroy_publisher(clock)
+    node.set_parameters([Parameter('use_sim_time', value=True)])
     rig.wait_until(at + 1.0)
     assert 'must not be negative' in rig.processes['tracker'].output
     assert rig.is_held, rig.story()
@@ -256,7 +241,8 @@ FAULTS: dict[str, Callable[[MisledRig], Figures]] = {
        for kind, amount in HARMLESS},
     **{f'{kind} {amount:g} in {phase}': partial(silent, kind=kind, amount=amount, phase=phase)
        for kind, amount in SILENT for phase in PHASES},
-    **{f'stuck in {phase}': partial(stuck, phase=phase) for phase in PHASES},
+    **{f'stuck in {phase}': partial(silent, kind='stuck', amount=0.0, phase=phase)
+       for phase in PHASES},
     **{f'delay {delay} with state_timeout 1 s': partial(largest_delay, delay=delay, falls=falls)
        for delay, falls in ((0.2, False), (0.3, True))},
     **{f'simulated time {step:+g} s': partial(simulated_time_set, step=step)
@@ -274,5 +260,4 @@ def misled_rig(stepped: Any, fault: str) -> MisledRig:
     if by_day not in rigs:
         space, common = ('day', {'use_sim_time': False}) if by_day else ('misled', {})
         rigs[by_day] = MisledRig(stepped, space, **common)
-    found: MisledRig = rigs[by_day]
-    return found
+    return rigs[by_day]

@@ -4,17 +4,12 @@
 """
 What users, files and the network may hand over: strategies of Hypothesis.
 
-Cases are made of plain values (numbers, strings, lists, mappings), so that one that escapes can be
-kept as JSON.
-
-- `parameter_sets`, `forbidden_settings`, `yaml_texts`: valid in every corner, or wrong.
-- `messages(type, **hints)`: a message of any type as a mapping, `fill` makes it one.
-- `histories`: a tracker's life.
+Cases are plain values (numbers, strings, lists, mappings): one that escapes can be kept as JSON.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 import math
 from typing import Any
@@ -52,11 +47,17 @@ numbers = (
 )
 integers = st.sampled_from(SPECIAL_INTEGERS + HUGE_INTEGERS) | st.integers(-10, 50)
 scalars = numbers | integers | st.booleans() | st.none() | st.text(max_size=8)
-anything = st.recursive(
-    scalars,
-    lambda v: st.lists(v, max_size=5) | st.dictionaries(st.text(max_size=5), v, max_size=3),
-    max_leaves=8,
-)
+
+
+def nested(keys: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
+    return st.recursive(
+        scalars,
+        lambda v: st.lists(v, max_size=5) | st.dictionaries(keys, v, max_size=3),
+        max_leaves=8,
+    )
+
+
+anything = nested(st.text(max_size=5))
 robot_lists = st.one_of(
     st.lists(st.sampled_from(ROBOTS), min_size=1, max_size=3, unique=True),
     st.lists(st.sampled_from(NAMES), max_size=4),
@@ -69,32 +70,33 @@ def inside(allowed: Range) -> st.SearchStrategy[float]:
     lower, upper = max(allowed.lower, -BIGGEST), min(allowed.upper, BIGGEST)
     ends = [lower, upper, math.nextafter(lower, upper), math.nextafter(upper, lower)]
     found = [x for x in (*ends, *SPECIAL_NUMBERS) if math.isfinite(x) and x in allowed]
-    whole = st.floats(lower, upper, exclude_min=allowed.lower_open, exclude_max=allowed.upper_open)
-    return st.sampled_from(found) | whole
+    others = {'exclude_min': allowed.lower_open, 'exclude_max': allowed.upper_open}
+    return st.sampled_from(found) | st.floats(lower, upper, **others)
+
+
+def whole(allowed: Range) -> st.SearchStrategy[int]:
+    lower = math.ceil(max(allowed.lower, -(2.0**62)))
+    upper = math.floor(min(allowed.upper, 2.0**62))
+    ends = [lower, upper, *(x for x in SPECIAL_INTEGERS if lower <= x <= upper)]
+    return st.sampled_from(ends) | st.integers(lower, min(upper, lower + 50))
+
+
+def few(item: st.SearchStrategy[Any], sizes: Sequence[int]) -> st.SearchStrategy[list[Any]]:
+    return st.sampled_from(sizes).flatmap(lambda n: st.lists(item, min_size=n, max_size=n))
 
 
 def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
     """Values that a declaration allows, its corners above all."""
-    found: st.SearchStrategy[Any]
-    if spec.choices:
-        found = st.sampled_from(spec.choices)
-    elif spec.kind is bool:
-        found = st.booleans()
-    elif spec.kind is str:
-        found = st.text(max_size=12)
-    elif spec.kind is int:
-        lower = math.ceil(max(spec.range.lower, -(2.0**62)))
-        upper = math.floor(min(spec.range.upper, 2.0**62))
-        ends = [lower, upper, *(x for x in SPECIAL_INTEGERS if lower <= x <= upper)]
-        found = st.one_of(st.sampled_from(ends), st.integers(lower, min(upper, lower + 50)))
-    elif spec.kind is float:
-        found = inside(spec.range)
-    elif spec.name == 'robots':
-        found = robot_lists
-    else:
-        least, most = spec.length or 0, spec.length or 6
-        found = st.lists(inside(spec.range), min_size=least, max_size=most)
-    return st.one_of(found, st.none()) if spec.optional else found
+    kinds: dict[Any, Callable[[], st.SearchStrategy[Any]]] = {
+        bool: st.booleans,
+        str: lambda: st.text(max_size=12),
+        int: lambda: whole(spec.range),
+        float: lambda: inside(spec.range),
+        list[str]: lambda: robot_lists,
+        list[float]: lambda: few(inside(spec.range), [spec.length] if spec.length else range(7)),
+    }
+    found = st.sampled_from(spec.choices) if spec.choices else kinds[spec.kind]()
+    return found | st.none() if spec.optional else found
 
 
 def near(spec: ParameterSpec) -> st.SearchStrategy[Any]:
@@ -123,22 +125,21 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
     problem = draw(st.sampled_from(sorted(PROBLEMS)))
     name = draw(st.sampled_from(sorted(SPECIFICATIONS[problem])))
     spec = SPECIFICATIONS[problem][name]
-    wrong: list[Any] = [{'x': 1}, *([] if spec.optional else [None])]
-    if spec.kind is not bool:
-        wrong.append(True)
-    if spec.kind is not str or spec.choices:
-        wrong += ['no such thing', '1.0x']
-    if spec.kind in (float, int):
-        wrong += [math.nan, math.inf, -math.inf, *HUGE_INTEGERS[:2], [1.0], []]
-        wrong += [x for x in (-1e-300, -1.0, 0.0, 2e12, 1e300) if x not in spec.range]
-        wrong += [1.5, 1e300, '1'] if spec.kind is int else []
-    elif spec.kind is str:
-        wrong += [1.5, 7, ['a']]
-    elif spec.kind == list[float]:
-        wrong += [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
-        wrong += [] if spec.length is None else [[], [0.0] * (spec.length + 1), [0.0] * 2000]
-    elif spec.kind == list[str]:
-        wrong += [1.5, [1, 2], [None], ['a', 'a'], ['']]
+    numbers = [math.nan, math.inf, -math.inf, *HUGE_INTEGERS[:2], [1.0], []]
+    numbers += [x for x in (-1e-300, -1.0, 0.0, 2e12, 1e300) if x not in spec.range]
+    lists = [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
+    lists += [] if spec.length is None else [[], [0.0] * (spec.length + 1), [0.0] * 2000]
+    kinds: dict[Any, list[Any]] = {
+        float: numbers,
+        int: [*numbers, 1.5, 1e300, '1'],
+        str: [1.5, 7, ['a']],
+        list[float]: lists,
+        list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
+    }
+    wrong = [{'x': 1}, *kinds.get(spec.kind, [])]
+    wrong += [] if spec.optional else [None]
+    wrong += [] if spec.kind is bool else [True]
+    wrong += [] if spec.kind is str and not spec.choices else ['no such thing', '1.0x']
     return problem, name, draw(st.sampled_from(wrong))
 
 
@@ -159,25 +160,19 @@ _pieces = st.sampled_from(
      '"', '|', '>', '@', '`', 'ros__parameters:', '- a', '0o17', '0777', '"\\x00"', '~', 'null',
      'yes', 'on', '1e5', '1.e+3', '08', '!!null x', '2020-01-01T25:00:00Z']
 )  # fmt: skip
-_contents = st.recursive(
-    st.one_of(numbers, st.integers(-5, 5), st.text(max_size=5), st.none(), st.booleans()),
-    lambda v: st.lists(v, max_size=3) | st.dictionaries(_keys, v, max_size=3),
-    max_leaves=6,
+_documents = st.builds(
+    lambda where, inner: yaml.safe_dump({where: {'ros__parameters': inner}} if where else inner),
+    st.sampled_from([None, '/**/planner', 'planner', '/**', '/ns', 'tracker']),
+    nested(_keys),
 )
-
-
-@st.composite
-def yaml_texts(draw: Any) -> str:
-    """YAML: well-formed parameter files, such with one odd piece, and noise."""
-    noise = st.text(max_size=40)
-    kind = draw(st.sampled_from(['document', 'piece', 'noise']))
-    where = draw(st.sampled_from([None, '/**/planner', 'planner', '/**', '/ns', 'tracker']))
-    inner, piece = draw(_contents), draw(_pieces)
-    document = inner if where is None else {where: {'ros__parameters': inner}}
-    text: str = yaml.safe_dump(document)
-    spoilt = [piece, f'a: {piece}\n', f'planner:\n  ros__parameters:\n    start: {piece}\n',
-              f'{text}\n{piece}', f'- {piece}']  # fmt: skip
-    return draw({'document': st.just(text), 'piece': st.sampled_from(spoilt)}.get(kind, noise))
+_places = ('{}', 'a: {}\n', 'planner:\n  ros__parameters:\n    start: {}\n', '- {}')
+# Well-formed parameter files, odd pieces, also in or after such, and noise.
+yaml_texts = st.one_of(
+    _documents,
+    st.builds('{}\n{}'.format, _documents, _pieces),
+    st.builds(str.format, st.sampled_from(_places), _pieces),
+    st.text(max_size=40),
+)
 
 
 # Messages, as mappings.
@@ -188,14 +183,14 @@ texts = st.one_of(
                      '$(touch owned)', FORGED, FORGED * 500]),
     st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=8),
 )  # fmt: skip
-JOINTS = (
-    ['pendulum', 'disk'],
-    ['thruster', 'reaction_wheel'],
-    ['x', 'y', 'yaw', 'thruster', 'reaction_wheel'],
-)
+JOINTS = {
+    'pendulum': ['pendulum', 'disk'],
+    'robot': ['x', 'y', 'yaw', 'thruster', 'reaction_wheel'],
+}
+MEASURED = ['thruster', 'reaction_wheel']  # of a robot, beside its odometry
 joint_names = st.one_of(
-    *(st.permutations(names) for names in JOINTS),
-    st.lists(st.sampled_from([*JOINTS[0], *JOINTS[1], '', 'é', 'Disk', FORGED]), max_size=4),
+    *(st.permutations(names) for names in (*JOINTS.values(), MEASURED)),
+    st.lists(st.sampled_from(['disk', *MEASURED, '', 'é', 'Disk', FORGED]), max_size=4),
 )
 doubles = st.one_of(*[st.floats(-4, 4)] * 3, numbers)
 stamps = st.one_of(
@@ -235,18 +230,14 @@ _SIZES = {'double': [2] * 40 + [0, 1, 3, 4]}  # two joints, one body: more often
 _OTHER_SIZES = [1] * 20 + [0, 2]
 
 
-def few(item: st.SearchStrategy[Any], sizes: list[int]) -> st.SearchStrategy[list[Any]]:
-    return st.sampled_from(sizes).flatmap(lambda n: st.lists(item, min_size=n, max_size=n))
-
-
 def messages(kind: Any, **hints: Any) -> st.SearchStrategy[dict[str, Any]]:
     """Any message of a ROS type as a mapping; `hints` go before `HINTS`."""
     every = {**HINTS, **hints}
 
     def of(name: str, text: str) -> st.SearchStrategy[Any]:
-        if name in every or text in every:
-            found: st.SearchStrategy[Any] = every[name] if name in every else every[text]
-            return found
+        known: st.SearchStrategy[Any] | None = every.get(name, every.get(text))
+        if known is not None:
+            return known
         if text.startswith('sequence<'):
             inner = text.removeprefix('sequence<').removesuffix('>')
             return few(of('', inner), _SIZES.get(inner, _OTHER_SIZES))
@@ -269,30 +260,23 @@ def message_type(text: str) -> Any:
     return getattr(import_module(f'{package}.msg'), name)
 
 
-def fill(message: Any, value: Mapping[str, Any]) -> Any:
-    """Set the fields of a ROS message from a mapping, and return it."""
-    kinds = message.get_fields_and_field_types()
+def message(text: str, value: Any) -> Any:
+    """Make of a mapping a message of the type `package/Name`; of a list several."""
+    if isinstance(value, list):
+        return [message(text, part) for part in value]
+    made = message_type(text)()
+    kinds = made.get_fields_and_field_types()
     for name, item in value.items():
         kind = kinds[name].removeprefix('sequence<').removesuffix('>')
-        if '/' not in kind:
-            setattr(message, name, item)
-        elif isinstance(item, list):
-            setattr(message, name, [fill(message_type(kind)(), part) for part in item])
-        else:
-            fill(getattr(message, name), item)
-    return message
-
-
-def message(text: str, value: Mapping[str, Any]) -> Any:
-    """Return a message of the type `package/Name`."""
-    return fill(message_type(text)(), value)
+        setattr(made, name, message(kind, item) if '/' in kind else item)
+    return made
 
 
 @st.composite
 def plans(draw: Any, kind: str, names: Any = joint_names) -> dict[str, Any]:
     """Draw a trajectory: its instants increase mostly, some hold one state."""
-    plan = draw(messages(message_type(f'trajectory_msgs/{kind}'), joint_names=names,
-                         points=st.just([])))  # fmt: skip
+    empty = {'joint_names': names, 'points': st.just([])}
+    plan = draw(messages(message_type(f'trajectory_msgs/{kind}'), **empty))
     point = messages(message_type(f'trajectory_msgs/{kind}Point'))
     count = draw(st.sampled_from([0, 1, 2, 3, 5]))
     same = draw(point) if draw(st.booleans()) else None
@@ -311,24 +295,20 @@ def _instant(nanoseconds: int) -> dict[str, int]:
 @st.composite
 def quiet_plans(draw: Any, plant: str) -> Any:
     """Return a plan that a tracker at rest takes: small numbers, alike at all points."""
-    joints = JOINTS[2 if plant == 'robot' else 0]
-    size = len(joints)
+    size = len(JOINTS[plant])
     small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
-    efforts = few(st.one_of(small, doubles.filter(math.isfinite)), [size])
+    efforts = few(small | doubles.filter(math.isfinite), [size])
     step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
-    times = [_instant(k * step) for k in range(draw(st.sampled_from([2, 4, 20])))]
-    header = {'stamp': _instant(0), 'frame_id': ''}
-    rates = draw(few(small, [size]))
+    rest = {'positions': [0.0] * size, 'velocities': draw(few(small, [size]))}
     points = [
-        {'positions': [0.0] * size, 'velocities': rates, 'effort': draw(efforts),
-         'time_from_start': time}
-        for time in times
-    ]  # fmt: skip
-    return {'header': header, 'joint_names': joints, 'points': points}
+        {**rest, 'effort': draw(efforts), 'time_from_start': _instant(k * step)}
+        for k in range(draw(st.sampled_from([2, 4, 20])))
+    ]
+    header = {'stamp': _instant(0), 'frame_id': ''}
+    return {'header': header, 'joint_names': JOINTS[plant], 'points': points}
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
-    """Draw a measured state: joints, or odometry and joints."""
     joints = messages(message_type('sensor_msgs/JointState'))
     if plant == 'pendulum':
         return joints
@@ -336,31 +316,29 @@ def states(plant: str) -> st.SearchStrategy[Any]:
     return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
 
 
-def any_plans(plant: str) -> st.SearchStrategy[Any]:
-    names = JOINTS[2 if plant == 'robot' else 0]
-    return plans('JointTrajectory', st.just(names) | joint_names)
-
-
-# A tracker's life without ROS: messages, ticks and jumps of the clock in any order.
-
-
 @st.composite
 def histories(draw: Any, plant: str) -> dict[str, Any]:
-    """Parameters of a tracker and the events of its life; an instant [s] goes with every event."""
+    """
+    Parameters of a tracker and the events of its life, without ROS.
+
+    Messages, ticks and jumps of the clock come in any order; an instant [s] goes with every event.
+    """
+    any_plans = plans('JointTrajectory', st.just(JOINTS[plant]) | joint_names)
+    kinds: list[tuple[str, list[Any]]] = [
+        ('tick', []),
+        ('state', [states(plant)]),
+        ('plan', [any_plans, st.sampled_from([0.0, 0.01, 1.0, -1.0, 1e9])]),
+        *[('good state', [])] * 3,
+        *[('plan', [quiet_plans(plant), st.sampled_from([0.0, 0.005, 0.05])])] * 2,
+    ]
     events: list[Any] = []
     now = 100.0
     for _ in range(draw(st.integers(1, 12))):
         now += draw(st.sampled_from([0.0, 0.005, 0.005, 0.05, 1.0, -5.0, 5.0]))
-        kinds = ['tick', 'state', 'plan', *['good state'] * 3, *['good plan'] * 2]
-        kind = draw(st.sampled_from(kinds))
-        event = [kind.removeprefix('good ') if 'plan' in kind else kind, now]
-        if kind == 'state':
-            event.append(draw(states(plant)))
-        elif 'plan' in kind:
-            made, delays = any_plans(plant), [0.0, 0.01, 1.0, -1.0, 1e9]
-            if kind == 'good plan':
-                made, delays = quiet_plans(plant), [0.0, 0.005, 0.05]
-            event += [draw(made), now + draw(st.sampled_from(delays))]
+        kind, made = draw(st.sampled_from(kinds))
+        event = [kind, now, *map(draw, made)]
+        if kind == 'plan':
+            event[-1] += now
         events.append(event)
     sets = parameter_sets(specifications(TRACKERS[plant]))
     chosen = draw(sets) if draw(st.booleans()) else {}

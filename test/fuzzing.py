@@ -6,9 +6,8 @@ What must become of whatever is handed over (fuzz_inputs.py): a result, or a rea
 
 fuzz_corpus.json holds every case that ever escaped, with what it did.
 
-- `outcome`: what a call came to; all but a result and a `TdmError` of one line fails the test.
-- `PROPERTIES`: by name the cases, what is asked of each, and how many a quick run makes; `try_out`
-  does it: test/unit/test_fuzz.py with few cases, always the same, test/nightly with many new ones.
+`PROPERTIES` are tried by test/unit/test_fuzz.py with few cases, always the same, by test/nightly
+with many new ones.
 """
 
 from __future__ import annotations
@@ -22,17 +21,8 @@ import signal
 import tempfile
 from typing import Any
 
-from fuzz_inputs import (
-    anything,
-    forbidden_settings,
-    histories,
-    message,
-    parameter_sets,
-    PROBLEMS,
-    SPECIFICATIONS,
-    TRACKERS,
-    yaml_texts,
-)
+import fuzz_inputs
+from fuzz_inputs import message, PROBLEMS, SPECIFICATIONS, TRACKERS
 from hypothesis import given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -47,73 +37,55 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking import TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.trajectory import Trajectory
 
 DEADLINE = 0.05  # s a search may take in these tests
 ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check, the interpreter
-
-
-# A tracker's life without ROS: messages, ticks and jumps of the clock in any order.
+MADE = {'pendulum': PendulumTracker, 'robot': RobotTracker}
 
 
 def read_state(plant: str, value: Any) -> np.ndarray:
     """Read a state as the node does."""
     kind, found = BUILT_IN[plant], {}
     if kind.odometry:
-        found = reading.read_odometry(kind, message('nav_msgs/Odometry', value[0]))
-        value = value[1]
+        moved, value = value
+        found = reading.read_odometry(kind, message('nav_msgs/Odometry', moved))
     joints = message('sensor_msgs/JointState', value)
     found |= reading.read_joints(kind.measured, joints, kind.state_names)
     return np.array([found[name] for name in kind.state_names])
 
 
-def read_plan(plant: str, value: Any) -> Trajectory:
-    """Read a plan as the node does."""
-    return reading.read_plan(BUILT_IN[plant], message('trajectory_msgs/JointTrajectory', value))
-
-
 def live_through(history: dict[str, Any]) -> bool:
-    """
-    Check that only refusals are raised, and every command is finite and within the limits.
-
-    Returns whether a plan was accepted.
-    """
-    plant = history['plant']
-    made: Any = PendulumTracker if plant == 'pendulum' else RobotTracker
-    parameters = TRACKERS[plant]
+    """Only refusals are raised, commands are finite and within limits; tells of accepted plans."""
+    plant, accepted = history['plant'], False
+    kind, parameters = BUILT_IN[plant], TRACKERS[plant]
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
     try:
-        tracker = made(build(parameters, flat))
+        tracker = MADE[plant](build(parameters, flat))
         if plant == 'pendulum':
             tracker.prepare_hold()
     except InvalidProblem:
         return False
-    accepted = False
-    for kind, now, *rest in history['events']:
+    limits = [getattr(tracker.parameters.limits, name) for name in kind.control_names]
+    for event, now, *rest in history['events']:
         try:
-            if kind == 'state':
+            if event == 'state':
                 state = read_state(plant, rest[0])
                 assert np.isfinite(state).all(), state
                 tracker.observe(state, now)
-            elif kind == 'good state':
-                tracker.observe(np.zeros(4 if plant == 'pendulum' else 7), now)
-            elif kind == 'plan':
-                tracker.accept(read_plan(plant, rest[0]), rest[1], now)
+            elif event == 'good state':
+                tracker.observe(np.zeros(len(kind.state_names)), now)
+            elif event == 'plan':
+                plan = message('trajectory_msgs/JointTrajectory', rest[0])
+                tracker.accept(reading.read_plan(kind, plan), rest[1], now)
                 accepted = True
         except (InvalidProblem, TrajectoryRejected) as refusal:
             assert str(refusal)
             assert '\n' not in str(refusal)
-        control, limits = tracker.command(now).control, tracker.parameters.limits
-        most = [limits.torque]
-        if plant == 'robot':
-            most = [limits.thrust, limits.thruster_rate, limits.torque]
+        control = tracker.command(now).control
         assert np.isfinite(control).all(), control
-        assert (abs(control) <= most).all(), control
+        assert (abs(control) <= limits).all(), control
         assert plant == 'pendulum' or control[0] >= 0.0
     return accepted
-
-
-# What must hold for every case: a plan that was verified, or a refusal that says why, in time.
 
 
 class Hang(BaseException):
@@ -172,14 +144,12 @@ def planned(problem: str, parameters: Any, deadline: float = DEADLINE) -> Soluti
 
 
 def _names_a_field(problem: str, parameters: Mapping[str, Any], sentence: str) -> None:
-    """Check that a refusal says which parameter, group of parameters or robot it is about."""
     flat: list[str] = []
     with suppress(InvalidProblem):
         flat = list(flatten(parameters))
     names = {shown(str(name)) for name in [*parameters, *flat]} | set(SPECIFICATIONS[problem])
     groups = {name.rsplit('.', 1)[0] + '.*' for name in names if '.' in name}
-    robots = {name.split('.')[0] for name in names if '.start.' in name}
-    known = names | groups | robots
+    known = names | groups | {name.split('.')[0] for name in names if '.start.' in name}
     assert any(f"'{name[:77]}" in sentence or f' {name} ' in sentence for name in known), sentence
 
 
@@ -191,14 +161,12 @@ def refused_by_name(case: tuple[str, str, Any]) -> None:
 
 
 def read_file(content: str | bytes) -> Any:
-    """Make a problem of what is in a parameter file of this content."""
     data = content if isinstance(content, bytes) else content.encode('utf-8', 'surrogatepass')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'parameters.yaml')
         path.write_bytes(data)
-        return outcome(
-            lambda: PendulumSwingUp.from_parameters(read_parameters(path)), repr(content)
-        )
+        make = PendulumSwingUp.from_parameters
+        return outcome(lambda: make(read_parameters(path)), repr(content))
 
 
 def read_setting(text: str) -> Any:
@@ -207,7 +175,6 @@ def read_setting(text: str) -> Any:
 
 
 def becomes(act: Callable[[Any], Any], kind: type) -> Callable[[Any], bool]:
-    """Check that a case becomes of a kind, or is refused."""
 
     def check(case: Any) -> bool:
         found = outcome(lambda: act(case), case)
@@ -223,23 +190,24 @@ def survived(history: dict[str, Any]) -> bool:
 
 # By name: the cases, what is checked of each, how many a quick run makes.
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] = {
-    **{kind: (parameter_sets(SPECIFICATIONS[kind]), partial(planned, kind), 20)
+    **{kind: (fuzz_inputs.parameter_sets(SPECIFICATIONS[kind]), partial(planned, kind), 20)
        for kind in PROBLEMS},
-    'forbidden settings': (forbidden_settings(), refused_by_name, 60),
-    'no mappings': (anything, becomes(PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
-    'files': (yaml_texts(), becomes(read_file, PendulumSwingUp), 60),
+    'forbidden settings': (fuzz_inputs.forbidden_settings(), refused_by_name, 60),
+    'no mappings': (fuzz_inputs.anything,
+                    becomes(PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
+    'files': (fuzz_inputs.yaml_texts, becomes(read_file, PendulumSwingUp), 60),
     'bytes': (st.binary(max_size=60), becomes(read_file, PendulumSwingUp), 30),
-    'settings': (yaml_texts(), becomes(read_setting, dict), 30),
-    **{f'{plant} trackers': (histories(plant), survived, 40) for plant in TRACKERS},
+    'settings': (fuzz_inputs.yaml_texts, becomes(read_setting, dict), 30),
+    **{f'{plant} trackers': (fuzz_inputs.histories(plant), survived, 40) for plant in TRACKERS},
 }  # fmt: skip
 
 
 def profile(cases: int, *, new: bool = False) -> settings:
     """Return settings for so many cases: always the same, or new ones, which are not shrunk."""
-    phases = [Phase.explicit, Phase.generate]
     return settings(
         max_examples=cases, deadline=None, derandomize=not new, database=None, print_blob=True,
-        suppress_health_check=list(HealthCheck), phases=phases if new else [*phases, Phase.shrink],
+        suppress_health_check=list(HealthCheck),
+        phases=[Phase.explicit, Phase.generate, *([] if new else [Phase.shrink])],
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ There are no wheels of `launch`; test/nightly/test_real_launch.py uses the real 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 import runpy
 import sys
@@ -35,58 +35,29 @@ class LaunchConfiguration:
         return context.launch_configurations[self.name]
 
 
-@dataclass
-class DeclareLaunchArgument:
-    name: str
-    default_value: str
-    description: str
-    choices: list[str] | None = None
+def item(name: str, *needed: str, **defaults: Any) -> type:
+    """Return a class of items that are described by those words and no others."""
+    return make_dataclass(name, [*needed, *((key, Any, value) for key, value in defaults.items())])
 
 
-@dataclass
-class OpaqueFunction:
-    function: Any
-
-
-@dataclass
-class Node:
-    package: str
-    executable: str
-    output: str
-    namespace: Any = ''
-    parameters: list[Any] = field(default_factory=list)
-    arguments: list[str] = field(default_factory=list)
-    ros_arguments: list[Any] = field(default_factory=list)
-    on_exit: Any = None
-    respawn: bool = False
-    respawn_delay: float = 0.0
-    respawn_max_retries: int = -1
-
-
-@dataclass
-class ExecuteProcess:
-    cmd: list[str]
-    name: str
-    output: str
-    on_exit: Any
-
-
-@dataclass
-class ParameterValue:
-    value: str
-    value_type: type
+OpaqueFunction = item('OpaqueFunction', 'function')
+ExecuteProcess = item('ExecuteProcess', 'cmd', 'name', 'output', 'on_exit')
+ParameterValue = item('ParameterValue', 'value', 'value_type')
+DeclareLaunchArgument = item(
+    'DeclareLaunchArgument', 'name', 'default_value', 'description', choices=None
+)
+RESPAWN = {'respawn': False, 'respawn_delay': 0.0, 'respawn_max_retries': -1}
+OF_NODES = {'namespace': '', **dict.fromkeys(('parameters', 'arguments', 'ros_arguments'), ())}
+Node: Any = item('Node', 'package', 'executable', 'output', **OF_NODES, on_exit=None, **RESPAWN)
 
 
 @dataclass
 class LaunchDescription:
-    entities: list[Any] = field(default_factory=list)
-
-    def arguments(self) -> list[DeclareLaunchArgument]:
-        return [item for item in self.entities if isinstance(item, DeclareLaunchArgument)]
+    entities: list[Any]
 
     def started(self, pushed: str | None = None, **arguments: str) -> list[Any]:
         """Return what starts for the given arguments, within a PushROSNamespace."""
-        declared = {item.name: item for item in self.arguments()}
+        declared = {e.name: e for e in self.entities if isinstance(e, DeclareLaunchArgument)}
         assert set(arguments) <= set(declared)
         context = {name: item.default_value for name, item in declared.items()} | arguments
         for name, item in declared.items():
@@ -106,30 +77,21 @@ OURS: dict[str, tuple[type, ...]] = {
     'launch_ros.actions': (Node,),
     'launch_ros.parameter_descriptions': (ParameterValue,),
 }
-EXECUTABLES = {
-    'tdm_planner': [*MODULES, 'tdm'],
-    'robot_state_publisher': ['robot_state_publisher'],
-    'rviz2': ['rviz2'],
-}
-
-
-def install(prefix: Path, package: str) -> None:
-    """Install a package's programs, which do nothing, where ROS 2 looks for them."""
-    index = prefix / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True, exist_ok=True)
-    (index / package).touch()
-    for name in EXECUTABLES[package]:
-        program = prefix / 'lib' / package / name
-        program.parent.mkdir(parents=True, exist_ok=True)
-        program.touch(0o755)
+OTHERS = 'robot_state_publisher', 'rviz2'
+EXECUTABLES = {'tdm_planner': [*MODULES, 'tdm'], **{name: [name] for name in OTHERS}}
 
 
 @pytest.fixture
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Put the stand-ins in place, and all programs."""
+    """Put the stand-ins in place, and programs, which do nothing, where ROS 2 looks for them."""
     prefix = tmp_path / 'ros'
-    for package in EXECUTABLES:
-        install(prefix, package)
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    for package, programs in EXECUTABLES.items():
+        (index / package).touch()
+        (prefix / 'lib' / package).mkdir(parents=True)
+        for name in programs:
+            (prefix / 'lib' / package / name).touch(0o755)
     (prefix / 'share/tdm_planner').symlink_to(SOURCE)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
     for name, classes in OURS.items():
@@ -141,7 +103,6 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def described(name: str) -> LaunchDescription:
-    """Return what a launch file describes."""
     file = SOURCE / 'launch' / f'{name}.launch.py'
     made = runpy.run_path(str(file))['generate_launch_description']()
     assert isinstance(made, LaunchDescription)

@@ -43,15 +43,6 @@ def test_generated_anew_nothing_differs(ros: Ros):
     assert {path: path.read_text(encoding='utf-8') for path in wanted} == wanted
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
-def test_nodes_agree_on_plant_and_limits(path: Path):
-    """Parameter files cannot share values: what stands twice must be the same."""
-    nodes = sections(path)
-    for name, value in nodes['planner'].items():
-        if name.startswith(('plant.', 'limits.')):
-            assert all(other.get(name, value) == value for other in nodes.values()), name
-
-
 def test_ros2_param_dump_can_nest_every_name():
     """It fails where a parameter is also the group of another."""
     parameters = pytest.importorskip('tools.node_tables').parameters_by_node()
@@ -61,22 +52,22 @@ def test_ros2_param_dump_can_nest_every_name():
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
-def test_ros_reads_the_same_values_in_every_namespace(path: Path, ros: Ros):
+def test_ros_reads_the_same_values_in_every_namespace_and_nodes_agree(path: Path, ros: Ros):
+    """Parameter files cannot share values: of plant and limits what stands twice is the same."""
     from rclpy.node import Node
 
+    nodes = sections(path)
+    for name, value in nodes['planner'].items():
+        if name.startswith(('plant.', 'limits.')):
+            assert all(other.get(name, value) == value for other in nodes.values()), name
     for token in yaml.scan(path.read_text(encoding='utf-8')):
         assert not isinstance(token, yaml.AliasToken | yaml.AnchorToken | yaml.TagToken)
-    for name, expected in sections(path).items():
+    options: dict[str, Any] = {'context': ros.node.context, 'enable_rosout': False}
+    options |= {'cli_args': ['--ros-args', '--params-file', str(path)]}
+    options |= {'automatically_declare_parameters_from_overrides': True}
+    for name, expected in nodes.items():
         for namespace in ('/', '/robots/robot1'):
-            node = Node(
-                name,
-                namespace=namespace,
-                context=ros.node.context,
-                cli_args=['--ros-args', '--params-file', str(path)],
-                automatically_declare_parameters_from_overrides=True,
-                start_parameter_services=False,
-                enable_rosout=False,
-            )
+            node = Node(name, namespace=namespace, start_parameter_services=False, **options)
             read = {key: node.get_parameter(key).value for key in expected}
             node.destroy_node()
             plain = {k: list(v) if hasattr(v, 'tolist') else v for k, v in read.items()}
@@ -149,14 +140,13 @@ def test_catkin_can_read_manifest_and_changelog_and_raise_the_version() -> None:
 
 
 def package_name(requirement: str) -> str:
-    name = re.split(r'[\[<>=; ]', requirement)[0]
-    return re.sub(r'[-_.]+', '-', name).lower()
+    return re.sub(r'[-_.]+', '-', re.split(r'[\[<>=; ]', requirement)[0]).lower()
 
 
 def pins(name: str) -> dict[str, str]:
     """Return the versions that a file of constraints pins; of several the first."""
-    lines = (SOURCE / name).read_text(encoding='utf-8').splitlines()
-    pinned = [line.split(';')[0].split('==') for line in lines if line and line[0] != '#']
+    text = (SOURCE / name).read_text(encoding='utf-8')
+    pinned = re.findall(r'^([^#=;\n]+)==([^;\n]+)', text, re.MULTILINE)
     return {package_name(package): version.strip() for package, version in reversed(pinned)}
 
 

@@ -43,6 +43,10 @@ def one(found: list[Any], name: str) -> Any:
     return node
 
 
+def description(found: list[Any]) -> Any:
+    return one(found, 'robot_state_publisher').parameters[0]['robot_description']
+
+
 def written(folder: Path, sections: dict[str, Any]) -> str:
     """Write a parameter file; a number as text becomes one that YAML 1.1 takes for a text."""
     document = {name: {'ros__parameters': values} for name, values in sections.items()}
@@ -54,9 +58,9 @@ def written(folder: Path, sections: dict[str, Any]) -> str:
 def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path: Path):
     """YAML 1.1 takes 5e-2 for a text, ROS 2 and the nodes for a number."""
     path = written(tmp_path, {'/**/planner': {'plant': {'mass': '5e-2', 'arm_length': 0.2}}})
-    publisher = one(nodes('pendulum', params_file=path, namespace='/rig'), 'robot_state_publisher')
-    assert publisher.namespace == 'rig'
-    given = publisher.parameters[0]['robot_description']
+    found = nodes('pendulum', params_file=path, namespace='/rig')
+    assert one(found, 'robot_state_publisher').namespace == 'rig'
+    given = description(found)
     assert given.value_type is str  # or launch would read the XML as YAML
     assert '<mass value="0.05"' in given.value
     assert 'xyz="0.2 0 0"' in given.value
@@ -73,8 +77,7 @@ def test_only_sections_count_that_the_planner_takes(name: str, pushed: str | Non
     path = written(tmp_path, sections)
     found = nodes(name, pushed, params_file=path, namespace='hall')
     if name == 'pendulum':
-        publisher = one(found, 'robot_state_publisher')
-        assert '<mass value="0.05"' in publisher.parameters[0]['robot_description'].value
+        assert '<mass value="0.05"' in description(found).value
     else:
         assert {node.namespace for node in found} == {'hall', 'hall/mine'}
     with pytest.raises(InvalidProblem, match=r"cellar/planner', only for .*hall/planner, .*attic"):
@@ -101,10 +104,19 @@ def test_what_holds_for_all_nodes(name: str):
     known = {item.get('path') for item in policy.iter('context')}
     for node in nodes(name, enclaves='true'):
         if node.package == 'tdm_planner':
-            option, enclave = node.ros_arguments[-2:]
-            assert option == '--enclave'
+            enclave = f'/{node.namespace}/{node.executable}'
+            assert node.ros_arguments[-2:] == ['--enclave', enclave]
             assert enclave in known
-            assert enclave == f'/{node.namespace}/{node.executable}'
+    # neither window nor recording unless asked for
+    started = described(name).started()
+    assert not [item for item in started if isinstance(item, ExecuteProcess)]
+    assert 'rviz2' not in {item.executable for item in started}
+    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
+    (index / 'ros2bag').touch()
+    for clock in ('true', 'false'):
+        recorded = described(name).started(record='true', use_sim_time=clock)
+        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
+        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
 
 
 @pytest.mark.parametrize('pushed', [None, 'site', '/site'])
@@ -126,21 +138,8 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
             assert node.namespace.split('/')[0] == 'hall'
             assert node.ros_arguments[-1] == f'/{above}{node.namespace}/{node.executable}'
             if node.executable == 'tracker' and name == 'robots':
-                service = node.parameters[1]['planner_service']
-                assert (service, node.parameters[1]['kind']) == (f'/{above}hall/plan', 'robot')
-
-
-@BOTH
-def test_neither_window_nor_recording_unless_asked_for(name: str):
-    started = described(name).started()
-    assert not [item for item in started if isinstance(item, ExecuteProcess)]
-    assert 'rviz2' not in {item.executable for item in started}
-    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
-    (index / 'ros2bag').touch()
-    for clock in ('true', 'false'):
-        recorded = described(name).started(record='true', use_sim_time=clock)
-        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
-        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
+                own = {'kind': 'robot', 'planner_service': f'/{above}hall/plan'}
+                assert node.parameters[1] == own
 
 
 @BOTH
@@ -180,26 +179,25 @@ def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
             assert not ends(item, 2, shutdown=True)
 
 
+def initial_states(found: list[Any]) -> dict[str, Any]:
+    return {node.namespace: node.parameters[1] for node in found if 'plant' in node.executable}
+
+
 def test_robots_get_a_plant_and_a_tracker_each(tmp_path: Path):
-    planner = {
-        'robots': ['left', 'right'],
-        'left': {'start': {'x': 1, 'y': '5e-2'}},
-        'right': {'start': {'yaw': 0.5}},
-    }
+    starts = {'left': {'start': {'x': 1, 'y': '5e-2'}}, 'right': {'start': {'yaw': 0.5}}}
+    planner = {'robots': ['left', 'right'], **starts}
     two = written(tmp_path, {'/**/planner': planner, '/**/tracker': {'kind': 'robot'}})
     found = nodes('robots', params_file=two)
     left = {('robot_plant', 'robots/left'), ('tracker', 'robots/left')}
     right = {('robot_plant', 'robots/right'), ('tracker', 'robots/right')}
     assert places(found) == {('planner', 'robots')} | left | right
     assert all(node.parameters[0] == two for node in found)
-    initial = {node.namespace: node.parameters[1] for node in found if 'plant' in node.executable}
+    initial = initial_states(found)
     assert initial['robots/left'].items() >= {'initial.x': 1.0, 'initial.y': 0.05}.items()
     assert initial['robots/right'].items() >= {'initial.yaw': 0.5}.items()
-
     found = nodes('robots', params_file=two, number_of_robots='1')
     assert places(found) == {('planner', 'robots')} | left
     assert one(found, 'planner').parameters == [two, {'robots': ['left']}]
-
     real = nodes('robots', params_file=two, plant='false', namespace='')
     assert places(real) == {('planner', ''), ('tracker', 'left'), ('tracker', 'right')}
     assert real[1].parameters[1] == {'kind': 'robot', 'planner_service': '/plan'}
@@ -207,7 +205,7 @@ def test_robots_get_a_plant_and_a_tracker_each(tmp_path: Path):
 
 def test_more_robots_than_the_file_names_have_places_of_their_own():
     found = nodes('robots', number_of_robots='5')
-    plants = {node.namespace: node.parameters[1] for node in found if 'plant' in node.executable}
+    plants = initial_states(found)
     assert set(plants) == {f'robots/robot{k}' for k in range(1, 6)}
     starts = {(initial['initial.x'], initial['initial.y']) for initial in plants.values()}
     assert len(starts) == 5

@@ -1,65 +1,80 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plans as files: every bit of them is kept, and what is no plan is refused."""
+"""Plans as files, of which every bit is kept, and as pictures, in which everything is drawn."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import csv
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from double_integrator import DoubleIntegrator
 import numpy as np
 import pytest
+from tdm_planner.drawing import LIMIT, SWITCH
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import check_path, load_plan, save_plan
-from tdm_planner.problems.solution import Solution
+from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Verification
+from tdm_planner.verification import Constraint
 
-NUMBERS = ((0.1, 2.0), (1 / 3, -1e-17), (3.0, 4.0))
-
-
-def trajectory(values: object = NUMBERS) -> Trajectory:
-    times, torque = np.array([0.0, 0.1, 0.30000000000000004]), np.array([[1.0], [-1.0], [0.0]])
-    return Trajectory(times, np.array(values), torque, ('theta', 'psi'), ('torque',))
+Planned = tuple[Any, Solution]
+CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
 
 
-def solution(trajectories: Mapping[str, Trajectory]) -> Solution:
-    check = Verification(True, np.zeros(2), {'torque': 0.1}, {'torque': 0.2})
-    checks = dict.fromkeys(trajectories, check) if len(trajectories) > 1 else {}
-    return Solution(trajectories, check, 1.5, np.zeros(2), 0.0, {}, checks, 'example', 7, 0.01)
+class Foreign(Problem):
+    """Neither derived from the built-in ones nor stated as a formulation; without limits."""
+
+    name = 'foreign'
+
+    def search(self, budget: Any, rng: Any, previous: Any) -> Any:
+        raise NotImplementedError
 
 
-def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:
-    original = trajectory()
+@pytest.fixture(scope='module')
+def swing_up() -> Planned:
+    return PendulumSwingUp(), PendulumSwingUp().solve(deadline=5.0)
+
+
+@pytest.fixture(scope='module')
+def formation() -> Planned:
+    return RobotFormation(), RobotFormation().solve(deadline=5.0)
+
+
+def test_json_csv_and_npz_keep_every_bit(swing_up: Planned, tmp_path: Path) -> None:
+    solution = swing_up[1]
+    original = solution.trajectory
     for ending in ('json', 'csv', 'npz'):
-        save_plan(solution({'pendulum': original}).to_dict(), tmp_path / f'plan.{ending}')
+        save_plan(solution.to_dict(), tmp_path / f'plan.{ending}')
     plan = load_plan(tmp_path / 'plan.json')
     again = Trajectory.from_dict(plan)
     for name in ('times', 'states', 'controls'):
         np.testing.assert_array_equal(getattr(again, name), getattr(original, name))
     assert plan['interpolation'] == 'zero_order_hold'
-    assert plan['verification']['worst'] == {'torque': 0.1}
+    assert plan['verification']['worst'] == solution.verification.worst
     assert set(plan) >= {'problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations'}
     head, *rows = csv.reader((tmp_path / 'plan.csv').open())
-    assert head == ['time', 'theta', 'psi', 'torque']
-    np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:3], original.states)
+    assert head == ['time', *original.state_names, 'torque']
+    np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:5], original.states)
     with np.load(tmp_path / 'plan.npz') as arrays:
         np.testing.assert_array_equal(arrays['times'], original.times)
         np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
 
 
-def test_several_vehicles(tmp_path: Path) -> None:
-    both = solution({'a': trajectory(), 'b': trajectory()})
-    plan = both.to_dict()
-    assert set(plan['robots']) == {'a', 'b'}
+def test_several_vehicles(formation: Planned, tmp_path: Path) -> None:
+    solution = formation[1]
+    plan, robots = solution.to_dict(), solution.trajectories
+    assert set(plan['robots']) == set(robots)
     save_plan(plan, tmp_path / 'plan.csv')
     rows = list(csv.reader((tmp_path / 'plan.csv').open()))
-    assert [row[0] for row in rows] == ['robot', *'aaabbb']
+    places = [name for name, planned in robots.items() for _ in planned.times]
+    assert [row[0] for row in rows] == ['robot', *places]
     save_plan(plan, tmp_path / 'plan.json')
-    assert set(load_plan(tmp_path / 'plan.json')['robots']) == {'a', 'b'}
-    assert both.trajectory.state_names == ('a.theta', 'a.psi', 'b.theta', 'b.psi')
+    assert load_plan(tmp_path / 'plan.json')['robots'] == plan['robots']
+    assert solution.trajectory.state_names[:2] == ('robot1.x', 'robot1.y')
 
 
 def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None:
@@ -73,3 +88,61 @@ def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None
         path.write_text(text)
         with pytest.raises(InvalidProblem):
             load_plan(path)
+
+
+def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
+    lines = [line for line in axis.get_lines() if line.get_color() == colour]
+    return [getattr(line, f'get_{way}data')()[0] for line in lines]
+
+
+def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
+    for problem, solution in (swing_up, formation, (CART, CART.solve(deadline=10.0))):
+        for name, trajectory in solution.trajectories.items():
+            check = (solution.verifications or {name: solution.verification})[name]
+            margins = {m.name: m.values for m in plan_margins(problem, trajectory)}
+            assert margins
+            for margin, values in margins.items():
+                assert values.min() == pytest.approx(check.worst[margin], abs=2e-3), margin
+    assert list(margins) == ['push', 'pull']
+    np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
+    # of a problem with a search of its own
+    plan = swing_up[1].trajectory
+    assert plan_margins(Foreign(), plan) == ()
+    limited, fastest = Foreign(), np.abs(plan.state('theta_dot')).max()
+    rate = Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s')
+    monkeypatch.setattr(limited, 'constraints_on', lambda _: (rate,), raising=False)
+    (found,) = plan_margins(limited, plan)
+    assert (found.name, found.unit) == ('rate', 'rad/s')
+    extremes = (found.values.max(), found.values.min())
+    assert extremes == pytest.approx((2 * fastest, fastest), rel=1e-2)
+
+
+def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planned) -> None:
+    problem, solution = swing_up
+    figure = plot_plans(problem, solution.trajectories)
+    found = {axis.get_ylabel(): axis for axis in figure.axes}
+    quantities = ['theta [rad]', 'psi [rad]', 'theta_dot [rad/s]', 'psi_dot [rad/s]']
+    quantities += ['torque [N m]', 'margin of\ntorque [N m]', 'margin of\ndisk_angle [rad]']
+    assert list(found) == quantities
+    assert sorted(levels(found['torque [N m]'], LIMIT)) == [-0.02, 0.02]
+    assert sorted(levels(found['psi [rad]'], LIMIT)) == [-2.0, 2.0]
+    torque = solution.trajectory.control('torque')
+    jumps = solution.trajectory.times[1:-1][np.diff(torque[:-1]) != 0]
+    assert jumps.size
+    for axis in figure.axes:
+        assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
+
+
+def test_every_kind_of_file_and_plant(swing_up, formation, tmp_path):
+    # names of another plant
+    foreign = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
+    another: Any = Foreign(), replace(swing_up[1], trajectories={'cart': foreign})
+    for (problem, plan), ending, start in (
+        (swing_up, '.png', b'\x89PNG'),
+        (another, '.pdf', b'%PDF'),
+        (formation, '.svg', b'<?xml'),
+    ):
+        path = tmp_path / f'plan{ending}'
+        plot_solution(problem, plan, path)
+        assert path.read_bytes().startswith(start)
+    assert (tmp_path / 'plan.svg').stat().st_size > 50_000

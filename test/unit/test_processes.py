@@ -1,21 +1,25 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What processes begin and end with: command lines, packages, threads, files, kernels, signals."""
+"""Processes: the command line; packages, threads, files, kernels and signals of all of them."""
 
 from __future__ import annotations
 
 from contextlib import nullcontext
+import json
 import os
 from pathlib import Path
 import re
 import signal
 import subprocess
 import sys
+from unittest.mock import Mock
 
 import pytest
-from ros_harness import MODULES, SOURCE
+from replays import faults
+from ros_harness import MODULES, SOURCE, UNHURRIED
 from tdm_planner import resources, set_up, starting
+from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import RobotFormation
 from tdm_planner.starting import Interrupted, interruptible, uninterrupted
@@ -49,15 +53,11 @@ def test_launch_files_need_only_what_ubuntu_has() -> None:
 
 
 def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(monkeypatch, capsys):
-    def load(name: str) -> type[RobotFormation]:
-        if name == 'theirs':
-            raise InvalidProblem('its module is missing')
-        return RobotFormation
-
     prepared: list[str] = []
     monkeypatch.setattr(RobotFormation, 'prepare', lambda self: prepared.append(self.name))
-    monkeypatch.setattr(set_up, 'load_problem', load)
     for names, code in ((['robot_formation'], 0), (['theirs', 'robot_formation'], 1)):
+        found = [InvalidProblem('its module is missing')] * code + [RobotFormation]
+        monkeypatch.setattr(set_up, 'load_problem', Mock(side_effect=found))
         monkeypatch.setattr(set_up, 'problem_names', lambda names=names: names)
         assert set_up.main() == code
         assert prepared.pop() == 'robot_formation'
@@ -99,14 +99,10 @@ def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwi
     assert told.stdout == "['2', '2', '2']\n"
 
 
-def make_share(prefix: Path, indexed: bool) -> Path:
+def make_share(prefix: Path) -> Path:
     share = prefix / 'share' / 'tdm_planner'
     (share / 'config').mkdir(parents=True)
     (share / 'config' / 'mine.yaml').touch()
-    if indexed:
-        index = prefix / 'share/ament_index/resource_index/packages'
-        index.mkdir(parents=True)
-        (index / 'tdm_planner').touch()
     return share
 
 
@@ -120,20 +116,22 @@ def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sour
     monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
     with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
         resources.share_directory()
-    share = make_share(tmp_path / 'python', indexed=False)
+    share = make_share(tmp_path / 'python')
     assert resources.share_directory() == share
     with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
         resources.config_file('pendulum.yaml')
     not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
-    make_share(not_indexed, indexed=False)
-    share = make_share(workspace, indexed=True)
+    make_share(not_indexed)
+    share = make_share(workspace)
+    index = workspace / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'tdm_planner').touch()
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
     assert resources.share_directory() == share
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
-    """What must not be interrupted is done whole."""
     before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
         pass  # without a signal nothing happens
@@ -159,31 +157,22 @@ def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: sig
         assert signal.getsignal(number) is before
 
 
-RECORD = ['tdm', 'record', '-o', 'bag']
+OURS = {
+    'tdm': ('-m tdm_planner.cli record -o bag', '/opt/bin/tdm record -o bag'),
+    'node': ('-m tdm_planner.nodes.planner --ros-args', '-X dev -m tdm_sim.robot_plant',
+             '-m tdm_sim.stated_plant', '/opt/lib/tdm_planner/tracker'),
+    '': ('/opt/bin/other record', '-m pytest record', '-m pytest planner', '-m nav.planner',
+         '-c 1'),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ('line', 'command', 'node'),
-    [
-        ('python -m tdm_planner.cli record -o bag', RECORD, False),
-        ('python /opt/bin/tdm record -o bag', RECORD, False),
-        ('python /opt/bin/other record', [], False),
-        ('python -m pytest record', [], False),
-        ('python -m pytest planner', [], False),
-        ('python -m nav.planner', [], False),
-        ('python -c 1', [], False),
-        ('python -m tdm_planner.nodes.planner --ros-args', [], True),
-        ('python -X dev -m tdm_sim.robot_plant', [], True),
-        ('python -m tdm_sim.stated_plant', [], True),
-        ('python /opt/lib/tdm_planner/tracker', [], True),
-    ],
-)
-def test_processes_of_ones_own_are_told_from_others(line, command, node, monkeypatch):
+@pytest.mark.parametrize(('whose', 'line'), [(k, line) for k in OURS for line in OURS[k]])
+def test_processes_of_ones_own_are_told_from_others(whose, line, monkeypatch):
     words = line.split()
-    monkeypatch.setattr('sys.orig_argv', words)
-    monkeypatch.setattr('sys.argv', words[1:] if words[1][0] == '/' else ['-m'])
-    assert starting.command() == command
-    assert starting.is_node() is node
+    monkeypatch.setattr('sys.orig_argv', ['python', *words])
+    monkeypatch.setattr('sys.argv', words if words[0][0] == '/' else ['-m'])
+    assert starting.command() == (['tdm', 'record', '-o', 'bag'] if whose == 'tdm' else [])
+    assert starting.is_node() is (whose == 'node')
 
 
 @pytest.mark.parametrize('wheels', [True, False])
@@ -197,9 +186,8 @@ def test_wheels_beside_a_sourced_installation_are_refused(wheels, tmp_path, monk
     if not wheels:
         starting.require_one_ros()
         return
-    with pytest.raises(ImportError) as error:
+    with pytest.raises(ImportError, match=f'(?s){tmp_path}/opt/ros') as error:
         starting.require_one_ros()
-    assert f'{tmp_path}/opt/ros' in str(error.value)
     assert sys.prefix in str(error.value)
 
 
@@ -214,3 +202,107 @@ def test_an_interrupted_import_is_an_interruption():
 
     with pytest.raises(Interrupted), interruptible():
         load()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(folder, capsys):
+    words = ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]
+    assert main(words) == 0
+    assert 'upright' in capsys.readouterr().out
+    plan = json.loads((folder / 'plan.json').read_text())
+    assert plan['interpolation'] == 'zero_order_hold'
+    assert list(plan['states']) == ['theta', 'psi', 'theta_dot', 'psi_dot']
+    assert plan['verification']['ok'] is True
+    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert not faults(plan)
+
+
+def test_parameter_files_and_settings_as_users_run_it(folder: Path):
+    (folder / 'p.yaml').write_text(
+        '/**:\n  planner:\n    ros__parameters:\n      limits: {torque: 9e-2}\n'
+        '      start: {source: measured, theta: 3.0}\n'
+    )
+    words = ['plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1']
+    words += ['--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']
+    done = python('-m', 'tdm_planner.cli', *words)
+    assert (done.returncode, done.stdout) == (0, ''), done.stderr
+    lines = (folder / 'plan.csv').read_text().splitlines()
+    assert lines[0] == 'time,theta,psi,theta_dot,psi_dot,torque'
+    first = [float(value) for value in lines[1].split(',')]
+    assert first[1:3] == [3.0, 0.1]
+    assert abs(first[5]) == pytest.approx(0.09)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'words'),
+    [
+        (['--set', 'limits.torque=-1'], 2, ['limits.torque', '-1', '[1e-12, 1e+12] N m']),
+        (['--set', 'limits.torque=.nan'], 2, ['limits.torque', 'nan']),
+        (['--set', 'plant.mas=1'], 2, ['plant.mas', 'unknown', 'plant.mass']),
+        (['--set', 'plant.mass=1e300'], 2, ['plant.mass', '1e+300', '[1e-12, 1e+12] kg']),
+        (['--set', 'nonsense'], 2, ['nonsense', 'name=value']),
+        (['--set', 'start.psi=2.5'], 2, ['start.psi', '2.5', '[-2, 2]']),
+        (['--params', 'absent.yaml'], 2, ['absent.yaml', 'cannot be read']),
+        (['--params', '../wrong.yaml'], 2, ['not YAML']),
+        (['--set', 'limits.torque=1e-4', '--set', 'solver.deadline=.3'], 3, []),
+        (['-o', 'plan.txt'], 2, ['plan.txt', '.json, .csv, .npz']),
+        (['-o', 'missing/plan.json'], 2, ['missing']),
+        (['--plot', 'plan.bmp'], 2, ['plan.bmp']),
+    ],
+)
+def test_mistakes_get_one_sentence_and_a_code(
+    arguments, code, words, tmp_path, monkeypatch, capsys
+):
+    (tmp_path / 'wrong.yaml').write_text('a: [1, 2\nb: }')
+    (tmp_path / 'folder').mkdir()
+    monkeypatch.chdir(tmp_path / 'folder')
+    output = [] if '-o' in arguments else ['-o', 'plan.json']
+    assert main(['plan', 'pendulum', *output, *arguments]) == code
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert all(word in line for word in words), line
+    assert not list((tmp_path / 'folder').iterdir())
+
+
+def test_usage_version_and_without_ros_the_way_out_are_told(monkeypatch, capsys):
+    for words, code in (([], 2), (['plan', 'pendulum'], 2), (['--version'], 0)):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == code
+    assert capsys.readouterr().out.startswith('tdm_planner 0.')
+    monkeypatch.setitem(sys.modules, 'rclpy', None)
+    monkeypatch.delitem(sys.modules, 'tdm_sim.demo', raising=False)
+    assert main(['demo', 'pendulum']) == 2
+    assert "this needs 'rclpy', which is not installed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('foreign', ['out', 'out/thesis.tex'])
+def test_a_demo_refuses_a_speed_that_cannot_be_and_leaves_alone_what_is_not_its_own(
+    foreign, folder, capsys
+):
+    pytest.importorskip('rclpy')
+    for speed in ('0', '-1', '100', 'nan'):
+        assert main(['demo', 'pendulum', f'--speed={speed}', '-o', 'out']) == 2
+        assert "parameter 'speed'" in capsys.readouterr().err
+    assert not list(folder.iterdir())
+    mine = folder / foreign
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text('mine')
+    assert main(['demo', 'pendulum', '-o', 'out']) == 2
+    assert "'out'" in capsys.readouterr().err
+    assert mine.read_text() == 'mine'
+
+
+def test_the_live_page_says_what_it_needs(monkeypatch, capsys):
+    for name in [name for name in sys.modules if name.startswith('tdm_sim.live')]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    assert main(['live', 'pendulum']) == 2
+    assert "pip install tdm_planner[live]'" in capsys.readouterr().err
+    for words in ([], ['pendulum', '--attach', '/pendulum']):
+        with pytest.raises(SystemExit):
+            main(['live', *words])

@@ -1,19 +1,26 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a recorder writes survives a kill and a full disk; the command says how it ended."""
+"""Recorder and demo: what a kill and a full disk leave; topics, commands, connections, lines."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 import errno
 from importlib.util import find_spec
+import io
 import os
 from pathlib import Path
+import re
 import sqlite3
+import sys
 from typing import Any
+from unittest.mock import Mock
 
 from bag_contents import fill, metadata, numbers, read_with_mcap, read_with_rosbags
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 import pytest
 
 if find_spec('rclpy') is None:
@@ -22,17 +29,19 @@ if find_spec('rclpy') is None:
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from tdm_planner.cli import main
+from tdm_planner.cli import _parser, main
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.resources import config_file
 from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter
+from tdm_sim.demo_scene import Connections, speed_settings
+from tdm_sim.progress import LiveProgress, make_progress
+from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
 
 
 class Endpoint:
-    """What a publisher says of itself to the writer."""
-
     qos_profile = QoSProfile(depth=1)
     topic_type_hash = None
 
@@ -53,18 +62,17 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
     """Nothing in an MCAP file with room for so many bytes; without, it is a database."""
     bag = tmp_path / 'bag'
     with BagWriter(bag, 'mcap' if room else 'sqlite3') as writer:
+        storage: Any = writer._writer.storage
         if room:
             fill(writer, room)
         else:  # SQLite says that the disk is full beyond so many pages.
-            storage: Any = writer._writer.storage
-            connection = storage.conn
-            connection.execute('PRAGMA max_page_count=400')
+            storage.conn.execute('PRAGMA max_page_count=400')
         count = written(writer, 10_000, 1000)
         assert 500 < count < 10_000
         assert ('No space left on device' if room else 'disk is full') in writer.failure
         writer.write(None, 0, b'left out')
         if not room:  # the reserve is given up
-            connection.execute('PRAGMA max_page_count=10000')
+            storage.conn.execute('PRAGMA max_page_count=10000')
     assert not (bag / '.reserve').exists()
     found = numbers(read_with_rosbags(bag)['/t'])
     assert found == list(range(len(found)))
@@ -75,9 +83,7 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
 
 
 def test_a_disk_too_full_to_begin_is_said_to_be(tmp_path, monkeypatch):
-    def full(*_: Any) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr(bag_writer.os, 'posix_fallocate', full)
     with BagWriter(tmp_path / 'bag') as writer:
         assert 'No space left on device' in writer.failure
@@ -96,44 +102,33 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(tmp_path, storage, 
         assert written(writer, 50, 10) == 50
         writer.keep()
         copy.mkdir()
-        for file in bag.iterdir():
-            if not file.name.startswith('.'):
-                (copy / file.name).write_bytes(file.read_bytes())
+        for file in bag.glob('[!.]*'):
+            (copy / file.name).write_bytes(file.read_bytes())
+    seen = 0
     if storage == 'sqlite3':
         database = sqlite3.connect(copy / 'bag.db3')
-        assert database.execute('SELECT count(*) FROM messages').fetchone() == (50,)
+        ((seen,),) = database.execute('SELECT count(*) FROM messages')
         database.close()
-        return
-    from mcap.exceptions import EndOfFile
-    from mcap.records import Message
-    from mcap.stream_reader import StreamReader
-
-    seen = 0
-    with (copy / 'bag.mcap').open('rb') as stream, suppress(EndOfFile):
-        for item in StreamReader(stream).records:
-            seen += isinstance(item, Message)
+    else:
+        with (copy / 'bag.mcap').open('rb') as stream, suppress(EndOfFile):
+            for item in StreamReader(stream).records:
+                seen += isinstance(item, Message)
     assert seen == 50
 
 
 def test_folders_and_storages_that_cannot_be_are_refused(tmp_path, capsys):
     (tmp_path / 'precious').write_text('data')
-    sentence = f"the folder '{tmp_path}' exists already: choose another or remove it"
-    with pytest.raises(RecordingError, match='exists already'):
-        record(tmp_path)
+    for bag, storage, words in (
+        (tmp_path, 'mcap', 'exists already'),
+        (tmp_path / 'precious' / 'bag', 'mcap', 'cannot be made: Not a directory'),
+        (tmp_path / 'bag', 'tape', "'tape' is not allowed: must be one of mcap, sqlite"),
+    ):
+        with pytest.raises(RecordingError, match=words):
+            record(bag, storage=storage)
     assert main(['record', '-o', str(tmp_path)]) == 2
-    assert capsys.readouterr() == ('', f'error: {sentence}\n')
+    told = f"error: the folder '{tmp_path}' exists already: choose another or remove it\n"
+    assert capsys.readouterr() == ('', told)
     assert [path.name for path in tmp_path.iterdir()] == ['precious']
-    with pytest.raises(RecordingError, match='cannot be made: Not a directory'):
-        record(tmp_path / 'precious' / 'bag')
-    with pytest.raises(RecordingError, match="'tape' is not allowed: must be one of mcap, sqlite"):
-        record(tmp_path / 'bag', storage='tape')
-
-
-def test_a_message_type_that_is_not_installed_is_told() -> None:
-    assert message_class('std_msgs/msg/String') is String
-    for name in ('nowhere_msgs/msg/Thing', 'std_msgs/msg/Thing'):
-        with pytest.raises(InvalidProblem, match=f"its message type '{name}' is not installed"):
-            message_class(name)
 
 
 @pytest.mark.parametrize('name', ['sensor_msgs/msg/JointState', 'nav_msgs/msg/Odometry'])
@@ -143,15 +138,16 @@ def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> Non
     assert installed_types(name).hash_rihs01(name) == type_hash
     for member in ('std_msgs/Header', 'builtin_interfaces/Time'):
         assert f'MSG: {member}' in standard
+    for absent in ('nowhere_msgs/msg/Thing', 'std_msgs/msg/Thing'):
+        with pytest.raises(InvalidProblem, match=f"its message type '{absent}' is not installed"):
+            message_class(absent)
 
 
-FIGURES = '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
 DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
 
 
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
-    """With the recording itself left out."""
     failures: list[Exception] = []
 
     def pretend(*_: Any, on_start: Any, on_progress: Any, **__: Any) -> Progress:
@@ -164,9 +160,149 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
     monkeypatch.setattr(recorder, 'record', pretend)
     assert run(Path('bag'), [], 'mcap', quiet) == 0
     shown = capsys.readouterr().out
-    for words in ('Ctrl-C ends', FIGURES, 'written to bag, 2 dropped', '       4  /b'):
+    figures = '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
+    for words in ('Ctrl-C ends', figures, 'written to bag, 2 dropped', '       4  /b'):
         assert (words in shown) != quiet
     for failure, code in ((IncompleteRecording('full', DONE), 1), (RecordingError('x'), 2)):
         failures[:] = [failure]
         assert run(Path('bag'), [], 'mcap', quiet) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
+
+
+TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
+SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
+OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
+          '/hall/a/odom', '/hall/abc'}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('node', 'figures', 'connected'),
+    [
+        (TRACKER, {'state age [s]': '0.004', 'planners': '1'}, True),
+        (TRACKER, {'state age [s]': 'inf', 'planners': '1'}, False),
+        (TRACKER, {'state age [s]': '0.004', 'planners': '0'}, False),
+        (TRACKER, {'state age [s]': '?', 'planners': '1'}, False),
+        (PLANT, {'commands accepted': '0'}, False),
+        (PLANT, {'commands accepted': '1'}, True),
+    ],
+)
+def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(node, figures, connected):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    connections = Connections()
+    ask = connections.tracker if node == TRACKER else connections.plant
+    assert not ask(node)
+    for shown in (figures, {}):  # the newest word counts
+        values = [KeyValue(key=key, value=value) for key, value in shown.items()]
+        status = DiagnosticStatus(name=f'{node}: something', values=values)
+        connections.take(DiagnosticArray(status=[status]))
+        assert ask(node) == (connected and bool(shown))
+        assert not ask('/other/node')
+
+
+def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:
+    def settings(node: str, speed: float, drives_clock: bool = False, **more: Any) -> Any:
+        file = config_file('pendulum.yaml')
+        return speed_settings(node, file, speed, drives_clock=drives_clock, **more)
+
+    for node in ('planner', 'tracker', 'pendulum_plant', 'robot_plant', 'plant'):
+        assert settings(node, 1.0) == {}
+    longer = {'start.delay': 4.0, 'start.max_age': 2.0, 'replan.delay': 0.6}
+    assert settings('planner', 4.0) == {'use_sim_time': True, **longer}
+    tracker = settings('tracker', 4.0, rates=2.0)
+    assert (tracker['rate'], tracker['state_timeout']) == (100.0, pytest.approx(0.4))
+    assert settings('pendulum_plant', 4.0, drives_clock=True, rates=2.0) == {
+        'use_sim_time': False,
+        'publish_clock': True,
+        'real_time_factor': 4.0,
+        'clock_followers': ['joint_command'],
+        'command_timeout': pytest.approx(0.4),
+        'rate': 100.0,
+    }
+    # slower, nothing is shortened
+    assert settings('planner', 0.5)['start.delay'] == 1.0
+    assert settings('tracker', 0.5)['rate'] == 200.0
+
+
+def test_piped_there_are_plain_lines_and_when_quiet_none(capsys):
+    for quiet, lines in ((False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')):
+        with make_progress(quiet) as progress:
+            progress.phase('first')
+            progress.update('live only')
+            progress.line('[b]')
+        assert re.fullmatch(lines, capsys.readouterr().out)
+
+
+class Terminal(io.StringIO):
+    isatty = Mock(return_value=True)
+
+
+def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setenv('TERM', 'xterm')
+    monkeypatch.setenv('COLUMNS', '100')
+    monkeypatch.setattr(sys, 'stdout', terminal)
+    assert not isinstance(make_progress(quiet=True), LiveProgress)
+    progress = make_progress()
+    assert isinstance(progress, LiveProgress)
+    with progress:
+        progress.phase('first [part]')
+        progress.update('live only')
+        progress._bars.refresh()
+    progress.line('done')
+    # an error ends the live line
+    with pytest.raises(ZeroDivisionError), progress:
+        progress.phase(f'{1 // 0}')
+    assert not progress._bars.live.is_started
+    for words in ('live only', 'first [part]', '\x1b[', 'done'):
+        assert words in terminal.getvalue()
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'wanted'),
+    [
+        *((name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')),
+        ('hall/a', {'/hall/a/odom'}),
+        ('/', OTHERS),
+    ],
+)
+def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
+    namespace, wanted
+):
+    choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
+    for topic in SHARED | OTHERS:
+        assert choice.wants(topic) == (topic in SHARED | wanted), topic
+        assert bool(pattern.search(topic)) == choice.wants(topic), topic
+    assert not choice.wants('/robots/_hidden/odom')
+    # by name, or all
+    choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
+    both = TopicChoice(frozenset({'/chosen'}), 'robots')
+    asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')
+    for chosen, wanted in ((choice, '110000'), (both, '101100'), (TopicChoice(), '101110')):
+        assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
+
+
+def test_ros2_bag_records_where_it_is_installed_and_the_installed_tdm_elsewhere(
+    tmp_path, monkeypatch
+):
+    """Of a workspace that colcon built; its Python need not be this one."""
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    (index / 'ros2bag').touch()
+    command = record_command('hall/a', 'my_bag')
+    pattern = topics_pattern('hall/a')
+    assert command == ['ros2', 'bag', 'record', '--output', 'my_bag', '--regex', pattern]
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
+    (index / 'ros2bag').rename(index / 'tdm_planner')
+    (tmp_path / 'lib/tdm_planner').mkdir(parents=True)
+    (tmp_path / 'lib/tdm_planner/tdm').touch(0o755)
+    program, *words = record_command('hall/a', 'my_bag')
+    assert program == str(tmp_path / 'lib/tdm_planner/tdm')
+    options = _parser().parse_args(words)
+    assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]
+    for namespace, name in (('/hall/a', 'hall_a'), ('', 'tdm')):
+        words = record_command(namespace)
+        folder = words[words.index('--output') + 1]
+        assert re.fullmatch(rf'{name}_\d{{4}}(_\d\d){{2}}-\d\d(_\d\d){{2}}', folder)

@@ -12,8 +12,6 @@ from pathlib import Path
 import re
 import tokenize
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = ('tdm_planner', 'tdm_sim', 'launch', 'tools', 'benchmark')
 SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob('*.py'))
@@ -44,40 +42,18 @@ GENERATED = re.compile(r'<!-- generated: .*?<!-- end -->', re.DOTALL)
 
 
 def prose(source: Path) -> str:
-    """Return the comments and strings of a module."""
     tokens = tokenize.generate_tokens(io.StringIO(source.read_text(encoding='utf-8')).readline)
     kinds = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', None)}
     return '\n'.join(token.string for token in tokens if token.type in kinds)
 
 
-def retired_words(text: str) -> list[str]:
-    """Return the retired words of a text."""
-    return [match[0] for match in CHECKED.finditer(text)]
-
-
-@pytest.mark.parametrize('path', [ROOT / folder for folder in FOLDERS], ids=FOLDERS)
-def test_sources_use_no_retired_words(path: Path) -> None:
-    found = [
-        f'{source.relative_to(ROOT)}: {word}'
-        for source in SOURCES
-        if source.is_relative_to(path)
-        for word in retired_words(EXEMPT.sub('', prose(source)))
-    ]
+def test_sources_and_pages_use_no_retired_words_and_no_page_is_long() -> None:
+    pages = {page: page.read_text(encoding='utf-8') for page in PAGES}
+    texts = {page: GENERATED.sub('', text) for page, text in pages.items()}
+    texts |= {source: EXEMPT.sub('', prose(source)) for source in SOURCES}
+    found = [f'{path}: {match[0]}' for path in texts for match in CHECKED.finditer(texts[path])]
     assert not found, '\n'.join(found)
-
-
-def test_pages_use_no_retired_words() -> None:
-    found = [
-        f'{page.relative_to(ROOT)}: {word}'
-        for page in PAGES
-        for word in retired_words(GENERATED.sub('', page.read_text(encoding='utf-8')))
-    ]
-    assert not found, '\n'.join(found)
-
-
-def test_no_page_is_long() -> None:
-    long = {page.name: len(page.read_text(encoding='utf-8').splitlines()) for page in PAGES}
-    assert {name: lines for name, lines in long.items() if lines > 400} == {}
+    assert not [page.name for page, text in pages.items() if len(text.splitlines()) > 400]
 
 
 def test_architecture_names_files_that_exist() -> None:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 import math
 import threading
 from types import SimpleNamespace
@@ -27,53 +27,34 @@ from tdm_sim.live.scene import drag_handles_of, pulled
 from tdm_sim.live.sliders import shown_range, slider_of
 
 
-def descriptor(name: str, kind: int = 3, **more: Any) -> Any:
+def slider(name: str, value: Any, kind: int = 3, most: float = 1e12, **more: Any) -> Any:
     declared = {
         'name': name,
         'type': kind,
         'description': 'largest torque [N m]',
         'additional_constraints': 'must be in [1e-12, 1e+12] N m',
         'read_only': False,
-        'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=1e12)],
+        'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=most)],
         'integer_range': [SimpleNamespace(from_value=1, to_value=1000)],
     }
-    return SimpleNamespace(**(declared | more))
+    made: Any = SimpleNamespace(**(declared | more))
+    return slider_of(made, value)
 
 
 def test_range_unit_and_description_come_from_the_declaration() -> None:
-    found = slider_of(descriptor('limits.torque'), 0.02)
-    assert found is not None
+    found = slider('limits.torque', 0.02)
     assert (found.low, found.high) == pytest.approx((0.005, 0.08))
     assert (found.unit, found.group, found.value) == ('N m', 'limits', 0.02)
     assert found.hint == 'limits.torque: largest torque. must be in [1e-12, 1e+12] N m'
-    share = slider_of(
-        descriptor(
-            'torque_reserve',
-            description='share for the feedback',
-            floating_point_range=[SimpleNamespace(from_value=0.0, to_value=1.0)],
-        ),
-        0.3,
-    )
-    assert share is not None
+    share = slider('torque_reserve', 0.3, most=1.0, description='share for the feedback')
     assert (share.low, share.high, share.unit, share.group) == (0.0, 1.0, '', '')
-    whole = slider_of(descriptor('switching_arcs', 2), 256)
-    assert whole is not None
+    whole = slider('switching_arcs', 256, 2)
     assert all(isinstance(v, int) for v in (whole.low, whole.high, whole.step, whole.value))
-
-
-@pytest.mark.parametrize(
-    ('name', 'more', 'value'),
-    [
-        ('method', {'kind': 4}, 'switching'),
-        ('start.delay', {}, 1.0),
-        ('solver.deadline', {}, 0.5),
-        ('replan.rate', {}, 0.0),
-        ('limits.torque', {'read_only': True}, 0.02),
-        ('goal.turns', {'kind': 2}, None),
-    ],
-)
-def test_what_has_no_slider(name: str, more: dict[str, Any], value: Any) -> None:
-    assert slider_of(descriptor(name, **more), value) is None
+    # what has none
+    assert slider('method', 'switching', 4) is slider('goal.turns', None, 2) is None
+    assert slider('limits.torque', 0.02, read_only=True) is None
+    for name in ('start.delay', 'solver.deadline', 'replan.rate'):
+        assert slider(name, 0.5) is None
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e12, 1e12), st.floats(-1e12, 1e12))
@@ -87,14 +68,6 @@ BEGIN = 1_800_000_000.0  # s, as clocks show
 VIEW = view_of(PendulumSwingUp())
 
 
-def plan() -> TimedTrajectory:
-    times = np.linspace(0.0, 2.0, 21)
-    states = np.stack([times, 0.5 * times, 1.0 + 0.0 * times, 0.5 + 0.0 * times], axis=1)
-    return TimedTrajectory(
-        Trajectory.of(VIEW.kind, times, states, np.full((21, 1), 0.01), 'linear'), BEGIN
-    )
-
-
 def history(seconds: float) -> History:
     made = History(VIEW)
     for t in np.arange(0.0, seconds, 0.005):  # states come at 200 Hz
@@ -103,7 +76,10 @@ def history(seconds: float) -> History:
 
 
 def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
-    charts = history(1.0).charts(plan())
+    times = np.linspace(0.0, 2.0, 21)
+    states = np.array([0.0, 0.0, 1.0, 0.5]) + times[:, None] * [1.0, 0.5, 0.0, 0.0]
+    plan = Trajectory.of(VIEW.kind, times, states, np.full((21, 1), 0.01), 'linear')
+    charts = history(1.0).charts(TimedTrajectory(plan, BEGIN))
     assert [chart.title for chart in charts] == [
         'theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS,
     ]  # fmt: skip
@@ -119,9 +95,7 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     assert (margins.curves['torque'] > 0.0).all()
     for chart in charts:
         assert all(np.isfinite(curve).all() for curve in chart.curves.values())
-
-
-def test_only_the_last_seconds_are_kept_and_a_clock_that_begins_anew_begins_anew() -> None:
+    # only the last seconds are kept; a clock that begins anew begins anew
     made = history(SPAN + 5.0)
     x = made.charts(None)[0].x
     assert -SPAN - 1.0 < x[0] < -SPAN / 2
@@ -134,8 +108,7 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
     assert times.chart() is None
     for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
         times.add(number, solve_time)
-    chart = times.chart()
-    assert chart is not None
+    chart: Any = times.chart()
     assert chart.title == SOLVING
     assert chart.x.tolist() == [1.0, 2.0]
     assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
@@ -146,59 +119,35 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
 PATIENCE = 30.0  # s
 
 
-@pytest.fixture
-def tasks() -> Iterator[TaskThread]:
-    made = TaskThread()
-    yield made
-    made.close()
-
-
-def test_a_newer_task_supersedes_one_that_waits(tasks: TaskThread) -> None:
+def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
+    tasks = TaskThread()
     begun, go_on, done = threading.Event(), threading.Event(), threading.Event()
-    carried_out: list[str] = []
+    told: list[str] = []
 
     def first() -> str:
         begun.set()
         go_on.wait(PATIENCE)
         return 'first'
 
-    tasks.submit('drag', first, carried_out.append)
+    def fail(error: Exception) -> str:
+        raise error
+
+    tasks.submit('drag', first, told.append)
     assert begun.wait(PATIENCE)
     for number in range(5):
-        tasks.submit('drag', f'drag {number}'.__str__, carried_out.append)
-    tasks.submit('push', lambda: 'push', carried_out.append)
+        tasks.submit('drag', f'drag {number}'.__str__, told.append)
+    tasks.submit('push', partial(fail, Infeasible('the goal is outside')), told.append)
+    tasks.submit('pull', partial(fail, KeyError('x')), told.append)
+    tasks.submit('next', lambda: 'next', told.append)
     tasks.submit('last', lambda: '', lambda _: done.set())
     go_on.set()
     assert done.wait(PATIENCE)
-    assert carried_out == ['first', 'drag 4', 'push']
+    tasks.close()
+    failures = ['INFEASIBLE: the goal is outside', "INTERNAL: KeyError: 'x'"]
+    assert told == ['first', 'drag 4', *failures, 'next']
 
 
-@pytest.mark.parametrize(
-    ('error', 'told'),
-    [
-        (Infeasible('the goal is outside the arena'), 'INFEASIBLE: the goal is outside the arena'),
-        (KeyError('x'), "INTERNAL: KeyError: 'x'"),
-    ],
-)
-def test_what_cannot_be_done_is_told_and_the_next_is_done(tasks, error, told):
-    texts: list[str] = []
-    done = threading.Event()
-
-    def fail() -> str:
-        raise error
-
-    tasks.submit('drag', fail, texts.append)
-    tasks.submit('next', lambda: 'done', texts.append)
-    tasks.submit('last', lambda: '', lambda _: done.set())
-    assert done.wait(PATIENCE)
-    assert texts == [told, 'done']
-
-
-component = st.floats(-2.0, 2.0)
-vector = st.tuples(component, component, component)
-
-
-@given(vector)
+@given(st.tuples(*[st.floats(-2.0, 2.0)] * 3))
 def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
     direction = np.array(way)
     assume(np.linalg.norm(direction) > 1e-3)
@@ -274,13 +223,10 @@ def test_the_pendulum_s_rings_stand_for_its_angles(theta: float, psi: float) -> 
         assert found[1] == pytest.approx(values[found[0]], abs=1e-7)
 
 
-def test_a_turn_goes_on_from_the_turn_before() -> None:
+def test_a_turn_goes_on_from_the_turn_before_and_a_push_where_the_body_was_pulled() -> None:
     handle = drag_handles_of(PendulumSwingUp())[0]
     (psi,) = handle.values_at((np.zeros(3), about((0, 0, 1), -3.1)), {'initial.psi': 3.1}).values()
     assert psi == pytest.approx(2 * math.pi - 3.1)
-
-
-def test_a_push_goes_where_the_body_was_pulled() -> None:
     robots = pulled(RobotFormation(), {}, np.zeros(7), (1, 1, 0), (1, 3, 0.5))
     assert robots == {'disturbance.direction': pytest.approx(math.pi / 2)}
     values = {'disturbance.impulse': 2e-4}

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 import time
 from types import SimpleNamespace
@@ -26,36 +27,28 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 
-@pytest.mark.parametrize(
-    ('origin', 'host', 'may'),
-    [
-        ('127.0.0.1', '127.0.0.1', True),
-        ('localhost', '127.0.0.1', True),
-        ('evil.example', '127.0.0.1', False),
-        ('192.168.1.7', '127.0.0.1', False),
-        ('192.168.1.7', '0.0.0.0', True),
-        ('evil.example', '0.0.0.0', False),
-        ('rig.local', 'rig.local', True),
-    ],
-)
-def test_only_own_pages_may_ask(origin: str, host: str, may: bool) -> None:
-    assert run._may_ask(origin, host) is may
+@pytest.fixture
+def server() -> Iterator[Any]:
+    made = run._server('127.0.0.1', 0)
+    yield made
+    made.stop()
 
 
-def test_a_page_from_elsewhere_is_turned_away() -> None:
-    server = run._server('127.0.0.1', 0)
+def test_only_own_pages_may_ask(server: Any) -> None:
+    for host, own, others in (
+        ('127.0.0.1', ('127.0.0.1', 'localhost'), ('evil.example', '192.168.1.7')),
+        ('0.0.0.0', ('192.168.1.7',), ('evil.example',)),
+        ('rig.local', ('rig.local',), ()),
+    ):
+        for origin in own + others:
+            assert run._may_ask(origin, host) is (origin in own), (origin, host)
     address = f'ws://127.0.0.1:{server.get_port()}'
     words: dict[str, Any] = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
-    own_page: Any = 'http://localhost:8080'
-    evil_page: Any = 'http://evil.example'
-    try:
-        with connect(address, origin=own_page, **words) as own:
-            assert own.recv(timeout=20.0)
-        evil = connect(address, origin=evil_page, **words)
-        with evil as other, pytest.raises(ConnectionClosed):
-            other.recv(timeout=20.0)
-    finally:
-        server.stop()
+    with connect(address, origin='http://localhost:8080', **words) as own_page:
+        assert own_page.recv(timeout=20.0)
+    evil = connect(address, origin='http://evil.example', **words)
+    with evil as other, pytest.raises(ConnectionClosed):
+        other.recv(timeout=20.0)
 
 
 @pytest.mark.parametrize(
@@ -64,12 +57,10 @@ def test_a_page_from_elsewhere_is_turned_away() -> None:
 def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
     """A recorder that ends at once; one that waits in vain."""
     monkeypatch.setattr(recordings, '_PATIENCE', patience)
-
-    def start(self: NodeProcesses, name: str, module: str, words: list[str]) -> None:
-        begin(self, name, 'calendar', ['2026'])
-
     begin = NodeProcesses.start
-    monkeypatch.setattr(NodeProcesses, 'start', start)
+    monkeypatch.setattr(
+        NodeProcesses, 'start', lambda self, name, *_: begin(self, name, 'calendar', ['2026'])
+    )
     made = Recordings(tmp_path, 'space')
     with pytest.raises(RecordingFailed, match=told):
         made.start()
@@ -78,16 +69,12 @@ def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, 
 
 
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e4])
-def test_plants_of_any_size_are_in_sight(size: float) -> None:
-    server = run._server('127.0.0.1', 0)
-    try:
-        seen = view_on([Line(((0.0, 0.0, 0.0), (size, size, size)))])
-        Scene(server, lambda *_: None, lambda *_: None).look(seen)
-        camera = server.initial_camera
-        assert camera.near < np.linalg.norm(seen.camera - seen.target) - size
-        assert camera.far > np.linalg.norm(seen.camera - seen.target) + size
-    finally:
-        server.stop()
+def test_plants_of_any_size_are_in_sight(size: float, server: Any) -> None:
+    seen = view_on([Line(((0.0, 0.0, 0.0), (size, size, size)))])
+    Scene(server, lambda *_: None, lambda *_: None).look(seen)
+    away = np.linalg.norm(seen.camera - seen.target)
+    assert server.initial_camera.near < away - size
+    assert server.initial_camera.far > away + size
 
 
 def test_a_node_that_ends_is_started_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Quaternion
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,26 +22,10 @@ from replays import pendulum_points
 from sensor_msgs.msg import JointState
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes import messages, reading
 from tdm_planner.nodes.markers import DrawnPath, LONGEST_PATH, Picture, plan_markers
-from tdm_planner.nodes.messages import (
-    command_message,
-    joint_states,
-    odometry,
-    path_message,
-    plan_message,
-    to_duration,
-    to_quaternion,
-    to_stamp,
-)
-from tdm_planner.nodes.reading import (
-    nanoseconds_of,
-    read_command,
-    read_joints,
-    read_odometry,
-    read_plan,
-    seconds_of,
-    yaw_of,
-)
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -50,6 +35,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 START = 1_700_000_000_123_456_789
 STAMP = to_stamp(START)
+PLANT = RotaryPendulum()
 CRANE = named_kind(
     ('x', 'v', 'sway', 'rope', 'reel'),
     ('force', 'winch'),
@@ -61,35 +47,29 @@ def switched(kind: PlantKind, count: int = 20) -> Trajectory:
     """Consistent enough to be a message: controls jump in the middle, states are arbitrary."""
     rng = np.random.default_rng(1)
     times = to_nanoseconds(np.concatenate([[0.0], np.cumsum(rng.uniform(1e-3, 5e-3, count - 1))]))
-    later = np.arange(count) >= count // 2
-    nu = len(kind.control_names)
-    return Trajectory(
-        times=times,
-        states=rng.normal(size=(count, len(kind.state_names))),
-        controls=np.where(later[:, None], 0.01 * np.arange(1, nu + 1), 0.02),
-        state_names=kind.state_names,
-        control_names=kind.control_names,
-    )
+    states = rng.normal(size=(count, len(kind.state_names)))
+    later = np.arange(count)[:, None] >= count // 2
+    controls = np.where(later, 0.01 * np.arange(1, len(kind.control_names) + 1), 0.02)
+    return Trajectory(times, states, controls, kind.state_names, kind.control_names)
 
 
 @pytest.fixture
 def made() -> JointTrajectory:
-    return plan_message(PENDULUM, switched(PENDULUM), STAMP)
+    return messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
 
 
 @pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
 def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> None:
     """But for the last controls, which are held for no time; joints may come in any order."""
     plan = switched(kind)
-    made = plan_message(kind, plan, STAMP)
+    made = messages.plan_message(kind, plan, STAMP)
     assert (made.header.stamp, made.header.frame_id) == (STAMP, kind.frame)
     made.joint_names = list(made.joint_names)[::-1]
     for point in made.points:
         for quantity in ('positions', 'velocities', 'accelerations', 'effort'):
             setattr(point, quantity, list(getattr(point, quantity))[::-1])
-    read = read_plan(
-        kind, deserialize_message(serialize_message(made), JointTrajectory), 'zero_order_hold'
-    )
+    sent = deserialize_message(serialize_message(made), JointTrajectory)
+    read = reading.read_plan(kind, sent, 'zero_order_hold')
     assert np.array_equal(read.times, plan.times)
     assert np.array_equal(read.states, plan.states)
     assert np.array_equal(read.controls[:-1], plan.controls[:-1])
@@ -104,7 +84,7 @@ def test_a_robots_plan_is_one_message() -> None:
     plan = switched(ROBOT).with_rates(robot.derivative)
     omega = plan.state('omega')
     wheel = robot.wheel_speed(omega, initial_omega=float(omega[0]))
-    made = plan_message(ROBOT, plan, STAMP, {'wheel_speed': wheel})
+    made = messages.plan_message(ROBOT, plan, STAMP, {'wheel_speed': wheel})
     assert list(made.joint_names) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
     x, y, u, v, yaw, _, alpha = plan.states[3].tolist()
     thrust, rate, torque = plan.controls[3].tolist()
@@ -112,13 +92,12 @@ def test_a_robots_plan_is_one_message() -> None:
     assert list(point.positions) == [x, y, yaw, alpha, 0.0]
     assert list(point.velocities) == [u, v, omega[3], rate, wheel[3]]
     assert list(point.effort) == [0.0, 0.0, 0.0, thrust, torque]
-    assert plan.rates is not None
     expected = [*plan.rates[3, 0, [2, 3, 5]], 0.0, 0.0]
     np.testing.assert_allclose(point.accelerations, expected)
     speeds = np.array([p.velocities[4] for p in made.points])
     momentum = robot.angular_momentum(omega, speeds)
     np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
-    path = path_message(ROBOT, plan, START)
+    path = messages.path_message(ROBOT, plan, START)
     assert path.header.frame_id == 'arena'
     stamps = [nanoseconds_of(p.header.stamp) - START for p in path.poses]
     assert stamps == np.round(plan.times * 1e9).astype(int).tolist()
@@ -128,20 +107,15 @@ def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
     plan = switched(PENDULUM)
     states = plan.states.copy()
     states[-1, 2:] = 9e-4
-    plan = Trajectory(plan.times, states, plan.controls, *PENDULUM_NAMES)
-    made = plan_message(PENDULUM, plan.with_rates(RotaryPendulum().derivative), STAMP)
-    expected = RotaryPendulum().derivative(states, plan.controls)[:, 2:]
+    plan = replace(plan, states=states)
+    made = messages.plan_message(PENDULUM, plan.with_rates(PLANT.derivative), STAMP)
+    expected = PLANT.derivative(plan.states, plan.controls)[:, 2:]
     assert np.array_equal([point.accelerations for point in made.points], expected)
     assert list(made.points[-1].velocities) == [0.0, 0.0]
     assert [p.effort[1] for p in made.points[9:11]] == [0.02, 0.01]
-
-
-PENDULUM_NAMES = PENDULUM.state_names, PENDULUM.control_names
-
-
-def test_a_joint_without_a_velocity_has_that_of_its_position() -> None:
+    # a joint without a velocity has that of its position
     plan = switched(CRANE).with_rates(lambda x, u: 2.0 * x)
-    made = plan_message(CRANE, plan, STAMP)
+    made = messages.plan_message(CRANE, plan, STAMP)
     assert list(made.joint_names) == ['trolley', 'winch', 'sway', 'force']
     _, v, sway, _, reel = plan.states[4].tolist()
     assert list(made.points[4].velocities) == [v, reel, 2 * sway, 0.0]
@@ -150,11 +124,12 @@ def test_a_joint_without_a_velocity_has_that_of_its_position() -> None:
 
 
 def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory) -> None:
-    assert read_plan(PENDULUM, made).interpolation == 'zero_order_hold'
+    held = 'zero_order_hold'
+    assert reading.read_plan(PENDULUM, made).interpolation == held
     for number, point in enumerate(made.points):
         point.effort = [0.0, math.sin(number)]
-    assert read_plan(PENDULUM, made).interpolation == 'linear'
-    assert read_plan(PENDULUM, made, 'zero_order_hold').interpolation == 'zero_order_hold'
+    for asked, found in ((), 'linear'), ((held,), held):
+        assert reading.read_plan(PENDULUM, made, *asked).interpolation == found
 
 
 @pytest.mark.parametrize(
@@ -165,8 +140,8 @@ def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory)
         (None, {'points': []}, 'has 0 points'),
         (3, {'velocities': [0.0]}, "'velocities' of point 3 has 1 values for 2 joints"),
         (0, {'effort': []}, "'effort' of point 0 has 0 values"),
-        (5, {'time_from_start': to_duration(0.0)}, "'times' must increase strictly"),
-        (0, {'time_from_start': to_duration(-1.0)}, "'time_from_start' of point 0 is -1 s"),
+        (5, {'time_from_start': Duration()}, "'times' must increase strictly"),
+        (0, {'time_from_start': Duration(sec=-1)}, "'time_from_start' of point 0 is -1 s"),
         (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),
     ],
 )
@@ -174,7 +149,7 @@ def test_malformed_plans_are_refused(made, point, changes, says):
     for name, value in changes.items():
         setattr(made if point is None else made.points[point], name, value)
     with pytest.raises(InvalidProblem) as refused:
-        read_plan(PENDULUM, made)
+        reading.read_plan(PENDULUM, made)
     assert says in str(refused.value)
 
 
@@ -186,16 +161,16 @@ def test_malformed_plans_are_refused(made, point, changes, says):
 )
 def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw):
     assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
-    assert abs(seconds_of(to_duration(seconds)) - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
-    turned = yaw_of(to_quaternion(yaw))
+    again = reading.seconds_of(messages.to_duration(seconds))
+    assert abs(again - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
+    turned = reading.yaw_of(messages.to_quaternion(yaw))
     assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
 
 
 def read_state(kind: PlantKind, joints: JointState, moved: Odometry | None = None) -> np.ndarray:
-    """Return the state that messages hold, as MeasuredState puts it together."""
-    found = read_joints(kind.measured, joints, kind.state_names)
+    found = reading.read_joints(kind.measured, joints, kind.state_names)
     if moved is not None:
-        found |= read_odometry(kind, moved)
+        found |= reading.read_odometry(kind, moved)
     return np.array([found[name] for name in kind.state_names])
 
 
@@ -204,55 +179,47 @@ def test_states_and_commands_come_back(kind: PlantKind) -> None:
     rng = np.random.default_rng(2)
     state = rng.uniform(-1, 1, len(kind.state_names))
     values = dict(zip(kind.state_names, state.tolist(), strict=True))
-    turned = odometry(kind, values, values, STAMP, 'child') if kind.odometry else None
-    measured = joint_states(kind.joints, values)
+    turned = messages.odometry(kind, values, values, STAMP, 'child') if kind.odometry else None
+    measured = messages.joint_states(kind.joints, values)
     np.testing.assert_allclose(read_state(kind, measured, turned), state, atol=1e-15)
     control = rng.uniform(-1, 1, len(kind.control_names))
-    assert np.array_equal(read_command(kind, command_message(kind, control)), control)
+    command = messages.command_message(kind, control)
+    assert np.array_equal(reading.read_command(kind, command), control)
 
 
-@pytest.mark.parametrize(
-    ('names', 'effort', 'words'),
-    [
+def test_malformed_commands_say_why() -> None:
+    for names, effort, words in (
         ([], [], r'joint\(s\) disk must be named once, but the names are: none'),
         (['disk', 'disk'], [0.0, 1.0], r'joint\(s\) disk must be named once'),
         (['disk'], [0.0, 1.0], "'effort' has 2 values for 1 named joint"),
         (['disk'], [math.nan], 'effort of joint disk is nan'),
-    ],
-)
-def test_malformed_commands_say_why(names: list[str], effort: list[float], words: str) -> None:
-    with pytest.raises(InvalidProblem, match=words):
-        read_command(PENDULUM, JointState(name=names, effort=effort))
-
-
-def driving() -> Odometry:
-    message = Odometry()
-    message.header.frame_id = 'arena'
-    message.pose.pose.position.x, message.pose.pose.position.y = 1.0, 2.0
-    message.pose.pose.orientation = to_quaternion(math.pi / 2)
-    message.twist.twist.linear.x = 0.3  # forward, which is along y here
-    message.twist.twist.angular.z = 0.1
-    return message
-
-
-THRUSTER = JointState(name=['thruster'], position=[0.5])
+    ):
+        with pytest.raises(InvalidProblem, match=words):
+            reading.read_command(PENDULUM, JointState(name=names, effort=effort))
 
 
 def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
-    state = read_state(ROBOT, THRUSTER, driving())
+    thruster = JointState(name=['thruster'], position=[0.5])
+    message = Odometry()
+    message.header.frame_id = 'arena'
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.y = 1.0, 2.0
+    pose.orientation = messages.to_quaternion(math.pi / 2)
+    twist.linear.x, twist.angular.z = 0.3, 0.1  # forward, which is along y here
+    state = read_state(ROBOT, thruster, message)
     np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1, 0.5], atol=1e-15)
-    for spoil, words in (
-        (lambda o: setattr(o.pose.pose.position, 'x', math.inf), 'finite'),
-        (lambda o: setattr(o.pose.pose, 'orientation', Quaternion(w=0.0)), 'unit quaternion'),
-        (lambda o: setattr(o.header, 'frame_id', 'odom'), "'odom' must be 'arena'"),
+    for part, name, bad, words in (
+        (pose.position, 'x', math.inf, 'finite'),
+        (pose, 'orientation', Quaternion(w=0.0), 'unit quaternion'),
+        (message.header, 'frame_id', 'odom', "'odom' must be 'arena'"),
     ):
-        message = driving()
-        spoil(message)
+        good = getattr(part, name)
+        setattr(part, name, bad)
         with pytest.raises(InvalidProblem, match=words):
-            read_state(ROBOT, THRUSTER, message)
+            read_state(ROBOT, thruster, message)
+        setattr(part, name, good)
 
 
-PLANT = RotaryPendulum()
 DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
 number = st.floats(-20.0, 20.0)
 
@@ -266,17 +233,15 @@ def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
     return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
 
 
+BODY = {('body', 0), ('body', 1)}
+
+
 @pytest.mark.parametrize(
     ('drawn', 'name', 'always'),
     [
-        (DRAWN_PENDULUM, '', {('body', 0), ('body', 1), ('force', 2)}),
-        (
-            DRAWN_ROBOT,
-            'robot2',
-            {('body', 0), ('body', 1), ('reach', 2), ('force', 3), ('name', 0)},
-        ),
+        (DRAWN_PENDULUM, '', BODY | {('force', 2)}),
+        (DRAWN_ROBOT, 'robot2', BODY | {('reach', 2), ('force', 3), ('name', 0)}),
     ],
-    ids=['pendulum', 'robot'],
 )
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
@@ -298,10 +263,8 @@ def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states)
 def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
     scene = shown(DRAWN_PENDULUM, [theta, psi, 0.0, 0.0])
     pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
-    np.testing.assert_allclose(
-        [place(p) for p in scene['body', 1].points], [pivot, tip], atol=1e-9
-    )
-    np.testing.assert_allclose(place(scene['body', 0].points[1]), pivot, atol=1e-9)
+    drawn = [place(p) for p in (*scene['body', 1].points, scene['body', 0].points[1])]
+    np.testing.assert_allclose(drawn, [pivot, tip, pivot], atol=1e-9)
 
 
 def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
@@ -338,19 +301,14 @@ def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
     assert trail() == []
 
 
-STATES = np.zeros((1000, 7))
-STATES[:, :2] = np.linspace([0.5, 0.5], [3.0, 1.0], 1000)
-STATES[:, 4] = 0.5
-ZONES = [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]]
-
-
-def formation(names: str, zones: list[list[float]]) -> MarkerArray:
-    ways = [DrawnPath(DRAWN_ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
-    return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
-
-
 def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> None:
-    array = formation('abc', ZONES)
+    states = np.linspace([0.5, 0.5, 0, 0, 0.5, 0, 0], [3.0, 1.0, 0, 0, 0.5, 0, 0], 1000)
+
+    def formation(names: str, zones: list[list[float]]) -> MarkerArray:
+        ways = [DrawnPath(DRAWN_ROBOT, states[-1:] if n == 'a' else states, n) for n in names]
+        return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
+
+    array = formation('abc', [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]])
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     scene = Scene(array)

@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -26,8 +28,6 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Outlook, Review
 from tdm_planner.trajectory import TimedTrajectory
 from tdm_planner.verification import replay
-
-SILENT = SimpleNamespace(info=lambda *_, **__: None, warning=lambda *_, **__: None)
 
 
 class Queue(PlanQueue):
@@ -55,7 +55,6 @@ class Queue(PlanQueue):
         return compute, self.done.append
 
     def finish(self) -> None:
-        """Let the computation under way end, and the executor take its outcome."""
         self.go.set()
         assert self.delivered.wait(20.0)
         self.go.clear()
@@ -97,7 +96,7 @@ def test_a_request_supersedes_a_review(queue: Queue) -> None:
     assert queue.done[1:] == ['later review']
 
 
-def test_what_is_cancelled_is_answered_and_its_outcome_dropped(queue: Queue) -> None:
+def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome(queue: Queue) -> None:
     queue.request(*queue.job('request'))
     queue.task(*queue.job('task'))
     error = Inactive('deactivated')
@@ -110,56 +109,29 @@ def test_what_is_cancelled_is_answered_and_its_outcome_dropped(queue: Queue) -> 
     queue.request(*queue.job('next'))
     queue.finish()
     assert queue.began == ['request', 'next']
-    assert queue.done == [error, 'next']
-
-
-def test_what_a_computation_raises_is_its_outcome(queue: Queue) -> None:
     queue.request(*queue.job('fault'))
     queue.finish()
-    assert [type(outcome) for outcome in queue.done] == [ValueError]
-
-
-class Reviewed:
-    """A planner's review under way, of a plan with parameters of its own."""
-
-    def __init__(self) -> None:
-        self.published: list[ActivePlan] = []
-        self.now, self.values = 0.0, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
-        clock: Any = SimpleNamespace(now=lambda: self.now)
-        node: Any = SimpleNamespace(
-            get_logger=lambda: SILENT, active=True, parameter_values=self.values
-        )
-        queue: Any = self
-        adapter: Any = SimpleNamespace(
-            measures=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
-        )
-        self.seen: list[Any] = []
-        self.replanning = Replanning(node, clock, queue, adapter, self.published.append)
-        problem: Any = 'problem'
-        solution: Any = 'solution'
-        self.replanning.follow(ActivePlan(problem, solution, 0.0, own={'wide': 2.0}))
-        self.replanning._on_timer()
-
-    def drop_review(self) -> None:
-        pass
-
-    def review(self, compute: Any, done: Callable[[Any], None]) -> None:
-        self.done = done
-
-    def finish(self) -> None:
-        made = ActivePlan('problem', 'solution', 0.5)  # type: ignore[arg-type]
-        self.done(Review(made, 'the problem has changed', Outlook(), True))
+    assert queue.done[:2] == [error, 'next']
+    assert isinstance(queue.done[2], ValueError)
 
 
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped() -> None:
-    review = Reviewed()
-    assert review.seen == [{**review.values, 'wide': 2.0}]
-    review.finish()
-    assert [plan.start for plan in review.published] == [0.5]
-    review.now += 0.6
-    review.finish()
-    assert len(review.published) == 1
-    assert review.replanning._last == 'a new plan came 0.100 s late'
+    values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
+    # node, clock, queue and adapter of the planner
+    it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
+    it.now.return_value = 0.0
+    replanning = Replanning(it, it, it, it, it.publish)
+    plan: Any = partial(ActivePlan, 'problem', 'solution')
+    replanning.follow(plan(0.0, own={'wide': 2.0}))
+    replanning._on_timer()
+    ((asked, *_), _) = it.observations.call_args
+    assert asked == {**values, 'wide': 2.0}
+    ((_, done), _) = it.review.call_args
+    for _ in range(2):
+        done(Review(plan(0.5), 'the problem has changed', Outlook(), True))
+        assert [call.args[0].start for call in it.publish.call_args_list] == [0.5]
+        it.now.return_value += 0.6
+    assert replanning._last == 'a new plan came 0.100 s late'
 
 
 class Restarted:
@@ -170,21 +142,17 @@ class Restarted:
         self.taken: list[tuple[list[str], int]] = []
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(other_planners, 'read_plan', lambda _, message: message.plan)
-        self.takes: list[Callable[[Any], None]] = []
-        node: Any = SimpleNamespace(create_subscription=self.subscribe)
+        node = Mock()
         vehicles: Any = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
         self.recovery = other_planners.Recovery(node, vehicles)
-
-    def subscribe(self, _: Any, topic: str, take: Callable[[Any], None], *more: Any) -> None:
-        assert topic.endswith('/active_trajectory')
-        self.takes.append(take)
+        self.takes = {c.args[1]: c.args[2] for c in node.create_subscription.call_args_list}
+        assert list(self.takes) == ['a/active_trajectory', 'b/active_trajectory']
 
     def told(self, plan: str, *starts: int) -> None:
         """Let the trackers tell of a plan's start [s], one after the other; 0: of none."""
-        for take, start in zip(self.takes, starts, strict=True):
+        for take, start in zip(self.takes.values(), starts, strict=True):
             header = SimpleNamespace(stamp=SimpleNamespace(sec=start, nanosec=0))
-            points = [1, 2] if start else []
-            take(SimpleNamespace(header=header, points=points, plan=plan))
+            take(SimpleNamespace(header=header, points=[1, 2] if start else [], plan=plan))
             self.later(0.0)
 
     def later(self, seconds: float) -> None:
@@ -203,10 +171,9 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
     restarted.active = True
     restarted.told('A', 1, 1)
     assert restarted.taken == []
-    restarted.later(1.0)
-    assert restarted.taken == [(['A', 'A'], 1)]
-    restarted.later(1.0)
-    restarted.now += other_planners.WINDOW
+    for seconds in (1.0, 1.0, other_planners.WINDOW):
+        restarted.later(seconds)
+        assert restarted.taken == [(['A', 'A'], 1)]
     restarted.told('B', 2, 2)
     restarted.later(60.0)
     assert len(restarted.taken) == 1
@@ -241,33 +208,29 @@ def plan():
     return TimedTrajectory(solution.trajectories['robot1'].with_rates(plant.derivative), START)
 
 
-class Robot(Vehicle):
-    """A robot that follows a plan, measured in a state at an instant."""
-
-    def __init__(self, plan: TimedTrajectory | None, state: Any, measured: float) -> None:
-        self._plant = PlannedRobots(RobotFormation, {})
-        self._angles = np.isin(np.arange(7), (4, 6))
-        self.measured = SimpleNamespace(fresh=lambda *_: (state, measured))  # type: ignore
-        self.follows = lambda *_: plan  # type: ignore[method-assign, assignment]
-
-
 def predict(plan, state, measured, start):
-    active: Any = plan
-    robot = Robot(plan, state, measured)
-    return robot.predicted({'start.max_age': 1.0}, measured, start, active)
+    robot: Any = SimpleNamespace(
+        _plant=PlannedRobots(RobotFormation, {}),
+        _angles=np.isin(np.arange(7), (4, 6)),
+        measured=SimpleNamespace(fresh=lambda *_: (state, measured)),
+        follows=lambda *_: plan,
+    )
+    return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, plan)
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
-def test_a_robot_that_follows_its_plan_is_met_on_it(plan, at):
+def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at):
     """Under full thrust drifting alone would miss by ten centimetres."""
     times = np.array([at, at + 1.0])
     before, after = replay(FloatingRobot(), plan.trajectory, times)
     measured = START + at
     predicted = predict(plan, before, measured, measured + 1.0)
     np.testing.assert_allclose(predicted[:6], after[:6], atol=1e-3)
-
-
-def test_a_robot_that_does_not_follow_drifts(plan):
+    # a small deviation is carried along
+    state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
+    away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
+    np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)
+    # one that does not follow drifts
     state = np.array([1.0, 1.0, 0.1, 0.0, 0.0, 0.2, 0.5])
     for force in (plan, None):
         predicted = predict(force, state, START + 9.0, START + 10.0)
@@ -275,28 +238,16 @@ def test_a_robot_that_does_not_follow_drifts(plan):
 
 
 def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
-    def begins(start):
-        return TimedTrajectory(plan.trajectory, start)
-
     plans = ActivePlans()
     assert plans.at(9.0) is plans.next_start(9.0) is None
-    first, third = begins(10.0), begins(20.0)
+    first, second, third = (TimedTrajectory(plan.trajectory, at) for at in (10.0, 19.0, 20.0))
     plans.add(first, 9.0)
-    assert plans.at(9.0) is None
-    assert plans.next_start(9.0) == 10.0
+    assert (plans.at(9.0), plans.next_start(9.0)) == (None, 10.0)
     assert plans.at(11.0) is first
-    plans.add(begins(19.0), 18.0)
+    plans.add(second, 18.0)
     assert plans.at(18.0) is first
-    plans.add(third, 18.1)
-    # The second one never begins.
+    plans.add(third, 18.1)  # the second one never begins
     assert plans.at(19.0) is first
     assert plans.next_start(19.9) == 20.0
     assert plans.next_start(20.0) is None
     assert plans.at(20.0) is third
-
-
-def test_a_small_deviation_is_carried_along(plan):
-    measured = START + 2.0
-    state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
-    away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
-    np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)

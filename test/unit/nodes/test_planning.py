@@ -10,6 +10,7 @@ import json
 import math
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -45,33 +46,18 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-class Adapter:
-    """Measures how far ahead it is asked to look; a plan begins at `begins`, a state comes [s]."""
+def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> Any:
+    """Return one that is asked how far ahead; a plan begins at `begins`, a state comes [s]."""
+    made, begin = Mock(measures=True, asked=[]), BEGIN + begins
 
-    measures = True
-
-    def __init__(self, begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> None:
-        self._rests = rests
-        self.comes, self.begins = comes, BEGIN + begins
-        self.asked: list[float] = []
-
-    @property
-    def plans(self) -> Adapter:
-        return self
-
-    def next_start(self, now: float) -> float | None:
-        return self.begins if self.begins > now else None
-
-    def rests(self, now: float) -> bool:
-        return self._rests
-
-    def missing(self) -> list[str]:
-        there = Problem.clock.passed >= self.comes
-        return [] if there else ['no state was received on /there']
-
-    def measured_start(self, values: Any, now: float, start: float) -> dict[str, Any]:
-        self.asked.append(now - BEGIN)
+    def measured_start(values: Any, now: float, start: float) -> dict[str, Any]:
+        made.asked.append(now - BEGIN)
         return {'start.x': start - now}
+
+    made.measured_start, made.rests.return_value = measured_start, rests
+    made.plans.next_start = lambda now: begin if begin > now else None
+    made.missing = lambda: [] if Problem.clock.passed >= comes else ['no state was received here']
+    return made
 
 
 def solution(ok: bool = True, **changes: Any) -> Any:
@@ -82,78 +68,72 @@ def solution(ok: bool = True, **changes: Any) -> Any:
 
 
 class Problem:
-    """Solved at once; .3 s are allowed."""
+    """Solved at once; .3 s are allowed; the start is `ahead` s from now."""
 
     clock: Clock
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        self.ahead = values.get('start.x', 0.0)  # s from now to the start
+        self.ahead = values.get('start.x', 0.0)
         self.solver = SimpleNamespace(deadline=0.3)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Problem:
         return cls(values)
 
+    def search(self, deadline: float) -> Any:
+        """Return nothing, or the plan, or raise why there is none."""
+
     def solve(self, deadline: float) -> Any:
-        return solution()
+        return self.search(deadline) or solution()
 
 
-def solved_by(solve: Any) -> Any:
-    """Return a problem with a solver of its own: `solve(problem, deadline)`."""
-    return type('Own', (Problem,), {'solve': solve})
+def solved_by(search: Any) -> Any:
+    return type('Own', (Problem,), {'search': search})
 
 
 def raising(error: Exception) -> Any:
-    """Return a problem whose solver raises."""
-
-    def solve(self: Any, deadline: float) -> Any:
+    def search(self: Any, deadline: float) -> Any:
         raise error
 
-    return solved_by(solve)
+    return solved_by(search)
 
 
+@solved_by
 def distant(self: Any, deadline: float) -> Any:
     """Find after a while that nothing can be done from a start so far ahead."""
     self.clock.sleep(min(0.25, 0.8 * deadline))
     if self.ahead > 0.3:
         raise Infeasible('there is no way from this start')
-    return solution()
 
 
+@solved_by
 def slow(self: Any, deadline: float) -> Any:
-    """Take longer than the start is ahead."""
     self.clock.sleep(2.0)
-    return solution()
 
 
 def late(error: type[Exception], never: bool = False) -> Any:
     """Return one without a way far ahead; nearer, or `never`, none is found in all the time."""
 
-    def solve(self: Any, deadline: float) -> Any:
+    def search(self: Any, deadline: float) -> Any:
         if self.ahead > 0.7:
             raise Infeasible('there is no way from this start')
         if self.ahead > 0.3:
             self.clock.sleep(deadline)
         if self.ahead > 0.3 or never:
             raise error('nothing was found')
-        return solution()
 
-    return solved_by(solve)
-
-
-def values(source: str = 'measured', delay: float = 0.4, max_age: float = 0.5) -> dict[str, Any]:
-    request = {'start.source': source, 'start.delay': delay, 'start.max_age': max_age}
-    return {**request, 'solver.deadline': 0.3}
+    return solved_by(search)
 
 
-def plan(kind: Any = Problem, adapter: Any = None, **request: Any) -> ActivePlan:
-    clock: Any = Problem.clock
-    return make_plan(kind, values(**request), adapter or Adapter(), clock)
+def plan(kind: Any = Problem, there: Any = None, source: str = 'measured', **start: Any) -> Any:
+    asked = {'source': source, 'delay': 0.4, 'max_age': 0.5} | start
+    values = {f'start.{name}': value for name, value in asked.items()} | {'solver.deadline': 0.3}
+    return make_plan(kind, values, there or adapter(), Problem.clock)
 
 
-def failure(kind: Any, adapter: Any = None, **request: Any) -> Failure:
+def failure(kind: Any, there: Any = None, **start: Any) -> Failure:
     with pytest.raises(Exception) as raised:  # noqa: PT011
-        plan(kind, adapter, **request)
+        plan(kind, there, **start)
     return Failure.of(raised.value)
 
 
@@ -166,19 +146,22 @@ def test_what_its_own_check_objects_to_is_no_plan(source):
 
 @pytest.mark.parametrize(('max_age', 'waited'), [(0.5, 0.5), (60.0, 10.0)])
 def test_the_first_state_is_waited_for_and_named_if_it_does_not_come(clock, max_age, waited):
-    adapter = Adapter(comes=0.2)
-    assert plan(Problem, adapter).start == pytest.approx(BEGIN + 0.6)
-    assert adapter.asked == [pytest.approx(0.2)]
+    there = adapter(comes=0.2)
+    assert plan(Problem, there).start == pytest.approx(BEGIN + 0.6)
+    assert there.asked == [pytest.approx(0.2)]
     clock.passed = 0.0
-    reason = rf'no state was received on /there within {waited:g} s \(start.max_age\)'
+    reason = rf'no state was received here within {waited:g} s \(start.max_age\)'
     with pytest.raises(NoState, match=reason):
-        plan(Problem, Adapter(comes=1e6), max_age=max_age)
+        plan(Problem, adapter(comes=1e6), max_age=max_age)
     assert clock.passed == pytest.approx(waited, abs=0.01)
-    plan(Problem, Adapter(comes=1e6), source='parameters')
+    plan(Problem, adapter(comes=1e6), source='parameters')
 
 
-def test_without_time_there_is_no_plan(clock):
-    clock.runs = False
+def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
+    clock.now = lambda: BEGIN
+    plan(Problem, adapter(0.1), delay=0.1)
+    assert clock.passed == pytest.approx(2 * 0.4, abs=0.01)
+    clock.runs = False  # without time there is no plan
     with pytest.raises(NoState, match='/clock'):
         plan(source='parameters')
 
@@ -193,54 +176,44 @@ def test_a_fault_of_the_program_is_internal_and_has_its_traceback():
 @pytest.mark.parametrize(('begins', 'asked'), [(0.2, 0.2), (0.399, 0.4), (0.41, 0.0)])
 def test_a_plan_that_may_begin_meanwhile_is_waited_for(begins, asked):
     """One that begins later is replaced before: the deadline of .3 s and .1 s to publish it."""
-    adapter = Adapter(begins)
-    made = plan(Problem, adapter)
-    assert adapter.asked == [pytest.approx(asked)]
+    there = adapter(begins)
+    made = plan(Problem, there)
+    assert there.asked == [pytest.approx(asked)]
     assert made.start == pytest.approx(BEGIN + asked + 0.4)
-
-
-def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
-    clock.now = lambda: BEGIN
-    plan(Problem, Adapter(0.1), delay=0.1)
-    assert clock.passed == pytest.approx(2 * 0.4, abs=0.01)
 
 
 def test_what_begins_sooner_is_not_begun_too_late(clock):
     """Half the delay has passed when the first attempt fails: no time is left for the others."""
-    made = failure(solved_by(distant))
+    made = failure(distant)
     assert made.code == 'INFEASIBLE'
     assert 'predicted from the measured state for 0.4 s later' in made.reason
     clock.passed = 0.0
-    assert plan(solved_by(distant), delay=0.56).start >= clock.now()
+    assert plan(distant, delay=0.56).start >= clock.now()
 
 
 @pytest.mark.parametrize('source', ['measured', 'parameters'])
 def test_a_start_is_put_off_beyond_the_present_unless_the_plant_moves(source):
-    made = plan(solved_by(slow), Adapter(rests=True), source=source)
+    made = plan(slow, adapter(rests=True), source=source)
     assert made.start - BEGIN == pytest.approx(2.0 + 0.5 * 0.4)
-    moving = plan(solved_by(slow))
+    moving = plan(slow)
     assert moving.start - BEGIN == pytest.approx(2.0 + 0.4)
 
 
 @pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])
 def test_an_attempt_leaves_time_for_what_begins_sooner(clock, error):
-    made = plan(late(error), delay=0.8)
-    assert made.start == pytest.approx(BEGIN + 0.2)
+    assert plan(late(error), delay=0.8).start == pytest.approx(BEGIN + 0.2)
     assert clock.passed == pytest.approx(0.1)
+    # the first attempt says why there is no plan: the last had the least time
+    made = failure(late(error, never=True), delay=0.8)
+    assert made.code == 'INFEASIBLE'
+    assert 'there is no way from this start' in made.reason
 
 
 @pytest.mark.parametrize(('error', 'asked'), [(InvalidProblem, 3), (DeadlineExceeded, 1)])
 def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
-    adapter = Adapter()
-    failure(raising(error('it is so')), adapter)
-    assert len(adapter.asked) == asked
-
-
-def test_the_first_attempt_says_why_there_is_no_plan():
-    """Not the last, that had the least time."""
-    made = failure(late(DeadlineExceeded, never=True), delay=0.8)
-    assert made.code == 'INFEASIBLE'
-    assert 'there is no way from this start' in made.reason
+    there = adapter()
+    failure(raising(error('it is so')), there)
+    assert len(there.asked) == asked
 
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])

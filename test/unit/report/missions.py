@@ -2,24 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Missions whose motions are known in closed form: those that tests of the report read or show.
+Missions in closed form, as a reader returns them and as messages that the nodes would publish.
 
 The pendulum's angles turn evenly and each robot goes straight on while it turns evenly, for
-`DURATION` s (`pendulum_states`, `robot_states`). `pendulum_mission` and `robots_mission` are what
-a reader returns, for pages, charts and figures; recordings.py has the messages of such missions.
-`Parts` takes a report's page to pieces; `EVIL` are strings that would do something if they could.
+`DURATION` s. Of recordings some messages are left out, added or changed, a bag is written, and
+what is read of it compared; the first plan's motion starts at `START`.
 """
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import Any
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
-from tdm_planner.plant_kind import PENDULUM, ROBOT
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tdm_planner.nodes import messages
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.plant_kind import PENDULUM, QUANTITIES, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -50,14 +62,13 @@ ARENA_PARAMETERS = {
     'limits.torque': 0.02,
     'limits.thruster_rate': 2.0,
 }
-EVIL = (
+EVIL = (  # strings that would do something if they could
     '</script><script>window.hacked=1</script>',
     '<img src=x onerror="window.hacked=2">',
     """'"><svg/onload=window.hacked=3>""",
     '<a href="javascript:window.hacked=4">x</a>{{data}}<!--',
 )
-# Of a single robot, so that its place fits into the arena.
-ALONE = {
+ALONE = {  # a single robot, so that its place fits into the arena
     'robots': ['robot1'],
     'robot1.start.x': 0.5,
     'robot1.start.y': 2.0,
@@ -66,20 +77,10 @@ ALONE = {
 }
 
 
-def pendulum_view(**changes: Any) -> PendulumView:
-    problem = PendulumSwingUp.from_parameters({**PENDULUM_PARAMETERS, **changes})
-    return PendulumView(problem=problem)
-
-
-def robot_view(parameters: Mapping[str, Any]) -> RobotView:
-    return RobotView(problem=RobotFormation.from_parameters(parameters))
-
-
 def pendulum_states(t: Any) -> Any:
     """Angles that turn evenly, and their rates, (n, 4)."""
     t = np.asarray(t, dtype=float)
-    one = np.ones_like(t)
-    return np.stack([np.pi - 1.3 * t, 0.4 * t, -1.3 * one, 0.4 * one], axis=-1)
+    return np.stack([np.pi - 1.3 * t, 0.4 * t, 0 * t - 1.3, 0 * t + 0.4], axis=-1)
 
 
 def robot_states(t: Any, number: int) -> Any:
@@ -91,11 +92,10 @@ def robot_states(t: Any, number: int) -> Any:
 
 
 def robot_parameters(count: int) -> dict[str, Any]:
-    """Return the parameters of robots that go as `robot_states` has it."""
-    values: dict[str, Any] = {'robots': [f'robot{k + 1}' for k in range(count)]}
-    values['formation.anchor'] = [0.0, 0.0, 0.0]
-    for k, name in enumerate(values['robots']):
-        start, end = robot_states(0.0, k).tolist(), robot_states(DURATION, k).tolist()
+    names = [f'robot{k + 1}' for k in range(count)]
+    values: dict[str, Any] = {'robots': names, 'formation.anchor': [0.0, 0.0, 0.0]}
+    for k, name in enumerate(names):
+        start, end = robot_states(np.array([0.0, DURATION]), k).tolist()
         values |= {f'{name}.start.x': start[0], f'{name}.start.y': start[1]}
         values[f'formation.{name}'] = [end[0], end[1], end[4]]
     return RobotFormation.from_parameters(values).to_parameters()
@@ -110,8 +110,7 @@ def pendulum_plan() -> Trajectory:
 def robot_plan(number: int) -> Trajectory:
     times = np.linspace(0.0, DURATION, 41)
     controls = np.tile([0.5, 0.125, 0.001], (times.size, 1))
-    states = robot_states(times, number)
-    return Trajectory(times, states, controls, ROBOT.state_names, ROBOT.control_names, 'linear')
+    return Trajectory.of(ROBOT, times, robot_states(times, number), controls, 'linear')
 
 
 def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
@@ -120,25 +119,26 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     if measured:
         at = np.arange(-1.0, 4.0, 0.01)
         moving = np.clip(at, 0.0, DURATION)
-        offset = np.array([0.02, -0.01, 0.0, 0.0])
-        states = pendulum_states(moving) + offset
-        errors = np.tile(offset, (at.size, 1))
-        applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
+        errors = np.tile([0.02, -0.01, 0.0, 0.0], (at.size, 1))
+        states = pendulum_states(moving) + errors
+        kinds = {'names': plan.state_names, 'units': PENDULUM.state_units}
         found = {
-            'states': Signals(at, states, plan.state_names, PENDULUM.state_units),
-            'commands': applied,
-            'applied': applied,
-            'tracking_error': Signals(at, errors, plan.state_names, PENDULUM.state_units),
+            'states': Signals(at, states, **kinds),
+            'tracking_error': Signals(at, errors, **kinds),
         }
+        applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
+        found['commands'] = found['applied'] = applied
+    view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
+    events = (
+        Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
+        Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
+    )
     plain = Mission(
         'Swing-up',
         'pendulum_swing_up',
-        (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0),), **found),),
+        (Vehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
         figures=(PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
-        events=(
-            Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
-            Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
-        ),
+        events=events,
         parameters=PENDULUM_PARAMETERS,
         source='/bags/one',
         recorded_at=1.7e9,
@@ -151,11 +151,11 @@ def robots_mission(
     measured: bool = True,
     rate: float = 100.0,
     after: float = 1.0,
-    view: RobotView | None = None,
+    given: Any = ARENA_PARAMETERS | ALONE,
     **changes: Any,
 ) -> Mission:
     vehicles = []
-    view = view or robot_view({**ARENA_PARAMETERS, **ALONE})
+    view = RobotView(problem=RobotFormation.from_parameters(given))
     for number, name in enumerate(names):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
@@ -174,11 +174,10 @@ def robots_mission(
 def formation_mission(**changes: Any) -> Mission:
     """Return one of two robots in an arena that both fit into."""
     given = robot_parameters(2)
-    return robots_mission(view=robot_view(given), **({'parameters': given} | changes))
+    return robots_mission(given=given, **({'parameters': given} | changes))
 
 
 def unpacked(data: dict[str, str]) -> Any:
-    """Return numbers of a page as the page reads them."""
     return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
 
 
@@ -191,28 +190,204 @@ class Parts(HTMLParser):
         self.scripts: list[tuple[dict[str, str | None], str]] = []
         self.texts: list[str] = []
         self.rows: list[list[str]] = []
-        self._script = False
         self.feed(page)
         self.close()
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:
         self.elements.append((tag, dict(attrs)))
-        self._script = tag == 'script'
-        if self._script:
+        if tag == 'script':
             self.scripts.append((dict(attrs), ''))
         elif tag == 'tr':
             self.rows.append([])
         elif tag in ('td', 'th'):
             self.rows[-1].append('')
 
-    def handle_endtag(self, tag: str) -> None:
-        self._script = self._script and tag != 'script'
-
     def handle_data(self, data: str) -> None:
-        if self._script:
+        if self.cdata_elem == 'script':  # what HTMLParser is within
             attributes, text = self.scripts[-1]
             self.scripts[-1] = attributes, text + data
             return
         self.texts.append(data)
         if self.rows and self.rows[-1]:
             self.rows[-1][-1] += data
+
+
+START = 1_700_000_000_250_000_000  # ns
+SECOND = 10**9
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+class Item(NamedTuple):
+    """A message to record under a topic at `stamp` [ns]; `data` replaces its bytes."""
+
+    topic: str
+    stamp: int
+    message: Any
+    data: bytes | None = None
+
+
+def joint_state(at: int, names: Sequence[str], **values: Any) -> JointState:
+    message = JointState(name=list(names), **values)
+    message.header.stamp = to_stamp(at)
+    return message
+
+
+def goal(start: int, code: int) -> GoalStatusArray:
+    told = GoalStatus(status=code)
+    told.goal_info.stamp = to_stamp(start)
+    return GoalStatusArray(status_list=[told])
+
+
+def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
+    """State x, y, u, v, yaw, omega in the arena's frame, as an odometry says it."""
+    values = dict(zip(ROBOT.state_names, state, strict=False))
+    exact = dict.fromkeys(values, 0.0)
+    message = messages.odometry(ROBOT, values, exact, to_stamp(at), name)
+    message.header.frame_id = frame
+    return message
+
+
+def summary(at: int, problem: str, parameters: Any, **more: Any) -> String:
+    stamp = {'sec': at // SECOND, 'nanosec': at % SECOND}
+    document = {'plan_id': 1, 'stamp': stamp, 'problem': problem, 'parameters': parameters}
+    document |= {'duration': DURATION, 'cost': 1.25, 'penalty': 0.0, 'solve_time': 0.125}
+    document |= {'evaluations': 42, 'summary': 'a plan'}
+    document |= {name: {} for name in ('cost_terms', 'verification', 'vehicles')}
+    return String(data=json.dumps(document | more))
+
+
+def status(at: int, node: str, level: int, message: str, **values: Any) -> DiagnosticArray:
+    """Diagnostics of a node; of the names of values the underscores are spaces."""
+    told = DiagnosticStatus(level=bytes([level]), name=f'{node}: x', hardware_id=node)
+    told.message = message
+    told.values = [KeyValue(key=k.replace('_', ' '), value=str(v)) for k, v in values.items()]
+    array = DiagnosticArray(status=[told])
+    array.header.stamp = to_stamp(at)
+    return array
+
+
+def log(at: int, level: int, node: str, text: str) -> Log:
+    return Log(stamp=to_stamp(at), level=level, name=node, msg=text, line=1)
+
+
+def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
+    """Return what nodes publish of a mission; `told` is in the plan's summary besides."""
+    found, vehicles = [], {}
+    for vehicle in mission.vehicles:
+        kind, plan = vehicle.view.kind, vehicle.plans[0].trajectory
+        space = f'{namespace}/{vehicle.name}' if kind.odometry else namespace
+        table = {j.name: {q: getattr(j, q) for q in QUANTITIES} for j in kind.joints}
+        vehicles[vehicle.name] = {
+            'interpolation': plan.interpolation, 'units': plan.units, 'joints': table,
+        }  # fmt: skip
+        motion = messages.plan_message(kind, plan, to_stamp(START))
+        found.append(Item(f'{space}/trajectory', START - SECOND, motion))
+        within = [joint for joint in kind.joints if joint.name not in kind.odometry]
+        for name, joints, histories in (
+            ('joint_states', within[::-1], (vehicle.states, vehicle.applied)),
+            ('joint_command', kind.actuated, (vehicle.commands,)),
+            ('tracking_error', kind.joints, (vehicle.tracking_error,)),
+        ):
+            found += _joint_states(f'{space}/{name}', joints, histories)
+        for at, values in _moments(vehicle.states if kind.odometry else None):
+            state = odometry(at, vehicle.name, list(values.values()))
+            found.append(Item(f'{space}/odom', at, state))
+    parameters = dict(mission.parameters)
+    said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
+    return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
+
+
+def _joint_states(topic: str, joints: Any, histories: Iterable[Any]) -> Iterator[Item]:
+    for at, values in _moments(*histories):
+        known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
+        message = messages.joint_states(known, values)
+        message.header.stamp = to_stamp(at)
+        yield Item(topic, at, message)
+
+
+def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:
+    """Yield instants [ns] with the values by name of histories on common instants."""
+    known = [signals for signals in histories if signals is not None]
+    names = [name for signals in known for name in signals.names]
+    if known:
+        rows = np.concatenate([signals.values for signals in known], axis=1).tolist()
+        for at, row in zip(known[0].times, rows, strict=True):
+            yield after(at), dict(zip(names, row, strict=True))
+
+
+def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
+    check = {
+        'worst': {'torque': 0.006, 'disk_angle': 1.2},
+        'worst_times': {'torque': 0.0, 'disk_angle': 2.0},
+        'units': {'torque': 'N m', 'disk_angle': 'rad'},
+        'terminal_error': {'theta': 1e-6},
+    }
+    return recorded(pendulum_mission(), namespace, verification=check)
+
+
+def robot_recording(namespace: str = '/robots') -> list[Item]:
+    worst = {'robot1.walls': 0.3, 'robot2.walls': 0.3, 'separation robot1-robot2': 0.6}
+    return recorded(
+        formation_mission(),
+        namespace,
+        cost_terms={'time': 0.5, 'sequence': 0.25, 'gas': 0.5},
+        verification={'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)},
+    )
+
+
+def without(items: Iterable[Item], *endings: str) -> list[Item]:
+    return [item for item in items if not item.topic.endswith(endings)]
+
+
+def write(path: Path, items: Iterable[Item], storage: str = 'mcap', compression: str = '') -> Path:
+    """Write a rosbag2; `compression` is '', message, file or storage (within MCAP)."""
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    if compression:
+        writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
+    with writer:
+        connections: dict[str, Any] = {}
+        for topic, at, message, data in sorted(items, key=lambda item: item.stamp):
+            if topic not in connections:
+                package, kind = type(message).__module__.split('.')[0], type(message).__name__
+                name = f'{package}/msg/{kind}'
+                connections[topic] = writer.add_connection(topic, name, typestore=STORE)
+            writer.write(connections[topic], at, data or serialize_message(message))
+    return path
+
+
+def after(seconds: float) -> int:
+    """Return the instant [ns] so long after the start of the motion."""
+    return START + round(seconds * 1e9)
+
+
+def told(mission: Mission, sentence: str) -> bool:
+    return any(sentence in text for text in mission.missing)
+
+
+def check_pendulum(mission: Mission) -> None:
+    expected = pendulum_mission()
+    check_vehicles(mission, expected)
+    (figures,) = mission.figures
+    assert (figures.cost, figures.solve_time) == (1.25, 0.125)
+    assert figures.margins['disk_angle'].instant == 2.0
+    assert mission.vehicles[0].view.bounds() == expected.vehicles[0].view.bounds()
+    assert mission.recorded_at == pytest.approx(START * 1e-9)
+
+
+def check_vehicles(mission: Mission, expected: Mission) -> None:
+    for found, wanted in zip(mission.vehicles, expected.vehicles, strict=True):
+        assert (found.name, found.view.name) == (wanted.name, wanted.view.name)
+        ((plan, start, until),) = ((p.trajectory, p.start, p.until) for p in found.plans)
+        planned = wanted.plans[0].trajectory
+        assert (start, until, plan.interpolation) == (0.0, None, planned.interpolation)
+        np.testing.assert_allclose(plan.times, planned.times, atol=1e-9)
+        np.testing.assert_array_equal(plan.states, planned.states)
+        # the last controls are held for no time
+        np.testing.assert_array_equal(plan.controls[:-1], planned.controls[:-1])
+        for part in ('states', 'applied', 'commands', 'tracking_error'):
+            one, other = getattr(found, part), getattr(wanted, part)
+            assert (one is None) == (other is None), part
+            if one is not None:
+                assert one.names == other.names
+                np.testing.assert_allclose(one.times, other.times, atol=1e-8)
+                np.testing.assert_allclose(one.values, other.values, atol=1e-7)

@@ -90,14 +90,12 @@ class Page:
         return self.each('.chart', 'e.layout.xaxis.range')
 
     def switch(self, name: str) -> Any:
-        """Click the button of states' legend that switches some curves."""
         path = f'preceding-sibling::ul//button[normalize-space()="{name}"]'
         button = self.find('#chart-states').find_element(By.XPATH, path)
         self.click(button)
         return button
 
     def visible(self, kind: str) -> list[bool]:
-        """Return for every curve of a kind whether it is shown."""
         curves = self.each('.chart', 'e.data.map(t => [t.meta.kind, t.visible !== false])')
         return [shown for chart in curves for of, shown in chart if of == kind]
 
@@ -120,8 +118,6 @@ def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -
 
 
 class Report:
-    """What is asked of every report."""
-
     mission: ClassVar[Mission]
     size: ClassVar[tuple[int, int]] = DESKTOP
     scheme: ClassVar[str] = 'light'

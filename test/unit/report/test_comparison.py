@@ -27,18 +27,15 @@ from tdm_sim.report.mission import (
     Signals,
     Vehicle,
 )
-from tdm_sim.report.verdict import Verdict
 
 TURN = 2 * math.pi
 
 
 def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     """From hanging to upright in 2 s as planned, `caught_at` s as measured, and held."""
-    times = np.linspace(0.0, DURATION, 81)
-    share = times / DURATION
+    share = np.linspace(0.0, 1.0, 81)
     states = np.stack([math.pi * (1 + share), 0.5 * share, 0 * share, 0 * share], axis=1)
-    torque = np.full((81, 1), 0.014)
-    plan = Trajectory.of(PENDULUM, times, states, torque)
+    plan = Trajectory.of(PENDULUM, DURATION * share, states, np.full((81, 1), 0.014))
     at = np.arange(-1.0, 12.0, 0.005)
     progress = np.clip(at / caught_at, 0.0, 1.0)
     theta = np.where(at >= caught_at, TURN, math.pi * (1 + 0.9 * progress))
@@ -52,12 +49,8 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
         states=Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
-    figures = PlanFigures(
-        *(0.0, DURATION),
-        solve_time=0.2,
-        margins={'torque': Margin(0.006, 0.25, 'N m')},
-        terminal_error={'theta': 2e-5},
-    )
+    found = {'margins': {'torque': Margin(0.006, 0.25, 'N m')}, 'terminal_error': {'theta': 2e-5}}
+    figures = PlanFigures(0.0, DURATION, solve_time=0.2, **found)
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
@@ -67,20 +60,8 @@ def formation(after: float = 7.0, **changes: Any) -> Mission:
     return formation_mission(after=after, **({'figures': (figures,)} | changes))
 
 
-def states_of(mission: Mission) -> Signals:
-    """Return the measured states of the first vehicle."""
-    states = mission.vehicles[0].states
-    assert states is not None
-    return states
-
-
-def recorded_until(mission: Mission, *ends: float) -> Mission:
-    """Return the mission with states up to instants [s], each vehicle's or the same for all."""
-    ends = ends * len(mission.vehicles) if len(ends) == 1 else ends
-    vehicles = []
-    for vehicle, end in zip(mission.vehicles, ends, strict=True):
-        assert vehicle.states is not None
-        vehicles.append(replace(vehicle, states=vehicle.states.between(-1.0, end)))
+def recorded_until(mission: Mission, end: float) -> Mission:
+    vehicles = [replace(v, states=v.states.between(-1.0, end)) for v in mission.vehicles]
     return replace(mission, vehicles=tuple(vehicles))
 
 
@@ -100,26 +81,22 @@ def entry(comparison: Comparison, name: str, vehicle: str = '') -> Entry:
     return found
 
 
-def verdict(mission: Mission) -> Verdict:
-    found = compare(mission).verdict
-    assert found is not None
-    return found
+def verdict(mission: Mission) -> Any:
+    return compare(mission).verdict
 
 
 def test_a_swing_up_that_was_caught_and_held() -> None:
     mission = swing_up()
-    applied = mission.vehicles[0].applied
-    assert applied is not None
-    applied.values[:100] = 0.5  # before the motion: it does not count
-    states_of(mission).values[::3, 1] = np.nan  # nor does what was not measured
+    (vehicle,) = mission.vehicles
+    vehicle.applied.values[:100] = 0.5  # before the motion: it does not count
+    vehicle.states.values[::3, 1] = np.nan  # nor does what was not measured
     comparison = compare(mission)
     duration = entry(comparison, 'time to the goal', 'pendulum')
     # the plan judged alike: within 0.05 rad of upright at pi / 2 rad/s
     assert duration.planned == pytest.approx(DURATION - 0.05 / (math.pi / DURATION), abs=2e-3)
     assert entry(comparison, 'duration of the plan', 'pendulum').planned == DURATION
     assert (duration.achieved, duration.achieved_at) == pytest.approx((2.1, 2.1))
-    cost = entry(comparison, 'cost J')
-    assert cost.planned == DURATION
+    assert entry(comparison, 'cost J').planned == DURATION
     landing = entry(comparison, 'error of theta at the planned end', 'pendulum')
     assert landing.planned == 2e-5
     assert landing.achieved == pytest.approx(math.pi * (1 + 0.9 * 2.0 / 2.1) - TURN, abs=1e-9)
@@ -129,19 +106,21 @@ def test_a_swing_up_that_was_caught_and_held() -> None:
     disk = entry(comparison, 'margin of disk_angle', 'pendulum')
     assert disk.planned == pytest.approx(1.5)  # of the planned states
     assert (disk.achieved, disk.achieved_at) == pytest.approx((2.0 - 0.9, 1.0))
-    assert verdict(mission).reached
+    assert comparison.verdict.reached
 
 
 def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     comparison = compare(swing_up(peak=0.025))
     assert entry(comparison, 'margin of torque', 'pendulum').achieved == pytest.approx(-0.005)
-    assert comparison.verdict is not None
     assert not comparison.verdict.reached
     fallen = swing_up()
-    states_of(fallen).values[-200:, 0] = 5.0
-    late = compare(fallen)
-    duration = entry(late, 'time to the goal', 'pendulum')
+    fallen.vehicles[0].states.values[-200:, 0] = 5.0
+    duration = entry(compare(fallen), 'time to the goal', 'pendulum')
     assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
+    # without the pendulum's angle there is no verdict
+    (vehicle,) = fallen.vehicles
+    disk = Signals(vehicle.states.times, vehicle.states.values[:, 1:2], ('psi',), ('rad',))
+    assert verdict(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
 
 
 @pytest.mark.parametrize('end', [1.0, 2.05, 2.2, 5.4, 7.0])
@@ -172,11 +151,10 @@ def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end
     away = replace(end, states=end.states + 0.5 * np.eye(7)[1])
     moved = replace(one, plans=(one.plans[0], replace(one.plans[1], trajectory=away)))
     comparison = compare(replace(mission, vehicles=(moved, *others)))
-    distance, missed = entry(comparison, 'smallest distance'), comparison.verdict
+    distance = entry(comparison, 'smallest distance')
     assert (distance.planned, distance.achieved) == pytest.approx((0.5, 1.0))
-    assert missed is not None
     reason = f'{one.name} was not at its goal within 8 s of the planned end: off in x, y by 0.5 m'
-    assert missed.reasons == (reason,)
+    assert comparison.verdict.reasons == (reason,)
 
 
 def test_a_formation() -> None:
@@ -189,37 +167,31 @@ def test_a_formation() -> None:
     assert together.achieved == max(each)
     # within 20 mm of the goal at 0.63 m/s with an offset of 10 mm, within 0.03 rad at 0.3 rad/s
     assert each[0] == pytest.approx(DURATION, abs=0.05)
-    apart = entry(comparison, 'smallest distance')
-    walls = entry(comparison, 'margin of walls', 'robot1')
-    landing = entry(comparison, 'error of x at the planned end', 'robot1')
-    for found, expected in (
-        (entry(comparison, 'cost: gas').planned, 0.9),
-        (landing.achieved, 0.01),
-        (walls.planned, 0.5 - 0.2),
-        (walls.achieved, 0.5 - 0.2),
-        (apart.planned, 1.0),
-        (apart.achieved, 1.0),
-        (entry(comparison, 'margin of separation').achieved, 0.6),
+    for name, vehicle, planned, achieved in (
+        ('cost: gas', '', 0.9, None),
+        ('error of x at the planned end', 'robot1', None, 0.01),
+        ('margin of walls', 'robot1', 0.5 - 0.2, 0.5 - 0.2),
+        ('smallest distance', '', 1.0, 1.0),
+        ('margin of separation', '', 0.6, 0.6),
     ):
-        assert found == pytest.approx(expected)
-    assert verdict(formation()).reached
+        found = entry(comparison, name, vehicle)
+        assert (found.planned, found.achieved) == pytest.approx((planned, achieved), abs=1e-9)
+    assert comparison.verdict.reached
 
 
 def coasting(thrust: float) -> Comparison:
     """Compare the formation, its first robot with `thrust` for a moment, coasting otherwise."""
     mission = formation()
     first, *others = mission.vehicles
-    assert first.controls is not None
     values = np.zeros_like(first.controls.values)
-    k = int(np.searchsorted(first.controls.times, 0.8))
-    moment = slice(k, k + 10)
-    values[moment, first.controls.names.index('thrust')] = thrust
+    times = first.controls.times
+    values[(times >= 0.8) & (times < 0.9), first.controls.names.index('thrust')] = thrust
     controls = replace(first.controls, values=values)
     return compare(replace(mission, vehicles=(replace(first, applied=controls), *others)))
 
 
 def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
-    limit = float(robot_parameters(2).get('limits.thrust', 1.0))
+    limit = robot_parameters(2)['limits.thrust']
     thrust = entry(coasting(0.6 * limit), 'margin of thrust', 'robot1')
     assert (thrust.planned, thrust.achieved) == pytest.approx((limit - 0.5, 0.4 * limit))
     assert thrust.mark == ''
@@ -241,17 +213,11 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     mission = replace(swing_up(), events=events, figures=figures)
     assert missed_deadlines(mission) == 4  # two plans took 0.6 s and 0.9 s of 0.5 s
     comparison = compare(mission)
-    for name, count in (
-        ('replans', 2.0),
-        ('missed deadlines', 4.0),
-        ('errors reported by nodes', 1.0),
-        ('time to solve', pytest.approx(0.9)),
-    ):
+    counts = {'replans': 2.0, 'missed deadlines': 4.0, 'errors reported by nodes': 1.0}
+    for name, count in (counts | {'time to solve': pytest.approx(0.9)}).items():
         assert entry(comparison, name).achieved == count
     assert entry(comparison, 'time to solve').planned == 0.5
-
-
-def test_errors_of_nodes_that_wait_for_each_other_are_not_counted() -> None:
+    # those of nodes that wait for each other are not
     early = (
         Event(-3.0, Severity.ERROR, '/p/tracker', 'idle: no state has been received yet'),
         Event(-1.0, Severity.OK, '/p/tracker', 'waiting'),

@@ -1,28 +1,244 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A study from beginning to end: table, pictures, page; interrupted, gone on with."""
+"""A study: what it varies, rows that depend on their points alone; table, pictures, page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+import itertools
 import json
 from pathlib import Path
+import time
 from typing import Any
 
+import numpy as np
 import pytest
 from tdm_planner.cli import main
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import parameter
 from tdm_planner.plan_files import UnusableFile
-from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
+from tdm_planner.problems.registry import load_problem
+from tdm_planner.tracking import TrackerParameters
+from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.progress import Progress
-from tdm_sim.study import Axis
-from tdm_sim.study.axes import Points
+from tdm_sim.study.axes import Axis, checked, parse_axis, Points
+from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.page import write_page
 from tdm_sim.study.pictures import draw
 from tdm_sim.study.study import _collect
 from tdm_sim.study.tables import Table, Trial
 
-AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), Axis('kind', ('plain', 'odd'))]
+STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'parameters'),
+    [
+        (PendulumSwingUp, STRONG),
+        (PendulumSwingUp, {'limits.torque': 1e-4, 'solver.deadline': 0.05}),
+        (PendulumSwingUp, {**STRONG, 'method': 'smooth'}),
+        (RobotFormation, {}),
+    ],
+)
+def test_a_slow_machine_finds_the_same(kind, parameters, monkeypatch):
+    """Here by a clock on which every look takes a tenth of a second."""
+    trial = Trial(kind, parameters)
+    row = trial({})
+    ticks = itertools.count()
+    monkeypatch.setattr(time, 'perf_counter', lambda: 0.1 * next(ticks))
+    again = trial({})
+    assert row | {'solve_time': again['solve_time']} == again
+    assert row['code'] == ('' if row['verified'] else 'DEADLINE')
+
+
+def faulty(self: Any) -> None:
+    raise ZeroDivisionError('a fault of the program')
+
+
+@pytest.mark.parametrize(
+    ('point', 'code', 'reason'),
+    [
+        ({'start.psi': 2.5}, 'INVALID_PROBLEM', 'limits.disk_angle'),
+        ({'limits.torque': 1e-4}, 'DEADLINE', 'weak'),
+        ({'start.psi': 0.0}, 'INTERNAL', 'ZeroDivisionError: a fault'),
+    ],
+)
+def test_a_row_without_a_plan_says_why(point, code, reason, monkeypatch):
+    if code == 'INTERNAL':
+        monkeypatch.setattr(PendulumSwingUp, 'standing_plan', faulty)
+    row = Trial(PendulumSwingUp, {'solver.deadline': 0.05})(point)
+    assert (row['verified'], row['code'], row['cost']) == (False, code, None)
+    assert reason in row['reason']
+
+
+def flown(kind: Any, parameters: Any = (), point: Any = (), **how: Any) -> dict[str, Any]:
+    row = Trial(kind, dict(parameters), ClosedLoop(**how))(dict(point))
+    seeds = how.get('seeds', 1)
+    assert (row['code'], row['lost']) == ('', '')
+    assert row['flights'] == row['caught'] == row['held'] == seeds
+    return row
+
+
+def test_every_plan_is_flown() -> None:
+    row = flown(PendulumSwingUp, STRONG, seeds=2, mismatch=0.03)
+    assert 0.0 < row['flown.disk_angle'] < row['margin.disk_angle'] + 0.3
+    assert 0.0 <= row['flown.torque'] < row['margin.torque']  # feedback uses the reserve
+    # on a plant that is too different a flight is lost
+    row = Trial(PendulumSwingUp, STRONG, ClosedLoop(mismatch=0.6))({})
+    assert row['held'] == 0
+    assert 'pendulum' in row['lost']
+    robots = flown(RobotFormation, {'robots': ['robot1', 'robot2']}, mismatch=0.03, rate=20.0)
+    assert robots['flown.robot1 - robot2'] > 0.0
+    cart = load_problem('double_integrator:DoubleIntegrator')
+    row = flown(cart, point={'start.x': -0.5}, seeds=2, mismatch=0.02)
+    assert row['cost'] == pytest.approx(2.0**0.5, rel=1e-2)
+
+
+@dataclass(frozen=True)
+class Hop(DirectProblem):
+    """A vehicle that rises upright: its roll, coupled to the way aside, rests."""
+
+    state_names = ('z', 'x', 'roll', 'w', 'v', 'p')
+    state_units = ('m', 'm', 'rad', 'm/s', 'm/s', 'rad/s')
+    control_names, control_units = ('thrust', 'moment'), ('m/s^2', 'rad/s^2')
+    mass: float = parameter(1.0, 'mass')
+
+    def outputs(self):
+        return {'z': Output((0.0, 0.0), (3.0, 0.0), 4), 'roll': Output((0.0, 0.0), (0.0, 0.0), 2)}
+
+    def integrated(self):
+        return {'x': Integrated(0.0, 0.0), 'v': Integrated(0.0, 0.0)}
+
+    def duration(self):
+        return Duration(4.0, fixed=True)
+
+    def invert(self, y, z):
+        (h, w, up), (roll, p, turn) = y['z'], y['roll']
+        return (h, z['x'], roll, w, z['v'], p), ((up + 1.0) * self.mass / np.cos(roll), turn)
+
+    def derivative(self, x, u):
+        push = u[0] / self.mass
+        return x[3], x[4], x[5], push * np.cos(x[2]) - 1.0, -push * np.sin(x[2]), u[1]
+
+    def control_limits(self):
+        return {'thrust': (0.0, 2.0), 'moment': (-2.0, 2.0)}
+
+    def running_cost(self, t, x, u):
+        return (u[0] - 1.0) ** 2 + u[1] ** 2
+
+
+def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
+    flown(Hop, seeds=2, mismatch=0.02)
+    tracker = StatedTracker(Hop(), TrackerParameters())
+    tracker.prepare(Hop().solve().trajectory)
+    rises, aside = tracker.ranges[:2]
+    assert rises == pytest.approx(3.0, rel=1e-3)
+    assert 0.0 < aside < rises
+
+
+def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> None:
+    class Thirsty(Hop):
+        """Its thrust has a size."""
+
+        def derivative(self, x, u):
+            rates = super().derivative(x, u)
+            return (*rates[:5], rates[5] + 1e-9 * np.sqrt(u[0] ** 2 + u[1] ** 2))
+
+    flown(Thirsty, mismatch=0.02)
+
+
+@pytest.mark.parametrize(('growth', 'least'), [(10.0, ''), (50.0, 'must be 600 Hz or more')])
+def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) -> None:
+    @dataclass(frozen=True)
+    class Falling(DirectProblem):
+        """A place whose error grows by e in the time 1 / `growth` without feedback."""
+
+        state_names, state_units = ('x', 'v'), ('m', 'm/s')
+        control_names, control_units = ('push',), ('m/s^2',)
+
+        def outputs(self):
+            return {'x': Output(start=(1.0, 0.0), end=(0.0, 0.0), free=2)}
+
+        def duration(self):
+            return Duration(5.0 / growth, fixed=True)
+
+        def invert(self, y, z):
+            x, v, a = y['x']
+            return (x, v), (a - growth**2 * x,)
+
+        def derivative(self, x, u):
+            return x[1], growth**2 * x[0] + u[0]
+
+        def running_cost(self, t, x, u):
+            return u[0] ** 2
+
+    tracker = StatedTracker(Falling(), TrackerParameters(rate=200.0))
+    assert tracker.warning == ''
+    tracker.prepare(Falling().solve().trajectory)
+    assert tracker.warning.endswith(least)
+    assert bool(tracker.warning) == bool(least)
+
+
+def test_ranges_lists_and_random_values() -> None:
+    for given, values, spacing in (
+        ('0.1:0.3:3', [0.1, 0.2, 0.3], 'linear'),
+        ('1e-2:1:log 3', [0.01, 0.1, 1.0], 'log'),
+        ('-3.14:3.14:2', [-3.14, 3.14], 'linear'),
+        ('.5', [0.5], 'list'),
+    ):
+        axis = parse_axis(f'a.b={given}')
+        assert (axis.name, axis.spacing) == ('a.b', spacing)
+        assert list(axis.values) == pytest.approx(values)
+    lists = {'switching,smooth': ('switching', 'smooth'), '[1, 2],[3, 4]': ([1, 2], [3, 4])}
+    for given, items in lists.items():
+        assert parse_axis(f'a.b={given}') == Axis('a.b', items, 'list')
+    # the name makes the random ones
+    one, other = parse_axis('a=0:1:random 50'), parse_axis('b=0:1:random50')
+    assert one == parse_axis('a=0:1:random 50')
+    assert one.values != other.values
+    assert 0.0 <= min(one.values) < 0.2 < 0.8 < max(one.values) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        *((text, 'LOW:HIGH:N') for text in ('', 'a', 'a=', '=1', 'a=0:1:0', 'a=0:1', 'a=0:b:3')),
+        *((text, 'LOW:HIGH:N') for text in ('a=1:2:3:4', 'a=[', 'a=0:inf:3')),
+        ('a=0:1:log 3', 'log range must be > 0'),
+        ('limits.torqe=0.1', 'limits.torque'),
+        ('limits.torque=-1:1:3', r'must be a number in \[1e-12'),
+        ('goal.turns=0:1:3', '0.5'),
+        ('start.source=measured', 'belongs to a node'),
+        ('method=smooth,quick', 'one of switching'),
+    ],
+)
+def test_axes_are_checked_before_anything_is_planned(text, words):
+    with pytest.raises(InvalidProblem, match=words):
+        checked(parse_axis(text), PendulumSwingUp, {})
+
+
+def test_all_combinations_and_random_ones_together() -> None:
+    grid = [Axis('a', (1, 2)), Axis('b', (3, 4, 5), 'linear')]
+    drawn = [Axis('x', (1, 2), 'random'), Axis('n', (0, 1)), Axis('y', (3, 4), 'random')]
+    for axes, expected in ((grid, '13 14 15 23 24 25'), (drawn, '103 204 113 214')):
+        points = [''.join(map(str, point.values())) for point in Points(axes)]
+        assert points == expected.split()
+    assert list(Points(drawn)[0]) == ['x', 'n', 'y']
+    # not together
+    for axes, words in (
+        ([Axis('a', (1,)), Axis('a', (2,))], 'varied twice'),
+        ([Axis('a', (1,), 'random'), Axis('b', (2, 3), 'random')], 'as many values'),
+    ):
+        with pytest.raises(InvalidProblem, match=words):
+            Points(axes)
+
+
+KINDS, MAPS = Axis('kind', ('plain', 'odd')), ['cost', 'duration']
+AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), KINDS]
 
 
 def found(point: dict[str, Any]) -> dict[str, Any]:
@@ -63,23 +279,25 @@ def test_the_table_is_the_same_in_whatever_order_rows_come(path: Path) -> None:
     assert Table(path).save().equals(whole)
 
 
-def test_texts_that_are_all_empty_stay_texts(path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        collected(path, [0, 1, 2, 4], until=3)
-    assert Table(path).save()['reason'].to_pylist() == ['', '', '']
-
-
 def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        collected(path, [4, 3, 0, 1, 2, 5], until=2)
-    assert Table(path).rows == {3, 4}
+        collected(path, [4, 2, 0, 1, 3, 5], until=2)
+    assert Table(path).rows == {2, 4}
+    assert Table(path).save()['reason'].to_pylist() == ['', '']  # still texts
     assert collected(path, [0, 1, 2, 3, 4, 5]).equals(collected(None, [0, 1, 2, 3, 4, 5]))
-
-
-def test_a_table_that_is_none_is_named(path: Path) -> None:
+    # what is no table is named
     path.write_bytes(b'\xff\x00')
     with pytest.raises(UnusableFile, match=path.name):
         Table(path).save()
+
+
+def rows_of(axes: list[Axis]) -> list[dict[str, Any]]:
+    points = enumerate(Points(axes))
+    return [{'row': i, **p, **found({'kind': 'plain', 'x': 1.0, **p})} for i, p in points]
+
+
+def columns_of(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
+    return {name: [row.get(name) for row in rows] for name in rows[0]}
 
 
 @pytest.mark.parametrize('closed', [False, True])
@@ -88,31 +306,20 @@ def test_a_table_that_is_none_is_named(path: Path) -> None:
     [
         ([Axis('x', (3.0, 1.0, 2.0), 'random')], ['curve']),
         ([Axis('x', (1.0, 2.0, 4.0), 'log'), Axis('solver.seed', (0, 1))], ['curve']),
-        ([Axis('x', (1.0, 2.0), 'linear'), Axis('kind', ('plain', 'odd'))], ['cost', 'duration']),
-        (
-            [Axis('x', (1.0, 2.0, 0.2), 'random'), Axis('y', (1.0, 2.0, 0.0), 'random')],
-            ['cost', 'duration'],
-        ),
-        (
-            [Axis('x', (1.0, 2.0)), Axis('y', (1, 2)), Axis('kind', ('plain', 'odd'))],
-            ['cost', 'duration'],
-        ),
+        ([Axis('x', (1.0, 2.0), 'linear'), KINDS], MAPS),
+        ([Axis('x', (1.0, 2.0, 0.2), 'random'), Axis('y', (1.0, 2.0, 0.0), 'random')], MAPS),
+        ([Axis('x', (1.0, 2.0)), Axis('y', (1, 2)), KINDS], MAPS),
         ([], []),
     ],
 )
 def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_path):
-    points = Points(axes)
-    rows = [
-        {'row': i, **p, **found({'kind': 'plain', 'x': 1.0, **p})} for i, p in enumerate(points)
-    ]
+    rows = rows_of(axes)
     for row in rows if closed else []:
-        flown = row['verified']
-        counts = {'flights': 4, 'caught': 4, 'held': 3} if flown else {}
+        counts = {'flights': 4, 'caught': 4, 'held': 3} if row['verified'] else {}
         row |= dict.fromkeys(('flights', 'caught', 'held')) | counts
-    columns = {name: [row.get(name) for row in rows] for name in rows[0]}
+    columns = columns_of(rows)
     pictures = draw(columns, axes, {'x': 'N m'})
-    several = names and 'curve' not in names
-    assert list(pictures) == [*names, *(['caught', 'held'] if closed and several else [])]
+    assert list(pictures) == [*names, *(['caught', 'held'] if closed and names == MAPS else [])]
     for name, (figure, _) in pictures.items():
         figure.savefig(tmp_path / f'{name}.png')
         assert any('x [N m]' in axis.get_xlabel() for axis in figure.axes)
@@ -130,17 +337,8 @@ def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_p
 
 def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
     axes = [Axis('x', (1.0, 2.0)), Axis('y', (-1.0, 0.0, 1.0))]
-    rows = [
-        {
-            'row': i,
-            **p,
-            **found({'kind': 'plain', 'x': 1.0}),
-            'duration': p['x'] if p['y'] else 1e-3,
-        }
-        for i, p in enumerate(Points(axes))
-    ]
-    columns = {name: [row.get(name) for row in rows] for name in rows[0]}
-    figure, _ = draw(columns, axes, {})['duration']
+    rows = [row | ({} if row['y'] else {'duration': 1e-3}) for row in rows_of(axes)]
+    figure, _ = draw(columns_of(rows), axes, {})['duration']
     (norm,) = {mesh.norm for axis in figure.axes[:1] for mesh in axis.collections if mesh.norm}
     assert (norm.vmin, norm.vmax) == pytest.approx((1.0 / 30.0, 2.0))
 
@@ -151,14 +349,8 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
 ):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
-    words = [
-        'study',
-        'pendulum',
-        '--over',
-        'limits.torque=.0001:.09:2',
-        '--over',
-        'start.psi=0,.1',
-    ]
+    words = ['study', 'pendulum', '--over', 'limits.torque=.0001:.09:2', '--over']
+    words += ['start.psi=0,.1']
     assert main([*words, *shared, '-o', 'out', '--csv', '--processes', '2']) == 0
     assert 'study.html' in capsys.readouterr().out
     files = {path.name for path in Path('out').iterdir()}
@@ -168,11 +360,8 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
     trial = Trial(PendulumSwingUp, {'torque_reserve': 0.2, 'solver.deadline': 0.2})
     points = Points([Axis('limits.torque', (0.0001, 0.09)), Axis('start.psi', (0.0, 0.1))])
     for row, point in zip(kept.to_pylist(), points, strict=True):
-        here = {**point, **trial(point)}
-        assert {name: row[name] for name in here if name != 'solve_time'} == {
-            name: value for name, value in here.items() if name != 'solve_time'
-        }
-
+        here = {**point, **trial(point), 'solve_time': row['solve_time']}
+        assert {name: row[name] for name in here} == here
     before = Path('out/table.csv').stat().st_mtime_ns
     assert main([*words, *shared, '-o', 'out', '--csv', '-q']) == 0
     assert Path('out/table.csv').stat().st_mtime_ns == before
