@@ -210,10 +210,7 @@ def by_place(self, x):
     [
         ({'feedback_weights': weights}, r'gives Q of shape \(3, 3\), expected \(4, 4\)'),
         ({'drawing': by_place}, 'drawing of Changed raises TypeError'),
-        (
-            {'reserve': {'Pole': 0.1}},
-            "which is not a limit: there are 'pole', 'ax, lowest'",
-        ),
+        ({'reserve': {'Pole': 0.1}}, "which is not a limit: there are 'pole', 'ax, lowest'"),
     ],
 )
 def test_a_check_refuses_what_only_a_tracker_or_a_picture_would_meet(change, words):
