@@ -1,27 +1,34 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Programs over robots' motions, by polynomials and by thrust arcs: derivatives, minima, plans."""
+"""Programs over robots' motions, by polynomials and by thrust arcs; thrusters, kept motions."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from benchmark.scenarios import crossing
+from benchmark.scenarios import crossing as drawn_crossing
+from closed_loop import crossing, FORMATION
+from differences import central
 import numpy as np
 import pytest
+from replays import faults
 from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.approaches import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.polynomial_search import guesses
 from tdm_planner.problems.formation.program import PolynomialProgram
 from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.formation.thrust_arcs_kernels import attitude, turning
 from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
 from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
+from tdm_planner.problems.formation.thrust_direction import ThrustDirection
+from tdm_planner.problems.formation.warm_start import kept_motions, LATE, turning_time
+from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
 
+TASK = FORMATION.task
 FORMS = {
     'default': MotionForm(7, 5, 0, True),
     'paper': MotionForm(7, 7, 0, False),
@@ -42,15 +49,12 @@ def made(request):
 
 
 def crowded_task(moving):
-    task = RobotFormation().task
-    zones = np.array([[2.0, 1.5, 0.2]])
+    task = replace(TASK, obstacles=np.array([[2.0, 1.5, 0.2]]), separation=0.8)
     if not moving:
-        return replace(task, obstacles=zones, separation=0.8)
+        return task
     rng = np.random.default_rng(4)
     return replace(
         task,
-        obstacles=zones,
-        separation=0.8,
         velocity=rng.normal(0, 0.05, (3, 2)),
         acceleration=rng.normal(0, 0.02, (3, 2)),
         yaw_rate=rng.normal(0, 0.05, 3),
@@ -68,21 +72,12 @@ def program_and_point(form, moving=False, task=None, seed=0, hurry=0.7):
     return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
 
 
-def central(function, xi, step=1e-6):
-    columns = []
-    for k in range(xi.size):
-        change = np.zeros(xi.size)
-        change[k] = step
-        columns.append((function(xi + change) - function(xi - change)) / (2 * step))
-    return np.stack(columns, axis=-1)
-
-
 def test_gradient_and_rows_against_differences(made):
     program, xi = made
     point = program.evaluate(xi)
     at = program.linearise(point, None)
     gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
-    numeric = central(lambda x: np.array(program.evaluate(x).cost), xi)
+    numeric = central(lambda x: program.evaluate(x).cost, xi)
     assert gradient == pytest.approx(numeric, abs=1e-6)
     values = point.cache
     near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
@@ -186,15 +181,12 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
 
 def test_names_the_constraint_that_is_violated_most():
     for change, words in (({'torque': 1e-5}, 'limits.torque'), ({'separation': 2.5}, 'arena.')):
-        program, xi = program_and_point(
-            'default', task=replace(RobotFormation().task, **change), hurry=1.0
-        )
+        program, xi = program_and_point('default', task=replace(TASK, **change), hurry=1.0)
         assert words in program.binding(program.evaluate(xi))
 
 
 def test_held_motions_are_avoided_and_not_varied() -> None:
-    task = RobotFormation().task
-    model = ReferenceMotion(task)
+    task, model = TASK, ReferenceMotion(TASK)
     every = PolynomialProgram(model)
     x = np.random.default_rng(3).normal(scale=0.05, size=(task.n, model.size)) * model.units
     x[:, 0] = model.time
@@ -227,7 +219,7 @@ MOVING = {
 
 def problem(seed=0, n=3, **changes):
     settings = {'method': 'thrust_arcs', 'solver.deadline': 20.0, **changes}
-    return RobotFormation.from_parameters(crossing(seed, n).parameters(**settings))
+    return RobotFormation.from_parameters(drawn_crossing(seed, n).parameters(**settings))
 
 
 def guess(program, seed=0):
@@ -266,18 +258,6 @@ def test_slopes_are_those_of_the_values(changes, count):
             assert slope == pytest.approx(found.inequality_jacobian[:rows, q], rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize('rate', [0.0, 0.1, -0.3])
-@pytest.mark.parametrize('way', [0.0, 1.0, -2.0])
-def test_the_least_turn_comes_to_rest_where_it_should(way, rate):
-    a, switch = turning(10.0, way, rate)
-    assert 0.0 <= switch <= 10.0
-    assert attitude(10.0, 10.0, a, switch, 0.5, rate, 0.5 + way) == pytest.approx(0.5 + way)
-    before, after = (
-        attitude(switch + d, 10.0, a, switch, 0.5, rate, 0.5 + way) for d in (-1e-9, 1e-9)
-    )
-    assert before == pytest.approx(after, abs=1e-6)
-
-
 @pytest.fixture(scope='module')
 def plans():
     found = {}
@@ -286,14 +266,10 @@ def plans():
     return found
 
 
-def test_arcs_cost_less_than_polynomials(plans):
-    for arcs, polynomials in zip(*plans.values(), strict=True):
-        assert arcs.verification.ok
-        assert arcs.cost < 0.98 * polynomials.cost
-
-
-def test_thrust_is_full_or_off_and_every_switch_a_sample(plans):
-    for solution in plans['thrust_arcs']:
+def test_arcs_cost_less_than_polynomials_by_thrust_that_is_full_or_off(plans):
+    for solution, polynomials in zip(*plans.values(), strict=True):
+        assert solution.verification.ok
+        assert solution.cost < 0.98 * polynomials.cost
         for plan in solution.trajectories.values():
             thrust = plan.control('thrust')
             assert plan.interpolation == 'zero_order_hold'
@@ -320,12 +296,13 @@ def test_weak_burns_are_left_out_and_the_others_corrected():
 
 
 def test_zones_moving_starts_and_robots_that_stay():
-    drawn = crossing(5)
+    drawn = drawn_crossing(5)
     stay = {'robot3.start.x': float(drawn.goal[2, 0]), 'robot3.start.y': float(drawn.goal[2, 1])}
     changes = {**MOVING, **stay, 'arena.obstacles': [0.3, 3.7, 0.2], 'arena.tracking_margin': 0.01}
     asked = problem(5, **changes)
     solution = asked.solve()
     assert solution.verification.ok
+    assert faults(plan_document(asked, solution)) == []
     assert set(solution.verification.worst) >= {'robot1.keep_out', 'separation robot1-robot3'}
     assert (solution.trajectories['robot3'].control('thrust') == 0.0).all()
     assert solution.trajectories['robot1'].states[0, 6] == pytest.approx(0.4)
@@ -351,3 +328,111 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     arrivals = [(again.trajectories[name].duration, plan.duration) for name, plan in rest.items()]
     assert all(new == pytest.approx(old, abs=0.5) for new, old in arrivals)
+
+
+TIMES = np.linspace(0.0, 20.0, 401)
+RATE, THRUST = 1.0, 0.1
+
+
+def flip(offset=0.0, turns=1):
+    """Accelerate and brake `turns` times along x, passing zero at a lateral `offset`."""
+    along = THRUST * np.cos(turns * np.pi * TIMES / TIMES[-1])
+    return np.stack([along, np.full_like(along, offset)], axis=1)
+
+
+def follow(wanted, alpha=np.nan, rate=RATE):
+    return ThrustDirection(TIMES, wanted, np.zeros(TIMES.size), rate, THRUST, alpha).follow(wanted)
+
+
+def test_the_branch_survives_small_changes():
+    """The direction of a turn must not change when the wanted acceleration changes a little."""
+    wanted, yaw = flip(1e-4 * THRUST, turns=3), np.zeros(TIMES.size)
+    direction = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan)
+    first, _ = direction.follow(wanted)
+    second, _ = direction.follow(flip(-1e-4 * THRUST, turns=3))
+    assert second == pytest.approx(first, abs=0.2)
+
+
+def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
+    angle, speed = follow(np.where(TIMES[:, None] < 3.0, 0.0, [[0.08, 0.0]]), 2.5)
+    assert angle[0] == 2.5
+    assert angle[TIMES > 3.0] == pytest.approx(0.0, abs=1e-3)
+    assert np.abs(speed).max() <= RATE
+    resting, speed = follow(np.zeros((401, 2)), 0.7)
+    assert (resting == 0.7).all()
+    assert not speed.any()
+
+
+def lateral_error(wanted, yaw, alpha):
+    """Largest component of the wanted acceleration across the thrust, or against it."""
+    heading = alpha + yaw
+    across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
+    along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
+    return float(np.hypot(across, np.minimum(along, 0.0)).max())
+
+
+def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_more():
+    wanted = flip()
+    angles = [follow(wanted, rate=rate)[0] for rate in (2.0, RATE, 0.5)]
+    assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
+    # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
+    # wanted acceleration is under sin(pi^2 / 40) F_max.
+    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
+    assert errors[0] < errors[1] < errors[2]
+
+
+AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
+
+
+@pytest.fixture(scope='module')
+def leg() -> tuple[ActivePlan, float]:
+    """Return a plan, and an instant at which the first robot is on its last leg."""
+    plan, rate = crossing(), FORMATION.limits.thruster_rate
+    return plan, plan.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
+
+
+def asked_at(plan, at, asked=FORMATION, **away):
+    """Return the problem `asked` from where the robots are seen then."""
+    seen = {
+        name: Observation(motion.sample(at).state + away.get(name, 0.0), at, Mode.FOLLOWING)
+        for name, motion in plan.solution.trajectories.items()
+    }
+    execution = FormationExecution(FORMATION)
+    return execution.problem_from(asked, execution.predict(plan, seen, at))
+
+
+def test_a_robot_about_to_arrive_keeps_its_motion(leg) -> None:
+    plan, at = leg
+    problem = asked_at(plan, at, robot1=AWAY, robot3=2 * AWAY)
+    new = problem.solve(deadline=60.0, warm_start=plan.remainder(at))
+    assert new.verification.ok
+    old = plan.solution.trajectories['robot1']
+    kept = new.trajectories['robot1']
+    assert kept.duration == pytest.approx(old.duration - at, abs=1e-6)
+    times = np.linspace(0.0, kept.duration, 200)
+    impulses = kept.control_integral(times), old.control_integral(times + at)
+    np.testing.assert_allclose(impulses[0], impulses[1] - impulses[1][0], atol=1e-6)
+    states = kept.sample(times).state, old.sample(times + at).state
+    np.testing.assert_allclose(*states, atol=1e-3)
+    # Another robot's deviation, with more time left, is planned from.
+    away = np.abs(new.trajectories['robot3'].states[0, :2] - problem.task.start[2]).max()
+    assert away < 1e-9
+
+
+@pytest.mark.parametrize('push', [0.0, 0.1])
+@pytest.mark.parametrize('elsewhere', [0.0, 0.1])
+def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(leg, push, elsewhere) -> None:
+    (plan, at), formation = leg, FORMATION.formation
+    x, y, turn = formation.anchor
+    moved = replace(formation, anchor=[x + elsewhere, y, turn])
+    asked = replace(FORMATION, formation=moved)
+    away = AWAY + push * np.eye(7)[2]
+    planned = plan.solution.trajectories['robot1'].sample(at).state[:2]
+    task = asked_at(plan, at, asked, robot1=away).task
+    expected = planned + AWAY[:2] if push or elsewhere else planned
+    np.testing.assert_allclose(task.start[0], expected, atol=1e-9)
+    for seen in (task, asked_at(plan, at, asked, robot1=0 * AWAY).task):
+        kept = kept_motions(seen, plan.remainder(at).trajectories, LATE)
+        keeps = not elsewhere and not (push and seen is task)
+        assert ('robot1' in kept) == keeps
