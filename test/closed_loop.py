@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.tracking import (
     Command,
     PendulumTracker,
@@ -65,6 +65,26 @@ def smooth_swing_up() -> ActivePlan:
 def crossing() -> ActivePlan:
     """Return a plan of three robots, from 0 s on."""
     return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+
+
+def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
+    """Return the states of all vehicles on a plan."""
+    motions = plan.solution.trajectories
+    return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
+
+
+def seen(
+    states: dict[str, np.ndarray],
+    at: float,
+    mode: Mode = Mode.FOLLOWING,
+    followed: float | None = None,
+    **away: Any,
+) -> dict[str, Observation]:
+    """Return what a replanner sees of vehicles, each so far `away` from a state."""
+    return {
+        name: Observation(state + away.get(name, 0.0), at, mode, followed)
+        for name, state in states.items()
+    }
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:

@@ -5,11 +5,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 import warnings
 
+import pytest
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, SolverParameters
 
@@ -94,3 +97,15 @@ def solve(solver: SolverParameters = LONG, **change: Any) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         return changed(Cart, **change)(solver=solver).solve()
+
+
+def refused(make: Callable[[], Any], length: int = 300) -> str:
+    """Return the one clear sentence of a refusal; nothing is printed by numpy on the way."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(InvalidProblem) as caught:
+            make()
+    message = str(caught.value)
+    assert '\n' not in message
+    assert len(message) < length
+    return message

@@ -4,48 +4,30 @@
 """What users get wrong when they state a problem: one sentence that names the function."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from itertools import count
+from typing import Any
 import warnings
 
 import numpy as np
 import pytest
+from stated import Cart, changed, refused
 from tdm_planner.direct_method import Duration, Formulation, Integrated, Output
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
 
-
-class Cart(Formulation):
-    """A cart with a swinging load: position prescribed, angle integrated."""
-
-    state_names: ClassVar = ('x', 'v', 'angle')
-    state_units: ClassVar = ('m', 'm/s', 'rad')
-    control_names: ClassVar = ('u',)
-    control_units: ClassVar = ('m/s^2',)
-
-    def outputs(self):
-        return {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)}
-
-    def integrated(self):
-        return {'angle': Integrated(0.3)}
-
-    def duration(self):
-        return Duration(2.0)
-
-    def invert(self, y, z):
-        return (*y['x'][:2], z['angle']), y['x'][2:]
-
-    def derivative(self, x, u):
-        return x[1], u[0], -x[2] - u[0]
-
-    def margins(self, t, x, u):
-        return {'force': 1.0 - (u[0] / 5.0) ** 2}
-
-    def running_cost(self, t, x, u):
-        return u[0] ** 2
-
-    def final_cost(self, t, x):
-        return x[2] ** 2
+LOADED = changed(
+    Cart,
+    __doc__='A cart with a swinging load: position prescribed, angle integrated.',
+    state_names=('x', 'v', 'angle'),
+    state_units=('m', 'm/s', 'rad'),
+    outputs=lambda s: {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)},
+    integrated=lambda s: {'angle': Integrated(0.3)},
+    duration=lambda s: Duration(2.0),
+    invert=lambda s, y, z: ((*y['x'][:2], z['angle']), y['x'][2:]),
+    derivative=lambda s, x, u: (x[1], u[0], -x[2] - u[0]),
+    final_cost=lambda s, t, x: x[2] ** 2,
+)
 
 
 def begin(formulation: Formulation) -> Transcription:
@@ -54,16 +36,9 @@ def begin(formulation: Formulation) -> Transcription:
     return program
 
 
-def refused(change: dict[str, Any]) -> str:
+def refusal(**change: Any) -> str:
     """Return the sentence that a cart changed in this way is refused with."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        with pytest.raises(InvalidProblem) as caught:
-            begin(type('Changed', (Cart,), change)())
-    message = str(caught.value)
-    assert '\n' not in message
-    assert len(message) < 300
-    return message
+    return refused(lambda: begin(changed(LOADED, **change)()))
 
 
 FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margins')
@@ -85,13 +60,13 @@ def returns(value: Any) -> Callable[..., Any]:
 def test_errors_of_the_user_are_the_cause_and_refusals_are_passed_on(function):
     for error in (ZeroDivisionError('division by zero'), AttributeError('no force')):
         with pytest.raises(InvalidProblem, match=f'{function} of Changed raises') as caught:
-            begin(type('Changed', (Cart,), {function: raises(error)})())
+            begin(changed(LOADED, **{function: raises(error)})())
         assert caught.value.__cause__ is error
         assert type(error).__name__ in str(caught.value)
-    begin(Cart())
-    refusal = InvalidProblem('the cart is too heavy')
-    assert refused({function: raises(refusal)}) == 'the cart is too heavy'
-    assert function in refused({function: returns(None)})
+    begin(LOADED())
+    heavy = InvalidProblem('the cart is too heavy')
+    assert refusal(**{function: raises(heavy)}) == 'the cart is too heavy'
+    assert function in refusal(**{function: returns(None)})
 
 
 NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))  # noqa: E731
@@ -104,6 +79,13 @@ def nan_at_the_start(self, y, z):
 
 
 SUMMED = '{} of Changed gives ... when it is traced, but ... there are no sums over nodes'
+NAMES = [
+    ('x', 'must be a tuple of names'),
+    ((), 'must be a tuple of names'),
+    (('x', 'v', 'x'), 'the same name twice'),
+    (('x', 3, 'v'), 'must be strings'),
+]
+NUMBER = count()
 COSTS = [
     (np.zeros(5), 'gives J ... of shape (5,), expected'),
     (np.nan, 'gives J = nan at node'),
@@ -142,6 +124,10 @@ REFUSED = {  # function: (what it is instead or returns, words)
         ({3: 1.0}, 'must be strings'),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),
+        (
+            lambda s, t, x, u: {f'force {next(NUMBER)}': 1.0 - u[0] ** 2},
+            'must always be the same',
+        ),
         (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
     ],
     'running_cost': [
@@ -171,37 +157,21 @@ def test_what_functions_return(function, value, words):
     change = {function: value if callable(value) else returns(value)}
     if function == 'invert' and not callable(value):
         change['integrated'] = returns({})
-    message = refused(change)
+    message = refusal(**change)
     assert all(part in message for part in words.split(' ... '))
 
 
-def test_margins_that_change_their_names():
-    calls = []
-
-    def margins(self, t, x, u):
-        calls.append(t)
-        return {f'force {len(calls)}': 1.0 - u[0] ** 2}
-
-    assert 'must always be the same' in refused({'margins': margins})
-
-
 @pytest.mark.parametrize('kind', ['state', 'control'])
-def test_names(kind):
-    for names, words in (
-        ('x', 'must be a tuple of names'),
-        ((), 'must be a tuple of names'),
-        (('x', 'v', 'x'), 'the same name twice'),
-        (('x', 3, 'v'), 'must be strings'),
-    ):
-        message = refused({f'{kind}_names': names})
-        assert f'{kind}_names = ' in message
-        assert words in message
+@pytest.mark.parametrize(('names', 'words'), NAMES)
+def test_names(kind, names, words):
+    message = refusal(**{f'{kind}_names': names})
+    assert f'{kind}_names = ' in message
+    assert words in message
 
 
 def test_what_is_not_finite_on_the_way_is_only_not_taken():
     """Beyond the first guess a number that is not finite makes a point infinitely bad."""
-    short = type('Short', (Cart,), {'running_cost': lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2)})
-    program = begin(short())
+    program = begin(changed(LOADED, running_cost=lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2))())
     far = program.first_guess * np.array([0.3, 1.0, 1.0])
     with warnings.catch_warnings():
         warnings.simplefilter('error')

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.optimize import rosen, rosen_der, rosen_hess
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -121,26 +122,16 @@ class Smooth(NonlinearProgram):
 
 
 def rosenbrock(**constraints):
-    return Smooth(
-        lambda x: (1 - x[0]) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2,
-        lambda x: np.array(
-            [-2 * (1 - x[0]) - 400 * x[0] * (x[1] - x[0] ** 2), 200 * (x[1] - x[0] ** 2)]
-        ),
-        lambda x: np.array(
-            [[2 - 400 * (x[1] - 3 * x[0] ** 2), -400 * x[0]], [-400 * x[0], 200.0]]
-        ),
-        **constraints,
-    )
+    return Smooth(rosen, rosen_der, rosen_hess, **constraints)
 
 
 def test_bounds_are_kept_at_every_evaluation():
     program = rosenbrock()
     program.upper = np.full(2, 0.5)
-    seen = []
-    evaluate = program.evaluate
+    evaluate, seen = program.evaluate, []
     program.evaluate = lambda xi: (seen.append(xi), evaluate(xi))[1]
     found = minimise(program, np.array([-1.2, 1.0]), TIGHT)
-    assert all((xi <= 0.5).all() for xi in seen)
+    assert (np.array(seen) <= 0.5).all()
     np.testing.assert_allclose(found.point.xi, [0.5, 0.25], atol=1e-5)
 
 
@@ -186,14 +177,7 @@ def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violate
         lambda x: 200 * np.eye(2),
         eq=(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])),
     )
-    options = TrustRegionOptions(
-        penalties=(1.0,),
-        largest_penalty=1e4,
-        iterations=60,
-        cost_tolerance=1e-10,
-        feasibility=(1e-9,),
-        radius=4.0,
-    )
+    options = TIGHT._replace(penalties=(1.0,), largest_penalty=1e4, radius=4.0, corrections=0)
     plain = minimise(steep, np.ones(2), options)
     steered = minimise(steep, np.ones(2), options._replace(steering=True))
     assert steered.converged

@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from decimal import Decimal
 from typing import Any
-import warnings
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from stated import refused
 from tdm_planner.direct_method import (
     Duration,
     Integrated,
@@ -24,7 +23,6 @@ from tdm_planner.direct_method import (
 )
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import output_basis
-from tdm_planner.direct_method.virtual_arc import arc_derivatives, time_derivatives
 from tdm_planner.exceptions import InvalidProblem
 
 
@@ -87,10 +85,9 @@ def test_conditions_hold_and_free_shapes_are_orthonormal(at_start, at_end, free,
 def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
     s, step = np.linspace(0.02, 0.98, 25), 1e-5
     for order in range(1, 5):
-        slope = (
-            (shapes.values(s + step, order - 1) - shapes.values(s - step, order - 1)) / 2 / step
-        )
+        ahead, behind = (shapes.values(s + h, order - 1) for h in (step, -step))
         scale = 1 + np.abs(shapes.values(s, order + 2)).max()
+        slope = (ahead - behind) / 2 / step
         np.testing.assert_allclose(shapes.values(s, order), slope, atol=1e-9 * scale + 1e-5)
     np.testing.assert_allclose(SINES.values(s)[:, 2], np.sin(3 * np.pi * s), atol=1e-12)
     np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
@@ -102,18 +99,6 @@ def test_conditions_with_a_gap():
     assert basis.start == (0, 2)
     np.testing.assert_allclose(basis.varied(0.0, 2), 0.0, atol=1e-12)
     assert abs(basis.varied(0.0, 1)).max() > 0.1
-
-
-@given(
-    st.lists(st.floats(-10, 10), min_size=5, max_size=5),
-    st.floats(0.1, 10),
-    st.lists(st.floats(-3, 3), min_size=3, max_size=3),
-)
-@settings(max_examples=100)
-def test_conversions_round_trip(values, speed, slopes):
-    factor = [speed, *slopes]
-    there = arc_derivatives(values, factor)
-    np.testing.assert_allclose(time_derivatives(there, factor), values, rtol=1e-9, atol=1e-6)
 
 
 BAD: dict[str, Any] = {
@@ -130,18 +115,6 @@ BAD: dict[str, Any] = {
 }
 BAD_SCALARS = {**BAD, 'huge': 1e300, 'empty': []}
 NOT_WHOLE = {**BAD_SCALARS, 'a fraction': 1.5, 'negative': -1, 'a million': 10**6, 'true': True}
-
-
-def refused(make: Callable[[], Any]) -> str:
-    """Return the one clear sentence; nothing is printed by numpy on the way."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        with pytest.raises(InvalidProblem) as caught:
-            make()
-    message = str(caught.value)
-    assert '\n' not in message
-    assert len(message) < 250
-    return message
 
 
 WHOLE = [
@@ -169,15 +142,19 @@ NUMBERS_OR_NONE = [
 @pytest.mark.parametrize('value', NOT_WHOLE.values(), ids=NOT_WHOLE)
 def test_whole_numbers(value):
     for make, words in WHOLE:
-        assert words in refused(lambda make=make: make(value))
+        assert words in refused(lambda make=make: make(value), 250)
 
 
 @pytest.mark.parametrize('value', BAD_SCALARS.values(), ids=BAD_SCALARS)
 def test_numbers(value):
     for make, words in [*NUMBERS, *(NUMBERS_OR_NONE if value is not None else [])]:
-        assert words in refused(lambda make=make: make(value))
+        assert words in refused(lambda make=make: make(value), 250)
     if value not in (None, [], {0: 1.0}):
-        refused(lambda: Output(end=value))
+        refused(lambda: Output(end=value), 250)
+
+
+def test_numbers_of_any_kind_are_numbers():
+    assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}
 
 
 def shaped(shapes, start=(0.0,), end=(0.0,)):
@@ -213,8 +190,4 @@ CASES = [
 
 @pytest.mark.parametrize(('make', 'words'), CASES)
 def test_what_makes_no_sense_together(make, words):
-    assert words in refused(make)
-
-
-def test_numbers_of_any_kind_are_numbers():
-    assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}
+    assert words in refused(make, 250)
