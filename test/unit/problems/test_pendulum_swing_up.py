@@ -26,6 +26,7 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import (
     PendulumGoal,
     PendulumLimits,
@@ -239,6 +240,22 @@ def test_a_disk_that_the_torque_cannot_stop_is_infeasible_at_once(method):
     with pytest.raises(Infeasible, match=r'it turns to 7\.47 rad at least') as caught:
         made.solve(ENOUGH)
     assert caught.value.code == 'INFEASIBLE'
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=12)
+def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
+    made = random_rig(seed, hanging=False)
+    task, step = made.task, 0.03 / made.plant.natural_frequency / made.plant.quickness
+    b, j, _, _ = mechanics(made.plant.coefficients, task.start[0], *task.start[2:])
+    turning = np.sign(j * task.start[3] + b * task.start[2])
+    torques = np.full(2000, -task.torque * turning)
+    states = roll_states(made.plant, task.start, np.full(2000, step), torques)
+    b, j, _, _ = mechanics(made.plant.coefficients, states[:, 0], *states[:, 2:].T)
+    (stopped,) = np.nonzero((j * states[:, 3] + b * states[:, 2]) * turning <= 0.0)
+    end = stopped[0] if stopped.size else None
+    assert np.abs(states[:end, 1]).max() >= task.least_reach - 1e-3
+    assert stopped.size or task.least_reach > abs(task.start[1])
 
 
 PLANT = RotaryPendulum()
