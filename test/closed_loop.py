@@ -29,6 +29,7 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
     TrajectoryTracker,
 )
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
 from tdm_sim.study.flights import TrackedPlant
@@ -177,6 +178,11 @@ class Loop:
             self.plant.command(self.commands[-1].control)
             self.plant.step(self.tick)
             self.states.append(self.plant.state)
+
+    def upright(self, last: float) -> bool:
+        """Return whether a pendulum has been upright for so many s."""
+        count = round(last / self.tick)
+        return bool(np.abs(wrapped(np.array(self.states[-count:])[:, 0])).max() < 0.05)
 
     def begin(self, plan: Trajectory, start: float = 0.1) -> None:
         """Measure for a moment, then accept a plan that starts `start` s after the beginning."""

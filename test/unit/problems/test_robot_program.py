@@ -21,7 +21,7 @@ from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.polynomial_search import guesses
 from tdm_planner.problems.formation.program import PolynomialProgram
 from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
+from tdm_planner.problems.formation.thrust_arcs_motion import remaining
 from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
 from tdm_planner.problems.formation.thrust_direction import ThrustDirection
@@ -130,20 +130,6 @@ def test_separations_against_differences(made):
     assert found[:, CLOSENESS] == pytest.approx(margins(xi), abs=1e-9)
     last = len(found)
     assert rows[-last:] == pytest.approx(central(margins, xi), abs=1e-5)
-
-
-@pytest.mark.parametrize('form', FORMS)
-def test_nearest_approaches_are_those_of_a_dense_sampling(form):
-    program, xi = program_and_point(form)
-    near = program.evaluate(xi).cache.approaches
-    dense = places(program, xi, np.linspace(0.0, 60.0, 6001))
-    i, j = np.triu_indices(3, 1)
-    distances = np.linalg.norm(dense[i] - dense[j], axis=1).min(axis=1)
-    margins = distances / program.task.pair_clearances(i, j) - 1.0
-    for one, other, margin in zip(i, j, margins, strict=True):
-        if margin < 0.24:
-            pair = (near[:, 0] == one) & (near[:, 1] == other)
-            assert near[pair, CLOSENESS].min() == pytest.approx(margin, abs=1e-4)
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
@@ -275,19 +261,6 @@ def test_arcs_cost_less_than_polynomials_by_thrust_that_is_full_or_off(plans):
             exact = plan.control_integral(plan.duration)[0] / 10.5
             assert gas == pytest.approx(exact, rel=1e-6)
             assert np.hypot(burns[:, 0], burns[:, 1]).min() > 2e-4
-
-
-def test_weak_burns_are_left_out_and_the_others_corrected():
-    task = problem().task
-    robot, duration = 0, 40.0
-    way = task.goal[0] - task.start[0]
-    p = way / 38.0
-    burns = np.array([[*p, 1.0, 1.0], [1e-4, -1e-4, 20.0, 0.01], [*-p, 39.0, 1.0]])
-    kept = cleaned(task, robot, burns, duration, weakest=3e-4)
-    assert len(kept) == 2
-    flown = arc_trajectory(task, robot, kept, duration)
-    missed = flown.states[-1, :4] - [*task.goal[0], 0.0, 0.0]
-    assert np.abs(missed).max() < 2e-4  # the thruster turns in steps
 
 
 def test_zones_moving_starts_and_robots_that_stay():

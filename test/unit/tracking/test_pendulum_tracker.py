@@ -45,12 +45,10 @@ def loop(plan: Trajectory) -> Loop:
 
 
 def held(loop: Loop, run: float, last: float = 0.5) -> bool:
-    """Return whether it is upright for so many s at the end of a run."""
+    """Return whether it is upright for so many s at the end of a run, the disk within limits."""
     loop.run(run)
     count = round(last / loop.tick)
-    states = np.array(loop.states[-count:])
-    upright = np.abs(wrapped(states[:, 0])).max() < 0.05
-    return bool(upright and np.abs(states[:, 1]).max() < 2.0)
+    return loop.upright(last) and np.abs(np.array(loop.states[-count:])[:, 1]).max() < 2.0
 
 
 def seeing(state: np.ndarray = HANGING, at: float = 0.0, **values: Any) -> PendulumTracker:
