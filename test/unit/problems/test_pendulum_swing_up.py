@@ -153,9 +153,8 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
     disk_angle=st.sampled_from([2.0, 0.8]),
 )
 @settings(max_examples=8)
-def test_along_the_virtual_arc_any_plan_lands_and_any_failure_has_a_reason(
-    theta, psi, speed, psi_dot, disk_angle
-):
+def test_any_plan_along_the_virtual_arc_lands(theta, psi, speed, psi_dot, disk_angle):
+    """Any failure has a reason."""
     made = problem(start=PendulumStart(theta, psi, speed, psi_dot), method='virtual_arc')
     made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
     try:

@@ -35,49 +35,44 @@ FORMS = {
 }
 
 
-@pytest.fixture(params=[(form, case) for form in FORMS for case in ('rest', 'stays')], ids=str)
-def made(request):
-    form, case = request.param
-    task = crowded_task(case != 'rest')
-    if case == 'stays':
-        still = np.concatenate([np.zeros((1, 2)), task.velocity[1:]])
-        goal = np.concatenate([task.start[:1], task.goal[1:]])
-        task = replace(task, goal=goal, velocity=still)
-    return program_and_point(form, task=task)
+CROWDED = replace(TASK, obstacles=np.array([[2.0, 1.5, 0.2]]), separation=0.8)
 
 
-def crowded_task(moving):
-    task = replace(TASK, obstacles=np.array([[2.0, 1.5, 0.2]]), separation=0.8)
-    if not moving:
-        return task
-    rng = np.random.default_rng(4)
+def task_where_one_stays():
+    """Return one whose first robot stays; the others move at first, two of them coasting."""
+    rng, goal = np.random.default_rng(4), TASK.goal.copy()
+    goal[0] = TASK.start[0]
     return replace(
-        task,
-        velocity=rng.normal(0, 0.05, (3, 2)),
+        CROWDED,
+        goal=goal,
+        velocity=rng.normal(0, 0.05, (3, 2)) * [[0], [1], [1]],
         acceleration=rng.normal(0, 0.02, (3, 2)),
         yaw_rate=rng.normal(0, 0.05, 3),
         coast=np.array([0.5, 0.0, 0.3]),
     )
 
 
-def program_and_point(form, moving=False, task=None, seed=0, hurry=0.7):
-    model = ReferenceMotion(task or crowded_task(moving), FORMS[form])
+def program_and_point(form, task, hurry=0.7):
+    model, rng = ReferenceMotion(task, FORMS[form]), np.random.default_rng(0)
     program = PolynomialProgram(model)
-    rng = np.random.default_rng(seed)
     x = next(guesses(program, rng))
     x[:, : model.nb] *= hurry  # so little time that thrust is near its limit
     xi = program.reduce(x)
     return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
 
 
+@pytest.fixture(params=[(form, case) for form in FORMS for case in ('rest', 'stays')], ids=str)
+def made(request):
+    form, case = request.param
+    return program_and_point(form, CROWDED if case == 'rest' else task_where_one_stays())
+
+
 def test_gradient_and_rows_against_differences(made):
     program, xi = made
-    point = program.evaluate(xi)
-    at = program.linearise(point, None)
+    at, values = program.linearise(program.evaluate(xi), None), program.evaluate(xi).cache
     gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
     numeric = central(lambda x: program.evaluate(x).cost, xi)
     assert gradient == pytest.approx(numeric, abs=1e-6)
-    values = point.cache
     near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
     assert near[0].any()
     assert near[2].any()
@@ -85,19 +80,16 @@ def test_gradient_and_rows_against_differences(made):
     def margins(x):
         """Margins near active: thrust of all robots, then torque and walls of one by one."""
         here = program.evaluate(x).cache
-        thrust = [here.thrust[near[0]]]
         rest = [
             row[i][mask[i]]
             for i in range(program.task.n)
             for row, mask in zip((here.torque, here.walls), near[1:], strict=True)
         ]
-        return np.concatenate(thrust + rest)
+        return np.concatenate([here.thrust[near[0]], *rest])
 
-    count = margins(xi).size
+    count, slopes = margins(xi).size, central(margins, xi)
     assert at.inequalities[:count] == pytest.approx(margins(xi))
-    assert at.inequality_jacobian[:count] == pytest.approx(
-        central(margins, xi), rel=1e-6, abs=1e-5
-    )
+    assert at.inequality_jacobian[:count] == pytest.approx(slopes, rel=1e-6, abs=1e-5)
 
 
 def places(program, xi, t):
@@ -120,16 +112,14 @@ def test_separations_against_differences(made):
     assert (second >= task.n).any()
 
     def margins(x):
-        at = places(program, x, found[:, TIME])
         still = np.repeat(centres[..., None], len(found), axis=2)
-        at = np.concatenate([at, still])
+        at = np.concatenate([places(program, x, found[:, TIME]), still])
         away = np.linalg.norm(at[first, :, every] - at[second, :, every], axis=1)
         return away / program.clearances[first, second] - 1.0
 
-    rows = program.linearise(point, None).inequality_jacobian
+    rows, at_last = program.linearise(point, None).inequality_jacobian, -len(found)
     assert found[:, CLOSENESS] == pytest.approx(margins(xi), abs=1e-9)
-    last = len(found)
-    assert rows[-last:] == pytest.approx(central(margins, xi), abs=1e-5)
+    assert rows[at_last:] == pytest.approx(central(margins, xi), abs=1e-5)
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
@@ -143,9 +133,8 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
         dual = np.random.default_rng(0).uniform(0, 1, dual.shape) * (values.thrust < 0.34)
     inequalities = np.zeros(at.inequalities.size)
     inequalities[: tags[0].size] = dual[tags]
-    hessian = program.linearise(
-        program.evaluate(xi), Multipliers(np.zeros(0), inequalities, tags)
-    ).hessian
+    multipliers = Multipliers(np.zeros(0), inequalities, tags)
+    hessian = program.linearise(program.evaluate(xi), multipliers).hessian
 
     def gradient(x):
         """Of the smooth part of J less the multipliers times the thrust rows."""
@@ -165,7 +154,7 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
 
 def test_names_the_constraint_that_is_violated_most():
     for change, words in (({'torque': 1e-5}, 'limits.torque'), ({'separation': 2.5}, 'arena.')):
-        program, xi = program_and_point('default', task=replace(TASK, **change), hurry=1.0)
+        program, xi = program_and_point('default', replace(TASK, **change), hurry=1.0)
         assert words in program.binding(program.evaluate(xi))
 
 
@@ -193,12 +182,8 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     assert (found[:, 1] >= 2).all()
 
 
-MOVING = {
-    'robot1.start.u': 0.02,
-    'robot1.start.v': -0.01,
-    'robot1.start.omega': 0.02,
-    'robot1.start.alpha': 0.4,
-}
+MOVES = {'u': 0.02, 'v': -0.01, 'omega': 0.02, 'alpha': 0.4}
+MOVING = {f'robot1.start.{name}': value for name, value in MOVES.items()}
 
 
 def problem(seed=0, n=3, **changes):
@@ -209,10 +194,8 @@ def problem(seed=0, n=3, **changes):
 def guess(program, seed=0):
     """Parameters Xi near a first guess, with nothing degenerate about them."""
     x = next(ArcSeeds(program, np.random.default_rng(seed)).screened())
-    xi = program.reduce(x) + 0.01 * np.random.default_rng(seed).uniform(
-        0.5, 1.0, program.free.size
-    )
-    return np.clip(xi, program.lower, program.upper)
+    away = np.random.default_rng(seed).uniform(0.5, 1.0, program.free.size)
+    return np.clip(program.reduce(x) + 0.01 * away, program.lower, program.upper)
 
 
 @pytest.mark.parametrize('changes', [{}, MOVING, {'arena.obstacles': [2.0, 2.0, 0.05]}])

@@ -112,9 +112,7 @@ def test_robots_are_predicted_where_their_trackers_take_them(flight):
         (0.5, [-0.3, 0.0, -8.0, 0.0], 'cannot bring it back'),
     ],
 )
-def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_seen(
-    swing, share, away, failure
-):
+def test_only_what_the_feedback_cannot_mend_is_a_failure(swing, share, away, failure):
     at = share * swing.solution.duration
     state = states_on(swing, at)[VEHICLE] + away
     found = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})

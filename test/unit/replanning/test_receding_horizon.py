@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 import itertools
 import math
-from typing import Any
 
 from benchmark.receding import RecedingHorizon
 from closed_loop import (
@@ -41,14 +40,7 @@ def plan() -> ActivePlan:
     return swing_up()
 
 
-def closed_loop(
-    plan: ActivePlan,
-    seed: int = 1,
-    replanning: bool = True,
-    mismatch: float = 0.05,
-    noise: float = 1.0,
-    **values: Any,
-) -> RecedingHorizon:
+def closed_loop(plan, seed=1, replanning=True, mismatch=0.05, noise=1.0, **values):
     tracker = pendulum_tracker(WEAK, **{'replan__on_deviation': True, **values})
     start = plan.solution.trajectory.states[0]
     vehicles = {VEHICLE: pendulum(tracker, start, mismatch, noise, seed)}

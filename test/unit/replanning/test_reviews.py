@@ -42,9 +42,8 @@ PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
 @settings(max_examples=100)
 @given(OUTLOOKS, st.booleans(), SHARES, st.sampled_from([True, False, None]), st.floats(0.0, 2.0))
-def test_a_verified_plan_takes_over_if_it_is_necessary_or_saves_its_share(
-    outlook, changed, improvement, verified, ratio
-):
+def test_a_plan_takes_over_if_needed_or_cheaper(outlook, changed, improvement, verified, ratio):
+    """It is verified, and necessary or saves its share."""
     new, cost = None, ratio * outlook.cost
     if verified is not None:
         check = Verification(ok=verified, terminal_error=np.zeros(4))
@@ -136,9 +135,7 @@ def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
 
 
 @pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
-def test_where_the_plan_is_followed_its_rest_is_the_first_guess(
-    swing, replanner, monkeypatch, mode
-):
+def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
     guesses, solve, at = [], PendulumSwingUp.solve, 0.3
 
     def noted(self: PendulumSwingUp, *args: Any, **options: Any) -> Any:

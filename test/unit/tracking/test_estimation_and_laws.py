@@ -168,9 +168,7 @@ def test_a_plant_that_a_command_has_not_reached_yet_is_not_stuck(sensor, wait) -
     assert sensor.moves(HANGING, 1.0, 20)
 
 
-def test_it_stays_stuck_until_it_shows_another_number_or_the_plant_should_rest(
-    sensor: Sensor,
-) -> None:
+def test_it_stays_stuck_until_another_number_or_the_plant_should_rest(sensor: Sensor) -> None:
     state = np.array([0.005, 0.0, 0.0, 0.0])
     assert sensor.until_stuck(state, 0.02) < 0.3
     assert all(sensor.show(state, 0.0) for _ in range(300))

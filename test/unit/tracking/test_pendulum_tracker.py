@@ -282,9 +282,7 @@ def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(plan, push):
         (-5.0, True, Phase.IDLE),
     ],
 )
-def test_a_restarted_tracker_goes_on_where_it_has_missed_a_plan_lately(
-    plan, since, on_deviation, phase
-):
+def test_a_restarted_tracker_recovers_if_a_plan_began_lately(plan, since, on_deviation, phase):
     """A plan that it refuses, and that began `since` s ago or begins later on."""
     tracker = seeing(at=100.0, replan__on_deviation=on_deviation)
     tracker.prepare_hold()

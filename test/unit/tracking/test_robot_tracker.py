@@ -167,9 +167,7 @@ def test_there_is_no_thrust_while_the_direction_is_off(plan: Trajectory) -> None
 
 
 @pytest.mark.parametrize('on_deviation', [False, True])
-def test_a_robot_carried_away_is_given_up_and_brakes_where_a_new_plan_is_wanted(
-    plan, on_deviation
-):
+def test_a_robot_carried_away_is_given_up_and_brakes_for_a_new_plan(plan, on_deviation):
     loop = Loop(robot(plan.states[0], noise=1.0, replan__on_deviation=on_deviation))
     loop.begin(plan, 0.2)
     loop.run(3.0)
