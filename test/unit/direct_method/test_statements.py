@@ -99,14 +99,6 @@ def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
     np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
 
 
-def test_conditions_with_a_gap():
-    output = Output(start=(0.0, None, 2.0), end={0: 1.0}, free=1)
-    basis = output_basis('x', output, 0)
-    assert basis.start == (0, 2)
-    np.testing.assert_allclose(basis.varied(0.0, 2), 0.0, atol=1e-12)
-    assert abs(basis.varied(0.0, 1)).max() > 0.1
-
-
 BAD: dict[str, Any] = {
     'None': None,
     'a string': 'fast',

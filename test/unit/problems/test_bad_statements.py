@@ -29,12 +29,6 @@ def by_if(self, t, x, u):
     return {'pole': x[0] - 1.0 if x[0] > 0.0 else x[1]}
 
 
-def along_the_path(self, y, z):
-    (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
-    push = (vx * ax + vy * ay) / np.hypot(vx, vy)
-    return (x, y_, vx, vy), (push, ay)
-
-
 def scalar_math(self, t, x, u):
     root = np.vectorize(lambda value: math.sqrt(value**2 + 1.0))
     return {'pole': root(np.asarray(x[0])) - 0.5}
@@ -62,10 +56,6 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     'math on numbers': (
         {'margins': scalar_math},
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
-    ),
-    'singular at rest': (
-        {'invert': along_the_path},
-        ["invert gives control 'ax' = nan at node 0"],
     ),
     'a goal outside a limit': (
         margins(wall=lambda x: 1.5 - x[0]),

@@ -1,11 +1,15 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plants' equations, what is compiled of them, and the pendulum's URDF, against others."""
+"""Plants' equations, what is compiled and derived of them, and the URDF, against others."""
 
 from __future__ import annotations
 
+import inspect
+from pathlib import Path
+import shutil
 import threading
+from typing import Any, NamedTuple
 
 from differences import central
 from hypothesis import given, settings
@@ -15,7 +19,7 @@ import pytest
 from replays import pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants import FloatingRobot, PendulumInertia, RotaryPendulum
+from tdm_planner.plants import FloatingRobot, PendulumInertia, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_kernels import (
     derivative,
@@ -29,6 +33,7 @@ from tdm_planner.plants.pendulum_lanes import LANES, roll_ends, roll_lanes
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot
 from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.tracking.estimator import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
@@ -80,7 +85,7 @@ def roll(start, durations, torques, steps):
     return states, derivatives
 
 
-def random_batch(count: int) -> ArcBatch:
+def random_batch(count):
     rng = np.random.default_rng(3)
     durations = rng.dirichlet(np.full(5, 2.0), size=count) * rng.uniform(0.2, 1.0, (count, 1))
     torques = np.tile(alternating(5, 0.09), (count, 1))
@@ -280,3 +285,61 @@ def test_verification_replays_splines_by_integration():
         np.linspace(0.0, 2.0, 2001), plan.sample(np.linspace(0.0, 2.0, 2001)).control, np.zeros(7)
     )
     assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)
+
+
+def test_kernels_are_recompiled_where_the_sources_of_this_version_change_only(tmp_path):
+    """Not for files that an earlier version left; an estimator's equations once were kept."""
+    installed = tmp_path / 'tdm_planner'
+    shutil.copytree(Path(slopes.__file__).parents[1], installed)
+    sources = slopes._sources(installed)
+    assert len(sources) > 15
+    assert Path(inspect.getfile(EstimatedPendulum)).read_bytes() in sources
+    (installed / 'problems' / 'stale.py').write_text('@compiled\ndef stale(): ...\n')
+    assert slopes._sources(installed) == sources
+    with (installed / 'problems/formation/polynomial_kernels.py').open('a') as kernel:
+        kernel.write('# changed\n')
+    assert slopes._sources(installed) != sources
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+
+def stated(k: Pair, states: list[Any], x: Any) -> tuple[Any, ...]:
+    a, b = states
+    first = k.first * np.sin(a * b) - x / (2.0 + np.cos(b)) ** 2
+    return first, 1.0 / (k.second + a * a) + 2.0 * b, b
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    slopes.with_slopes.cache_clear()
+    monkeypatch.setattr(slopes, 'FOLDER', tmp_path)
+    return tmp_path
+
+
+def derived() -> Any:
+    return slopes.with_slopes(stated, ('states', 'x'), k=Pair, states=2)
+
+
+def test_values_and_slopes_are_those_of_the_function_for_numbers_and_arrays() -> None:
+    k, at = Pair(0.7, 1.3), np.array([0.4, -0.8, 2.0])
+    found = np.array(derived()(k, at[:2], at[2])).reshape(4, 3)
+    np.testing.assert_allclose(found[0], stated(k, list(at[:2]), at[2]), rtol=1e-14)
+    slopes = central(lambda x: stated(k, list(x[:2]), x[2]), at)
+    np.testing.assert_allclose(found[1:].T, slopes, atol=1e-8)
+    many = derived()(k, np.tile(at[:2, None], 5), np.full(5, at[2]))
+    np.testing.assert_allclose(many[0], np.full(5, found[0, 0]), rtol=1e-14)
+
+
+@pytest.mark.parametrize('writable', [True, False])
+def test_the_text_is_written_once_where_that_is_allowed(folder, monkeypatch, writable):
+    if not writable:
+        monkeypatch.setattr(slopes, 'FOLDER', folder / 'none')
+    before = derived()(Pair(0.7, 1.3), [0.4, -0.8], 2.0)
+    assert len(list(folder.iterdir())) == writable
+    slopes.with_slopes.cache_clear()
+    if writable:
+        monkeypatch.setattr(slopes, '_text', None)
+    assert derived()(Pair(0.7, 1.3), [0.4, -0.8], 2.0) == before
