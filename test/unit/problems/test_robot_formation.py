@@ -66,6 +66,7 @@ def test_default_problem(default):
     over = plans['robot2'].controls.copy()
     over[5, 0] = 1.2 * problem.limits.thrust
     plan = problem.assess(plans | {'robot2': replace(plans['robot2'], controls=over)})
+    assert not plan.verification.ok
     assert any('robot2: thrust is violated' in reason for reason in plan.verification.reasons)
     assert plan.penalty > 0
 

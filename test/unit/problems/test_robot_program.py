@@ -10,10 +10,13 @@ from dataclasses import replace
 from benchmark.scenarios import crossing as drawn_crossing
 from closed_loop import FORMATION
 from differences import central
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from replays import faults
 from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.direct_method.virtual_arc import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.approaches import CLOSENESS, scaled, TIME
@@ -65,6 +68,33 @@ def program_and_point(form, task, hurry=0.7):
 def made(request):
     form, case = request.param
     return program_and_point(form, CROWDED if case == 'rest' else task_where_one_stays())
+
+
+@given(form=st.sampled_from([*FORMS.values(), MotionForm(5, 5)]), seed=st.integers(0, 1000))
+@settings(max_examples=40)
+def test_boundary_conditions_hold_whatever_is_varied(form, seed):
+    rng = np.random.default_rng(seed)
+    velocity, acceleration = rng.normal(0, 0.05, (3, 3)), rng.normal(0, 0.02, (3, 3))
+    task = replace(TASK, coast=rng.uniform(0, 2, 3))
+    task = replace(task, velocity=velocity[:, :2], yaw_rate=velocity[:, 2])
+    task = replace(task, acceleration=acceleration[:, :2], yaw_acceleration=acceleration[:, 2])
+    model = ReferenceMotion(task, form)
+    x = rng.normal(0, 0.3, (3, model.size))
+    x[:, : model.nb] = rng.uniform(0.6, 1.4, (3, model.nb))
+    motion = model.unpack(x * model.units)
+    given_axes = slice(2 if form.vary_ends else 0, 3)
+    for s, place, yaw, rates in (
+        (0.0, task.departure, task.departure_yaw, [velocity, acceleration]),
+        (1.0, task.goal, task.goal_yaw, np.zeros((2, 3, 3))),
+    ):
+        mu = [(motion.rates @ bernstein_basis(form.degree, s, d))[:, None] for d in range(2)]
+        path = [motion.position @ model.basis.basis.values(s, d) for d in range(3)]
+        turn = [motion.yaw @ model.yaw_basis.basis.values(s, d) for d in range(3)]
+        jet = [np.column_stack(both) for both in zip(path, turn, strict=True)]
+        at, first, second = time_derivatives(jet, reciprocal(mu))
+        assert at == pytest.approx(np.column_stack([place, yaw]), abs=1e-9)
+        assert first == pytest.approx(rates[0], abs=1e-9)
+        assert second[:, given_axes] == pytest.approx(rates[1][:, given_axes], abs=1e-9)
 
 
 def test_gradient_and_rows_against_differences(made):
@@ -294,6 +324,17 @@ def flip(offset=0.0, turns=1):
 
 def follow(wanted, alpha=np.nan, rate=RATE):
     return ThrustDirection(TIMES, wanted, np.zeros(TIMES.size), rate, THRUST, alpha).follow(wanted)
+
+
+@pytest.mark.parametrize('alpha', [np.nan, -3.0, -0.5, 1.0, 2.5])
+@pytest.mark.parametrize('rate', [0.2, 1.0, 3.0])
+def test_never_turns_faster_than_the_limit(rate, alpha):
+    wanted, yaw = flip(0.1 * THRUST, turns=3), 0.3 * np.sin(0.5 * TIMES)
+    angle, speed = ThrustDirection(TIMES, wanted, yaw, rate, THRUST, alpha).follow(wanted)
+    assert np.abs(speed).max() <= rate
+    steps = np.diff(TIMES) * (speed[1:] + speed[:-1]) / 2
+    assert np.diff(angle) == pytest.approx(steps, abs=1e-12)
+    assert np.isnan(alpha) or angle[0] == alpha
 
 
 def test_the_branch_survives_small_changes():

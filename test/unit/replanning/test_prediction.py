@@ -157,9 +157,9 @@ def test_robots_held_at_their_goals_stay_there(flight):
     assert (new.task.arrived > 1.9).all()
 
 
-@pytest.mark.parametrize('ends', ['varied', 'given'])
-def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends):
-    asked = replace(FORMATION, end_accelerations=ends)
+@pytest.mark.parametrize(('ends', 'order'), [('varied', 0), ('given', 0), ('given', 2)])
+def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends, order):
+    asked = replace(FORMATION, end_accelerations=ends, speed_factor_order=order)
     execution, at = FormationExecution(FORMATION), 4.0
     predicted = execution.predict(flight, seen(states_on(flight, at), at), at + 0.15)
     new = execution.problem_from(asked, predicted).solve(deadline=60.0)
