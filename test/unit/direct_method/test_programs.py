@@ -77,6 +77,9 @@ def test_derivatives_agree_with_differences(form):
     ):
         scale = 1 + np.abs(expected).max(axis=0)
         np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-7, atol=allowed)
+    motion = program.motion(xi)
+    assert motion.states[[0, -1], :2] == pytest.approx(np.array([[0.2, -0.1], [1.0, 0.4]]))
+    assert form is FORMS['sines'] or motion.controls[0, 0] == pytest.approx(0.3)
     np.testing.assert_array_equal(at.gradient, jacobian[0])
     np.testing.assert_array_equal(at.inequality_jacobian, jacobian[2:][at.tags])
     assert (np.linalg.eigvalsh(at.hessian) > 0).all()

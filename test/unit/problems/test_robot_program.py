@@ -24,7 +24,7 @@ from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.polynomial_search import guesses
 from tdm_planner.problems.formation.program import PolynomialProgram
 from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.formation.thrust_arcs_motion import remaining
+from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
 from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
 from tdm_planner.problems.formation.thrust_direction import ThrustDirection
@@ -132,7 +132,7 @@ def places(program, xi, t):
 
 
 def test_separations_against_differences(made):
-    """At fixed instants, between robots and from what stands still."""
+    """At fixed instants, between robots and from what stands still; the nearest are found."""
     program, xi = made
     task, point = program.task, program.evaluate(xi)
     found = point.cache.approaches
@@ -150,6 +150,13 @@ def test_separations_against_differences(made):
     rows, at_last = program.linearise(point, None).inequality_jacobian, -len(found)
     assert found[:, CLOSENESS] == pytest.approx(margins(xi), abs=1e-9)
     assert rows[at_last:] == pytest.approx(central(margins, xi), abs=1e-5)
+    dense = places(program, xi, np.linspace(0.0, 60.0, 6001))
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        apart = np.linalg.norm(dense[one] - dense[other], axis=0).min()
+        least = apart / program.clearances[one, other] - 1.0
+        if least < 0.24:
+            pair = (first == one) & (second == other)
+            assert found[pair, CLOSENESS].min() == pytest.approx(least, abs=1e-4)
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
@@ -274,6 +281,16 @@ def test_arcs_cost_less_than_polynomials_by_thrust_that_is_full_or_off(plans):
             exact = plan.control_integral(plan.duration)[0] / 10.5
             assert gas == pytest.approx(exact, rel=1e-6)
             assert np.hypot(burns[:, 0], burns[:, 1]).min() > 2e-4
+
+
+def test_weak_burns_are_left_out_and_the_others_corrected():
+    task, duration = problem().task, 40.0
+    p = (task.goal[0] - task.start[0]) / 38.0
+    burns = np.array([[*p, 1.0, 1.0], [1e-4, -1e-4, 20.0, 0.01], [*-p, 39.0, 1.0]])
+    kept = cleaned(task, 0, burns, duration, weakest=3e-4)
+    assert len(kept) == 2
+    missed = arc_trajectory(task, 0, kept, duration).states[-1, :4] - [*task.goal[0], 0.0, 0.0]
+    assert np.abs(missed).max() < 2e-4  # the thruster turns in steps
 
 
 def test_zones_moving_starts_and_robots_that_stay():

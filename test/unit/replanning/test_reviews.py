@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -154,9 +153,6 @@ def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkey
         np.testing.assert_array_equal(left.states, rest.trajectory.states)
 
 
-QUICKLY = ReplanParameters(rate=5.0, delay=0.3)
-
-
 @dataclass(frozen=True)
 class Cart(DoubleIntegrator):
     """The tutorial's cart to the origin, with a weight on the force."""
@@ -186,8 +182,9 @@ def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any
     return seen({PLANT: np.add(state, [x, v])[::-1]}, at)
 
 
-def reviewer(plan: ActivePlan, names: Sequence[str] = ('v', 'x')) -> Replanner:
-    made = Replanner(GenericExecution(names, QUICKLY.deviation), QUICKLY)
+def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
+    parameters = ReplanParameters(rate=5.0, delay=delay)
+    made = Replanner(GenericExecution(('v', 'x'), parameters.deviation), parameters)
     made.adopt(plan)
     return made
 
@@ -218,10 +215,8 @@ def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
-    made, delay = reviewer(plan), 10.0
-    made.parameters = replace(QUICKLY, delay=delay)
-    at = plan.start + 10.0
-    review = made.review(FAR, measured(plan, at, -200.0), at)
+    at, delay = plan.start + 10.0, 10.0
+    review = reviewer(plan, delay).review(FAR, measured(plan, at, -200.0), at)
     assert review.necessary
     assert "'x' is 200 m away from the active plan" in review.outlook.failure
     assert review.plan is not None, review.reason
@@ -245,8 +240,7 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePl
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
     lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
-    made, at = reviewer(lazy), 0.1
-    made.parameters = replace(QUICKLY, delay=10.0)
+    made, at = reviewer(lazy, delay=10.0), 0.1
     review = made.review(FAR, measured(lazy, at), at)
     assert not review.necessary
     assert review.plan is not None, review.reason
