@@ -91,6 +91,17 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
     assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
 
 
+def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
+    state = np.array([3.0, 0.0, 10.0, 0.0])
+    estimator.observe(state, 0.0)
+    for k in range(1, 20):
+        state = integrate(PLANT, state, np.zeros(1), TICK)
+        seen = np.array([math.remainder(state[0], math.tau), *state[1:]])
+        estimator.observe(seen, TICK * k)
+    assert state[0] > 3.8
+    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
+
+
 def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estimator):
     for k in range(50):
         estimator.observe(HANGING, TICK * k)
