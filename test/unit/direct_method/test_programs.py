@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from stated import Cart, changed
-from tdm_planner.direct_method import Budget, Duration, Integrated, Output, SineSeries
+from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.nonlinear_program import (
@@ -35,10 +35,13 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import fly
 
 PENDULUM = changed(
-    Cart,
+    Formulation,  # no dataclass
     __doc__='Pendulum on a cart: its position is prescribed, the angle integrated.',
     state_names=('x', 'v', 'angle', 'rate'),
     state_units=('m', 'm/s', 'rad', 'rad/s'),
+    control_names=Cart.control_names,
+    control_units=Cart.control_units,
+    running_cost=Cart.running_cost,
     outputs=lambda s: {'x': Output((0.2, -0.1, 0.3), (1.0, 0.4), free=3)},
     integrated=lambda s: {'angle': Integrated(0.3), 'rate': Integrated(-0.2, 0.0)},
     duration=lambda s: Duration(guess=1.5, speed_factor_order=2),

@@ -29,6 +29,12 @@ def by_if(self, t, x, u):
     return {'pole': x[0] - 1.0 if x[0] > 0.0 else x[1]}
 
 
+def along_the_path(self, y, z):
+    (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
+    push = (vx * ax + vy * ay) / np.hypot(vx, vy)
+    return (x, y_, vx, vy), (push, ay)
+
+
 def scalar_math(self, t, x, u):
     root = np.vectorize(lambda value: math.sqrt(value**2 + 1.0))
     return {'pole': root(np.asarray(x[0])) - 0.5}
@@ -38,7 +44,7 @@ def limits(**pairs):
     return {'control_limits': lambda self: pairs}
 
 
-def margins(**functions):
+def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
@@ -47,21 +53,25 @@ def by_math(x):
 
 
 BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
-    'math': (margins(pole=by_math), ['margins of Changed', 'TypeError', 'np.sqrt(x)']),
+    'math': (margins_of(pole=by_math), ['margins of Changed', 'TypeError', 'np.sqrt(x)']),
     'if': ({'margins': by_if}, ['margins of Changed', 'ValueError', 'np.where']),
     'min': (
-        margins(pole=lambda x: min(x[0] ** 2, 4.0) - 5.0),
+        margins_of(pole=lambda x: min(x[0] ** 2, 4.0) - 5.0),
         ['margins of Changed', 'ValueError', 'np.minimum'],
     ),
     'math on numbers': (
         {'margins': scalar_math},
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
     ),
+    'singular at rest': (
+        {'invert': along_the_path},
+        ["invert gives control 'ax' = nan at node 0"],
+    ),
     'a goal outside a limit': (
-        margins(wall=lambda x: 1.5 - x[0]),
+        margins_of(wall=lambda x: 1.5 - x[0]),
         ["the end violates the limit 'wall' by 0.5"],
     ),
-    'a constant limit': (margins(wall=lambda x: 1.0), ["'wall'", 'remove it']),
+    'a constant limit': (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
     'a jump': (
         {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
         ['final_cost jumps by 1', 'np.tanh'],
@@ -114,7 +124,7 @@ OF_A_CART = [
             ('x', lambda s, x, u: (-x[1], u[0])),
         )
     ),
-    (margins(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
+    (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
 ]
 
 
@@ -136,14 +146,16 @@ def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():
 
     def margins(self, t, x, u):
         side = 1.0 if self.drag > 0.05 else -1.0
-        table = np.interp(x[0], [-2.0, 0.0, 2.0], [1.0, 0.1, 1.0])
-        return {'side': side * x[1] + math.sqrt(self.limit), 'table': table}
+        return {'side': side * x[1] + math.sqrt(self.limit)}
 
+    made = changed(Car, margins=margins)
     for drag, side in ((0.1, 1.0), (0.01, -1.0)):
-        plan = changed(Car, margins=margins)(drag=drag).solve()
+        plan = made(drag=drag).solve()
         least = (side * plan.trajectory.states[:, 1] + math.sqrt(2.0)).min()
         assert plan.verification.ok
         assert plan.verification.worst['side'] == pytest.approx(least, abs=1e-3)
+    table = margins_of(pole=lambda x: np.interp(x[0], [-2.0, 0.0, 2.0], [1.0, 0.1, 1.0]))
+    assert changed(Car, **table)().solve().verification.ok
 
 
 def test_a_condition_that_collocation_would_lose_is_kept():
@@ -248,7 +260,7 @@ def test_what_is_narrow_on_an_hour_s_way_is_not_overlooked(place):
             outputs=lambda self: {'x': Output((0.0, 0.0), (7200.0, 0.0), free=3)},
             duration=lambda self: Duration(3600.0, fixed=True),
             starts=2,
-            **margins(pole=lambda x: abs(x[0] - place) - 0.5),
+            **margins_of(pole=lambda x: abs(x[0] - place) - 0.5),
         )
 
 

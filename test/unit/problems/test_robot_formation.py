@@ -36,9 +36,9 @@ def pose(name, start, goal, **more):
     }
 
 
-def flown(problem):
+def flown(problem, **options):
     """Return a plan that keeps all it promises, by the published controls alone."""
-    solution = problem.solve()
+    solution = problem.solve(**options)
     assert solution.verification.ok
     assert faults(plan_document(problem, solution)) == []
     for stays, plan in zip(problem.task.staying, solution.trajectories.values(), strict=True):
@@ -133,6 +133,19 @@ def test_weights_do_what_they_say():
            for s in (quick, frugal)]  # fmt: skip
     assert quick.duration < 0.7 * frugal.duration
     assert gas[1] < 0.7 * gas[0]
+
+
+def test_warm_start_from_an_active_plan(default):
+    problem, plan, names = formation(), default, ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')
+    now = 0.4 * plan.trajectories['robot1'].duration
+    starts = {
+        name: RobotStart(**dict(zip(names, motion.sample(now).state.tolist(), strict=True)))
+        for name, motion in plan.trajectories.items()
+    }
+    later = replace(problem, starts=starts)
+    again = flown(later, warm_start=plan)
+    assert again.duration == pytest.approx(plan.duration - now, rel=0.15)
+    assert again.evaluations < later.solve().evaluations
 
 
 def test_verification_catches_collisions_with_robots_that_have_arrived():
