@@ -153,10 +153,10 @@ def test_separations_against_differences(made):
     dense = places(program, xi, np.linspace(0.0, 60.0, 6001))
     for one, other in ((0, 1), (0, 2), (1, 2)):
         apart = np.linalg.norm(dense[one] - dense[other], axis=0).min()
-        least = apart / program.clearances[one, other] - 1.0
-        if least < 0.24:
-            pair = (first == one) & (second == other)
-            assert found[pair, CLOSENESS].min() == pytest.approx(least, abs=1e-4)
+        clearance = program.clearances[one, other]
+        if apart < 1.24 * clearance:
+            nearest = found[(first == one) & (second == other), CLOSENESS].min()
+            assert nearest == pytest.approx(apart / clearance - 1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
