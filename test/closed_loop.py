@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.tracking import (
     Command,
     PendulumTracker,
@@ -29,6 +29,7 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
     TrajectoryTracker,
 )
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
 from tdm_sim.study.flights import TrackedPlant
@@ -65,6 +66,26 @@ def smooth_swing_up() -> ActivePlan:
 def crossing() -> ActivePlan:
     """Return a plan of three robots, from 0 s on."""
     return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+
+
+def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
+    """Return the states of all vehicles on a plan."""
+    motions = plan.solution.trajectories
+    return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
+
+
+def seen(
+    states: dict[str, np.ndarray],
+    at: float,
+    mode: Mode = Mode.FOLLOWING,
+    followed: float | None = None,
+    **away: Any,
+) -> dict[str, Observation]:
+    """Return what a replanner sees of vehicles, each so far `away` from a state."""
+    return {
+        name: Observation(state + away.get(name, 0.0), at, mode, followed)
+        for name, state in states.items()
+    }
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:
@@ -157,6 +178,11 @@ class Loop:
             self.plant.command(self.commands[-1].control)
             self.plant.step(self.tick)
             self.states.append(self.plant.state)
+
+    def upright(self, last: float) -> bool:
+        """Return whether a pendulum has been upright for so many s."""
+        count = round(last / self.tick)
+        return bool(np.abs(wrapped(np.array(self.states[-count:])[:, 0])).max() < 0.05)
 
     def begin(self, plan: Trajectory, start: float = 0.1) -> None:
         """Measure for a moment, then accept a plan that starts `start` s after the beginning."""

@@ -122,10 +122,6 @@ class Stated(DirectProblem, Validated):
         return function(t, x, None) if kind == 'final' else 0.0 * t
 
 
-def numbers(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(low, high)
-
-
 @st.composite
 def statements(draw: Any) -> dict[str, Any]:
     return {
@@ -134,12 +130,12 @@ def statements(draw: Any) -> dict[str, Any]:
         'limits': ' '.join(draw(st.lists(st.sampled_from(list(LIMITS)), unique=True, max_size=2))),
         'mistake': draw(st.sampled_from(MISTAKES)),
         'integrated_states': draw(st.booleans()),
-        'mass': draw(numbers(0.1, 10.0)),
-        'largest': draw(numbers(0.0, 20.0)),
-        'start': draw(numbers(-3.0, 3.0)),
-        'speed': draw(numbers(-2.0, 2.0)),
-        'goal': draw(numbers(-3.0, 3.0)),
-        'guess': draw(numbers(0.05, 20.0)),
+        'mass': draw(st.floats(0.1, 10.0)),
+        'largest': draw(st.floats(0.0, 20.0)),
+        'start': draw(st.floats(-3.0, 3.0)),
+        'speed': draw(st.floats(-2.0, 2.0)),
+        'goal': draw(st.floats(-3.0, 3.0)),
+        'guess': draw(st.floats(0.05, 20.0)),
         'fixed': draw(st.booleans()),
         'degree': draw(st.sampled_from([0, 0, 1, 3])),
         'free': draw(st.integers(0, 8)),

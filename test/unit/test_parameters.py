@@ -99,13 +99,11 @@ def test_one_sentence_names_parameter_value_and_range(name, value, words):
     assert '\n' not in message
 
 
-@given(
-    st.one_of(
-        st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(),
-        st.lists(st.floats()), st.lists(st.text()), st.dictionaries(st.text(), st.integers()),
-    ),
-    st.sampled_from(list(SPECS)),
-)  # fmt: skip
+LISTS = st.lists(st.floats()), st.lists(st.text()), st.dictionaries(st.text(), st.integers())
+VALUES = st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary()
+
+
+@given(st.one_of(*VALUES, *LISTS), st.sampled_from(list(SPECS)))
 @settings(max_examples=300)
 def test_any_value_is_taken_or_refused_in_one_line(value, name):
     spec = SPECS[name]
@@ -118,8 +116,8 @@ def test_any_value_is_taken_or_refused_in_one_line(value, name):
         assert spec.check(taken) == taken
 
 
-def read(text: str) -> dict[str, Any]:
-    return ros_parameters(yaml.safe_load(text), 'node')
+def read(text: str, node: str = 'node') -> dict[str, Any]:
+    return ros_parameters(yaml.safe_load(text), node)
 
 
 def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
@@ -128,7 +126,7 @@ def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
     unset = ('zones', 'plant.turns', 'optional.limit')
     defaults = to_mapping(Outer())
     assert read(text) == {name: defaults[name] for name in SPECS if name not in unset}
-    assert ros_parameters(yaml.safe_load(text), 'other')['method'] == 'b'
+    assert read(text, 'other')['method'] == 'b'
     assert '      # mass [kg], in [1e-12, 1e+12]\n      mass: 1.0e-08\n' in text
     assert '    # the method: a, b\n' in text
     assert '      # turns:\n' in text
@@ -140,28 +138,22 @@ def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
         parameter_file({'node': (SPECS, {'plant.mas': 1.0})})
 
 
-@dataclass(frozen=True)
-class Disc(Validated):
-    centre: tuple[float, ...] = parameter((0.0, 1.0), 'centre')
-
-
 def test_a_field_of_a_type_that_no_parameter_has_is_named():
-    with pytest.raises(
-        InvalidProblem, match=r"'centre' is declared as tuple\[float, \.\.\.\]: must"
-    ):
+    @dataclass(frozen=True)
+    class Disc(Validated):
+        centre: tuple[float, ...] = parameter((0.0, 1.0), 'centre')
+
+    words = r"'centre' is declared as tuple\[float, \.\.\.\]: must"
+    with pytest.raises(InvalidProblem, match=words):
         Disc()
 
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
+WHOLE = st.integers(-(2**63), 2**63 - 1)
 
 
 @settings(max_examples=100)
-@given(
-    st.one_of(
-        FINITE, st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=20),
-        st.lists(FINITE),
-    )
-)  # fmt: skip
+@given(st.one_of(FINITE, WHOLE, st.booleans(), st.text(max_size=20), st.lists(FINITE)))
 def test_values_keep_type_and_value_through_yaml(value: Any):
     text = yaml_value(value)
     assert '\n' not in text

@@ -21,36 +21,28 @@ from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
-from tdm_planner.tracking.motion import wrapped
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 from tdm_sim.study.flights import ClosedLoop, fly, TrackedPlant
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 NODES = {'planner': '/pendulum', 'tracker': '/pendulum', 'pendulum_plant': '/pendulum'}
-HELD = 0.8  # s
 
 
 def values(path: Path, node: str) -> Mapping[str, Any]:
     return read_parameters(path, node=node, namespace=NODES[node])
 
 
-def tracker(path: Path) -> PendulumTracker:
-    return PendulumTracker(build(PendulumTrackerParameters, values(path, 'tracker')))
-
-
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
 def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
     """Twelve natural periods / 2 pi after the planned end."""
-    follower = tracker(path)
+    follower = PendulumTracker(build(PendulumTrackerParameters, values(path, 'tracker')))
     plan = PendulumSwingUp.from_parameters(values(path, 'planner')).solve(deadline=5.0).trajectory
     loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0))
     loop.begin(plan)
     loop.run(plan.duration + 24.0 / follower.parameters.plant.natural_frequency)
     assert loop.tracker.phase is Phase.HOLDING
-    count = round(HELD / loop.tick)
-    last = np.array(loop.states[-count:])
-    assert np.abs(wrapped(last[:, 0])).max() < 0.05
+    assert loop.upright(0.8)
 
 
 @pytest.mark.parametrize(
@@ -103,22 +95,18 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(seed, wron
     assert motion.elapsed(loop.now) == pytest.approx(pace * (loop.now - motion.start), rel=0.02)
     loop.run(0.2 * plan.duration + 20.0 / quick)
     assert loop.tracker.phase is Phase.HOLDING
-    count = round(5.0 / quick / loop.tick)
-    assert np.abs(wrapped(np.array(loop.states[-count:])[:, 0])).max() < 0.05
-
-
-def noise(tracker: PendulumTracker) -> np.ndarray:
-    """Return what is assumed of the measured states (4,)."""
-    return tracker.estimator.noise.measurement[:4]
+    assert loop.upright(5.0 / quick)
 
 
 def test_scales_follow_the_rig() -> None:
     usual, large = pendulum_tracker(), pendulum_tracker(plant__gravity=981.0)
+    told = pendulum_tracker(estimator__rate_noise=0.3)
+    noise, more, given = (t.estimator.noise.measurement[:4] for t in (usual, large, told))
     assert usual.warning == ''
-    assert noise(usual) == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
-    assert noise(large) / noise(usual) == pytest.approx([1, 1, 10, 10])
+    assert noise == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
+    assert more / noise == pytest.approx([1, 1, 10, 10])
     assert large.warning == 'rate = 200 Hz is too slow for this plant: must be 1282 Hz or more'
-    assert noise(pendulum_tracker(estimator__rate_noise=0.3))[2:] == pytest.approx([0.3, 0.3])
+    assert given[2:] == pytest.approx([0.3, 0.3])
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import _least_between, Constraint, replay, verify
+from tdm_planner.verification import _least_between, Constraint, verify
 
 
 class DoubleIntegrator:
@@ -40,7 +40,7 @@ def make(times=(0.0, 1.0, 3.0), interpolation='zero_order_hold', controls=(1.0, 
         h = times[k + 1] - times[k]
         x, v = states[k]
         states[k + 1] = x + v * h + u[k] * h**2 / 2, v + u[k] * h
-    return Trajectory(times, states, u[:, None], ('x', 'v'), ('u',), interpolation)
+    return Trajectory.of(PLANT, times, states, u[:, None], interpolation)
 
 
 def test_between_samples_states_are_exact_for_a_double_integrator_and_controls_interpolated():
@@ -95,39 +95,18 @@ def test_the_integral_of_the_controls_is_exact(monkeypatch, interpolation):
     np.testing.assert_array_equal(outside, integral[[0, -1]])
 
 
-def bang_bang():
-    """Minimum time over 1 m with |u| <= 1: the closed form, sampled at the switch and the ends."""
-    return Trajectory(
-        np.array([0.0, 1.0, 2.0]),
-        np.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]),
-        np.array([[1.0], [-1.0], [0.0]]),
-        PLANT.state_names,
-        PLANT.control_names,
-    )
-
-
-@pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
-def test_replay_of_controls_follows_the_closed_form(interpolation):
-    if interpolation == 'zero_order_hold':
-        trajectory, t = bang_bang(), np.linspace(0, 2, 41)
-        expected = np.where(t <= 1, t**2 / 2, 1 - (2 - t) ** 2 / 2)
-    else:
-        t, n = np.linspace(0, 2, 6), 1 if interpolation == 'linear' else 3
-        expected = t ** (n + 2) / ((n + 1) * (n + 2))
-        states, controls = np.stack([expected, t ** (n + 1) / (n + 1)], axis=-1), t[:, None] ** n
-        trajectory = Trajectory(t, states, controls, ('x', 'v'), ('u',), interpolation)
-    np.testing.assert_allclose(replay(PLANT, trajectory, t)[:, 0], expected, atol=1e-9)
+BANG_BANG = make((0.0, 1.0, 2.0))  # minimum time over 1 m with |u| <= 1
 
 
 def test_a_good_plan_passes_and_margins_are_reported():
-    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, LIMITS)
+    check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, LIMITS)
     assert check.ok, check.reasons
     assert check.worst['thrust'] == pytest.approx(0)
     assert check.worst['speed'] == pytest.approx(1e-4)
     assert check.worst_times['speed'] == pytest.approx(1.0, abs=2e-3)
     assert check.to_dict()['terminal_error'].keys() == {'x', 'v'}
     # An end that is free has no error.
-    free = verify(PLANT, bang_bang(), np.add(GOAL, [3.0, 0.0]), TOLERANCE * [np.inf, 1.0], LIMITS)
+    free = verify(PLANT, BANG_BANG, np.add(GOAL, [3.0, 0.0]), TOLERANCE * [np.inf, 1.0], LIMITS)
     assert free.ok, free.reasons
     assert free.terminal_error == pytest.approx([0.0, 0.0], abs=1e-9)
 
@@ -142,7 +121,7 @@ def test_a_good_plan_passes_and_margins_are_reported():
     ],
 )
 def test_every_kind_of_bad_plan_is_caught(changes, words):
-    check = verify(PLANT, replace(bang_bang(), **changes), GOAL, TOLERANCE, LIMITS)
+    check = verify(PLANT, replace(BANG_BANG, **changes), GOAL, TOLERANCE, LIMITS)
     assert not check.ok
     assert any(words in reason for reason in check.reasons), check.reasons
 
@@ -158,21 +137,13 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
 def test_a_state_whose_end_is_free_or_wide_is_checked_before(states, words, allowed):
     free = np.array([allowed, 1e-6])
     start = np.zeros(2)
-    assert verify(PLANT, bang_bang(), np.ones(2), free, LIMITS[:1], start=start).reasons == (
+    assert verify(PLANT, BANG_BANG, np.ones(2), free, LIMITS[:1], start=start).reasons == (
         'v ends 1 m/s from the goal (allowed 1e-06)',
     )
-    changed = replace(bang_bang(), states=np.array(states))
+    changed = replace(BANG_BANG, states=np.array(states))
     check = verify(PLANT, changed, GOAL, free, LIMITS, start=start)
     assert len(check.reasons) == 1
     assert words in check.reasons[0]
-
-
-def test_a_violation_between_samples_is_caught():
-    """Nothing is wrong at the samples: only the dense check sees the speed in between."""
-    slow = Constraint('speed', lambda t, x, u: 0.9 - np.abs(x[:, 1]))
-    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [slow])
-    assert not check.ok
-    assert 'speed is violated' in check.reasons[0]
 
 
 class Swing(DoubleIntegrator):
@@ -184,9 +155,8 @@ class Swing(DoubleIntegrator):
 
 def test_motion_that_is_fast_beside_the_samples_is_followed():
     """Wherever samples, and instants that divide the way between them, fall: x is zero there."""
-    start = np.array([0.0, math.tau])
-    times = np.array([0.0, 10.0, 20.0])
-    still = Trajectory(times, np.tile(start, (3, 1)), np.zeros((3, 1)), ('x', 'v'), ('u',))
+    start, u = np.array([0.0, math.tau]), np.zeros((3, 1))
+    still = Trajectory.of(PLANT, np.array([0.0, 10.0, 20.0]), np.tile(start, (3, 1)), u)
     near = Constraint('near', lambda t, x, u: 0.999 - np.abs(x[:, 0]))
     check = verify(Swing(), still, start, TOLERANCE, [near])
     assert check.worst['near'] == pytest.approx(-1e-3, abs=1e-4)
@@ -195,7 +165,7 @@ def test_motion_that_is_fast_beside_the_samples_is_followed():
 @pytest.mark.parametrize('place', [0.1, 0.5, 0.7371])
 def test_a_dip_of_a_margin_between_the_instants_of_a_check_is_found(place):
     pole = Constraint('pole', lambda t, x, u: np.abs(x[:, 0] - place) - 1e-5)
-    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [pole])
+    check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, [pole])
     assert 'pole is violated' in check.reasons[0]
 
 
@@ -209,20 +179,20 @@ def test_a_dip_in_the_first_and_in_the_last_interval_is_reckoned_with(turned):
 
 def test_a_margin_that_is_just_kept_is_no_violation_but_one_that_is_not_a_number_is():
     touched = Constraint('touched', lambda t, x, u: (x[:, 0] - 0.7371) ** 2, tolerance=1e-12)
-    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [touched])
+    check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, [touched])
     assert check.ok
     assert 0.0 <= check.worst['touched'] < 1e-9
     broken = Constraint('broken', lambda t, x, u: np.where(t > 1.5, np.nan, 1.0))
-    assert not verify(PLANT, bang_bang(), GOAL, TOLERANCE, [broken]).ok
+    assert not verify(PLANT, BANG_BANG, GOAL, TOLERANCE, [broken]).ok
 
 
 def test_where_controls_jump():
-    plan = bang_bang()
-    assert plan.switches.tolist() == [1]
-    assert plan.smooth_pieces == [0, 1, 2]
-    constant = replace(plan, controls=np.ones((3, 1)))
-    assert constant.smooth_pieces == [0, 2]
-    for interpolation, pieces in (('linear', [0, 1, 2]), ('cubic', [0, 2])):
-        other = replace(plan, interpolation=interpolation)
-        assert not other.switches.size
-        assert other.smooth_pieces == pieces
+    constant = replace(BANG_BANG, controls=np.ones((3, 1)))
+    for plan, switches, pieces in (
+        (BANG_BANG, [1], [0, 1, 2]),
+        (constant, [], [0, 2]),
+        (replace(BANG_BANG, interpolation='linear'), [], [0, 1, 2]),
+        (replace(BANG_BANG, interpolation='cubic'), [], [0, 2]),
+    ):
+        assert plan.switches.tolist() == switches
+        assert plan.smooth_pieces == pieces

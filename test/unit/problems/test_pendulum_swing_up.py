@@ -1,26 +1,31 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The swing-up from request to verified plan by each method: any state, limits, errors."""
+"""The swing-up: plans by each method from any state, limits, refusals; the programs beneath."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 import dataclasses
+from functools import partial
 from time import process_time
 from types import SimpleNamespace
 
 from benchmark.rigs import rig as random_rig
+from differences import central
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from replays import faults
+from scipy.optimize import minimize
 from tdm_planner.direct_method import nonlinear_program
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
-from tdm_planner.plants.base import runge_kutta_step
+from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import (
     PendulumGoal,
@@ -29,10 +34,20 @@ from tdm_planner.problems import (
     PendulumSwingUp,
     Solution,
 )
+from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
+from tdm_planner.problems.pendulum.switching_minimiser import minimise
+from tdm_planner.problems.pendulum.switching_motion import (
+    arc_program,
+    ArcProgram,
+    curvature,
+    evaluate_arcs,
+    SMALLEST_CURVATURE,
+)
+from tdm_planner.problems.pendulum.switching_seeds import starts
+from tdm_planner.problems.pendulum.task import SwingUpTask
 
 ENOUGH = 1000.0  # [s], so that the deadline never decides on a busy machine
-
-
+HANGING = PendulumStart()
 STATES = st.builds(
     PendulumStart,
     theta=st.floats(-np.pi, np.pi),
@@ -42,35 +57,28 @@ STATES = st.builds(
 )
 
 
-HANGING = PendulumStart()
-
-
 def problem(torque: float = 0.09, start: PendulumStart = HANGING, **others) -> PendulumSwingUp:
     others.setdefault('torque_reserve', 0.0)
     return PendulumSwingUp(limits=PendulumLimits(torque=torque), start=start, **others)
 
 
-def check(made: PendulumSwingUp, solution: Solution) -> None:
+def checked(made: PendulumSwingUp, seconds: float = ENOUGH) -> Solution:
+    """Return a plan; it keeps what it promises, integrated by other means."""
+    solution = made.solve(seconds)
     assert solution.verification.ok
     assert faults(plan_document(made, solution)) == []
     trajectory = solution.trajectory
-    start = made.start
-    assert trajectory.states[0].tolist() == [
-        start.theta,
-        start.psi,
-        start.theta_dot,
-        start.psi_dot,
-    ]
+    assert tuple(trajectory.states[0].tolist()) == dataclasses.astuple(made.start)[:4]
     if made.method == 'virtual_arc':
         way = np.sign(trajectory.states[-1, 0] - trajectory.states[0, 0])
         assert (way * np.diff(trajectory.state('theta')) > -1e-6).all()
+    return solution
 
 
 @pytest.mark.parametrize(('torque', 'longest'), [(0.09, 0.387), (0.02, 1.06)])
 def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
     made = problem(torque)
-    solution = made.solve(ENOUGH)
-    check(made, solution)
+    solution = checked(made)
     trajectory = solution.trajectory
     times, control = trajectory.times, trajectory.control('torque')
     assert solution.cost == trajectory.duration <= longest
@@ -94,7 +102,7 @@ def test_any_state_gets_a_verified_plan(torque, start):
         with pytest.raises(Infeasible, match='keeps the disk inside'):
             made.solve(0.2)
     else:
-        check(made, made.solve(ENOUGH))
+        checked(made)
 
 
 def test_the_goal_asked_for_is_reached_and_the_fastest_is_no_slower():
@@ -115,20 +123,10 @@ def test_at_the_goal_nothing_needs_to_be_done(method):
     assert solution.duration < 0.01
 
 
-def test_an_earlier_plan_is_a_start():
-    # One random start hardly ever arrives; the earlier plan next to it does.
-    before = problem(0.02).solve(ENOUGH)
-    moved = problem(0.02, PendulumStart(theta=np.pi - 0.02, psi=0.01))
-    after = moved.solve(ENOUGH, warm_start=before)
-    assert after.verification.ok
-    assert after.cost <= 1.05 * before.cost
-
-
 def test_smooth_torque():
     state = np.random.default_rng(1).uniform(-1, 1, 4) * [np.pi, 1.0, 5.0, 5.0]
     made = problem(0.09, PendulumStart(*state.tolist()), method='smooth')
-    solution = made.solve(ENOUGH)
-    check(made, solution)
+    solution = checked(made)
     trajectory = solution.trajectory
     assert trajectory.interpolation == 'linear'
     steps = np.abs(np.diff(trajectory.control('torque'))) / np.diff(trajectory.times)
@@ -140,8 +138,7 @@ def test_smooth_torque():
 def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
     theta, torque = -1.2, 0.04
     made = problem(torque, PendulumStart(theta=theta), method='virtual_arc')
-    solution = made.solve(ENOUGH)
-    check(made, solution)
+    solution = checked(made)
     # From here upright is reached without swinging back only once round.
     assert round(solution.trajectory.states[-1, 0] / (2 * np.pi)) == np.sign(theta)
     quickest = problem(torque, PendulumStart(theta=theta)).solve(ENOUGH)
@@ -156,21 +153,14 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
     disk_angle=st.sampled_from([2.0, 0.8]),
 )
 @settings(max_examples=8)
-def test_along_the_virtual_arc_any_plan_lands_and_any_failure_has_a_reason(
-    theta, psi, speed, psi_dot, disk_angle
-):
-    made = PendulumSwingUp(
-        limits=PendulumLimits(torque=0.09, disk_angle=disk_angle),
-        start=PendulumStart(theta=theta, psi=psi, theta_dot=speed, psi_dot=psi_dot),
-        torque_reserve=0.0,
-        method='virtual_arc',
-    )
+def test_any_plan_along_the_virtual_arc_lands(theta, psi, speed, psi_dot, disk_angle):
+    """Any failure has a reason."""
+    made = problem(start=PendulumStart(theta, psi, speed, psi_dot), method='virtual_arc')
+    made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
     try:
-        solution = made.solve(1.0)
+        checked(made, 1.0)
     except Infeasible as error:
         assert 'switching' in str(error) or 'passes the check' in str(error)
-        return
-    check(made, solution)
 
 
 def rig(size: float, arm: float, disk: float, across: float, torque: float, angle: float):
@@ -195,8 +185,7 @@ def rig(size: float, arm: float, disk: float, across: float, torque: float, angl
     ],
 )
 def test_foreign_rigs_need_no_settings(made, fewest):
-    solution = made.solve(ENOUGH)
-    check(made, solution)
+    solution = checked(made)
     assert solution.parameters.size >= fewest
     assert solution.trajectory.times.size < 30_000
 
@@ -219,8 +208,6 @@ FAST = PendulumStart(psi=1.9, psi_dot=200.0)
 AWAY = PendulumStart(theta=2.0, theta_dot=1.0)
 ARC = {'method': 'virtual_arc'}
 AT_0 = {'goal': PendulumGoal(turns=0)}
-
-
 BRAKING = r'limits\.disk_angle = 2 rad from start\.psi_dot'
 GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
 
@@ -256,24 +243,114 @@ def test_a_disk_that_the_torque_cannot_stop_is_infeasible_at_once(method):
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=12)
-def test_no_torque_stops_the_disk_within_its_least_reach(seed):
-    """Torques that brake, and some that switch at random first, until the momentum is gone."""
-    made, count = random_rig(seed, hanging=False), 32
-    task, w0 = made.task, made.plant.natural_frequency
-    rng, step = np.random.default_rng(seed), 0.03 / w0 / made.plant.quickness
-    x = np.tile(task.start, (count, 1))
-    peak, going, turning = np.abs(x[:, 1]), np.full(count, True), None
-    until = rng.uniform(0.0, 6.0, count) * (np.arange(count) > 0) / w0
-    for number in range(2000):
-        b, j, _, _ = mechanics(made.plant.coefficients, x[:, 0], x[:, 2], x[:, 3])
-        momentum = j * x[:, 3] + b * x[:, 2]
-        turning = np.sign(momentum) if turning is None else turning
-        going &= momentum * turning > 0.0
-        peak = np.where(going, np.maximum(peak, np.abs(x[:, 1])), peak)
-        random = np.sin(number * step * w0 * np.arange(count)) * (number * step < until)
-        torque = np.where(random > 0.0, task.torque, -task.torque) * turning
-        moved = runge_kutta_step(made.plant, x, torque[:, None], step)
-        x = np.where(going[:, None], moved, x)
-    stopped = peak[~going]
-    assert (stopped >= task.least_reach - 1e-3).all()
+def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
+    made = random_rig(seed, hanging=False)
+    task, step = made.task, 0.03 / made.plant.natural_frequency / made.plant.quickness
+    b, j, _, _ = mechanics(made.plant.coefficients, task.start[0], *task.start[2:])
+    turning = np.sign(j * task.start[3] + b * task.start[2])
+    torques = np.full(2000, -task.torque * turning)
+    states = roll_states(made.plant, task.start, np.full(2000, step), torques)
+    b, j, _, _ = mechanics(made.plant.coefficients, states[:, 0], *states[:, 2:].T)
+    (stopped,) = np.nonzero((j * states[:, 3] + b * states[:, 2]) * turning <= 0.0)
+    end = stopped[0] if stopped.size else None
+    assert np.abs(states[:end, 1]).max() >= task.least_reach - 1e-3
     assert stopped.size or task.least_reach > abs(task.start[1])
+
+
+PLANT = RotaryPendulum()
+W0 = PLANT.natural_frequency
+START = np.array([np.pi, 0.2, 1.0, -2.0])
+DURATIONS = st.lists(st.floats(0.02, 0.12), min_size=4, max_size=7).map(np.array)
+OPTIONS = TrustRegionOptions(
+    penalties=(30.0, 30.0),
+    radius=0.5,
+    iterations=60,
+    cost_tolerance=1e-6,
+    feasibility=(1e-8, 1e-8),
+    corrections=4,
+)
+
+
+def program(arcs: int, disk_angle: float = 2.0) -> ArcProgram:
+    return arc_program(PLANT, START, 0.09 * (-1.0) ** np.arange(arcs), 0, disk_angle, 12)
+
+
+@given(DURATIONS, st.integers(0, 100))
+@settings(max_examples=20)
+def test_derivatives_of_arcs_match_finite_differences(durations, seed):
+    made, xi = program(durations.size, 0.3), durations * W0
+    point = evaluate_arcs(made, xi)
+    expected = central(lambda x: evaluate_arcs(made, x).residual, xi)
+    np.testing.assert_allclose(point.jacobian, expected, atol=1e-5 * (1 + np.abs(expected).max()))
+    for i, change in enumerate(1e-6 * np.eye(xi.size)):
+        ahead, behind = (evaluate_arcs(made, x).margins for x in (xi + change, xi - change))
+        # Where the peak changes its node or its side the margin has a kink: not differentiable.
+        smooth = np.abs(ahead - 2 * point.margins + behind) < 1e-9
+        slopes = (ahead - behind)[smooth] / 2e-6
+        np.testing.assert_allclose(point.slopes[smooth, i], slopes, atol=1e-4, rtol=1e-4)
+    # The curvature is that along the end conditions.
+    duals = np.random.default_rng(seed).normal(size=4)
+    found = curvature(made, point, duals)
+    basis = np.linalg.svd(point.jacobian)[2]
+    across, along = basis[:4], basis[4:]
+    second = central(lambda x: duals @ evaluate_arcs(made, x).jacobian, xi, 1e-5)
+    values = np.linalg.eigvalsh(along @ (0.5 * (second + second.T)) @ along.T)
+    expected = np.sort(np.maximum(np.abs(values), SMALLEST_CURVATURE))
+    reduced = np.linalg.eigvalsh(along @ found @ along.T)
+    np.testing.assert_allclose(reduced, expected, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(across @ found, SMALLEST_CURVATURE * across, atol=1e-9)
+
+
+def arrivals(disk_angle: float) -> list[tuple[ArcProgram, np.ndarray]]:
+    """Programs with a motion each that arrives, the quickest first."""
+    task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
+    batch = starts(task, np.random.default_rng(0), 200, 6)
+    shoot(PLANT, START, batch, disk_angle, 12, lambda: False)
+    found = []
+    totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
+    for index in np.argsort(totals)[:5]:
+        assert batch.costs[index] < ARRIVED
+        n = batch.arcs[index]
+        torques = batch.torques[index, :n].copy()
+        made = arc_program(PLANT, START, torques, 0, disk_angle, 12)
+        found.append((made, batch.durations[index, :n] * W0))
+    return found
+
+
+def local_minimum(program: ArcProgram, xi: np.ndarray) -> float:
+    """Return the least cost that SLSQP finds from there."""
+    at = partial(evaluate_arcs, program)
+    ends = {'type': 'eq', 'fun': lambda x: at(x).residual, 'jac': lambda x: at(x).jacobian}
+    limits = {'type': 'ineq', 'fun': lambda x: np.minimum(at(x).margins, 1.0)}
+    limits['jac'] = lambda x: at(x).slopes
+    task = {'bounds': [(0.0, None)] * xi.size, 'constraints': [ends, limits]}
+    return float(minimize(np.sum, xi, jac=np.ones_like, method='SLSQP', tol=1e-10, **task).fun)
+
+
+@pytest.mark.parametrize('disk_angle', [2.0, 0.9])
+def test_minimum_is_feasible_and_the_best_around(disk_angle):
+    converged = 0
+    for program, xi in arrivals(disk_angle):
+        found = minimise(program, xi, OPTIONS, Budget(60.0))
+        if not found.converged:
+            continue
+        converged += 1
+        # Steering looks at |psi| at nodes only: within the limit between them takes longer.
+        assert found.point.cost <= xi.sum() * (1 + 2e-3)
+        assert found.point.cost <= local_minimum(program, found.point.xi) * (1 + 1e-4)
+        durations = found.point.xi / W0
+        assert evaluate_arcs(program, found.point.xi).ends < 1e-6 / W0
+        fine = np.repeat(durations / 200, 200), np.repeat(program.torques, 200)
+        assert np.abs(roll_states(PLANT, START, *fine)[:, 1]).max() <= disk_angle + 1e-3
+    assert converged >= 3
+
+
+def test_when_the_minimiser_gives_up():
+    made = arrivals(2.0)
+    assert minimise(*made[0], OPTIONS, Budget(0.0)).iterations <= 4
+    options = OPTIONS._replace(cutoff=1e-3, cost_tolerance=1e-12)
+    found = minimise(*made[-1], options, Budget(60.0))
+    assert not found.converged or found.iterations <= 5
+    found = minimise(program(4), np.full(4, 1e6), OPTIONS, Budget(60.0))  # nothing is computed
+    assert found.point.violation == np.inf
+    assert found.iterations == 0

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from benchmark.receding import RecedingHorizon
@@ -15,6 +14,8 @@ from closed_loop import (
     pendulum,
     pendulum_tracker,
     robot,
+    seen,
+    states_on,
     SWING,
     swing_up,
     WEAK,
@@ -25,47 +26,34 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
+from tdm_planner.problems.formation.warm_start import kept_motions, LATE, turning_time
 from tdm_planner.problems.pendulum.switching_seeds import arcs_of
 from tdm_planner.problems.pendulum.task import VEHICLE
-from tdm_planner.replanning import (
-    ActivePlan,
-    FormationExecution,
-    Mode,
-    Observation,
-    SwingUpExecution,
-)
-from tdm_planner.replanning.execution import Execution, Outlook
+from tdm_planner.replanning import FormationExecution, Mode, SwingUpExecution
 from tdm_planner.tracking import RobotTrackerParameters
 
-SETTINGS = settings(max_examples=20)
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 
 
 @pytest.fixture(scope='module')
-def swing() -> ActivePlan:
+def swing():
     return swing_up()
 
 
 @pytest.fixture(scope='module')
-def flight() -> ActivePlan:
+def flight():
     return crossing()
 
 
-def outlook(
-    execution: Execution, plan: ActivePlan, at: float, states: Mapping[str, np.ndarray]
-) -> Outlook:
-    seen = {name: Observation(state, at, Mode.FOLLOWING) for name, state in states.items()}
-    return execution.outlook(plan, execution.predict(plan, seen, at), at)
+def outlook(execution, plan, at, states):
+    return execution.outlook(plan, execution.predict(plan, seen(states, at), at), at)
 
 
-def seen_on(plan: ActivePlan, at: float, away: float | np.ndarray = 0.0) -> dict[str, Observation]:
-    """Return what is seen of vehicles that follow a plan, so far away from it."""
-    states = states_at(plan, at)
-    return {name: Observation(state + away, at, Mode.FOLLOWING) for name, state in states.items()}
-
-
-def states_at(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
-    return {name: part.sample(at).state for name, part in plan.solution.trajectories.items()}
+def states_then(loop, until):
+    """Step vehicles that follow a plan, and return their states."""
+    while loop.time < until:
+        loop.tick()
+    return {name: vehicle.plant.state for name, vehicle in loop.vehicles.items()}
 
 
 @pytest.mark.parametrize(
@@ -83,51 +71,37 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
     vehicle = pendulum(tracker, swing.solution.trajectory.states[0] + away)
     loop = RecedingHorizon({VEHICLE: vehicle}, SWING, 0.005)
     loop.begin(swing)
-    while loop.time < begin:
-        loop.tick()
+    now = seen(states_then(loop, begin), loop.time, mode)
     if mode is Mode.IDLE:
         tracker.stop('test')
     elif mode is Mode.RECOVERING:
-        tracker.parameters = replace(
-            tracker.parameters, replan=replace(tracker.parameters.replan, on_deviation=True)
-        )
+        replan = replace(tracker.parameters.replan, on_deviation=True)
+        tracker.parameters = replace(tracker.parameters, replan=replan)
         tracker.give_up('test')
-    seen = {VEHICLE: Observation(vehicle.plant.state, loop.time, mode)}
     execution = SwingUpExecution(SWING, tracker.parameters if tuned and known else None)
-    predicted = execution.predict(swing, seen, loop.time + 0.2)[VEHICLE]
-    for _ in range(40):
-        loop.tick()
-    missed = np.abs(predicted.state - vehicle.plant.state)
+    predicted = execution.predict(swing, now, loop.time + 0.2)[VEHICLE]
+    missed = np.abs(predicted.state - states_then(loop, loop.time + 0.1975)[VEHICLE])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
-def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing: ActivePlan) -> None:
+def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
     """Its tracker lets the plan wait."""
     at, late = 0.5 * swing.solution.duration, 0.04
-    seen = {VEHICLE: Observation(states_at(swing, at - late)[VEHICLE], at, Mode.FOLLOWING)}
-    predicted = SwingUpExecution(SWING).predict(swing, seen, at + 0.1)[VEHICLE]
-    missed = np.abs(predicted.state - states_at(swing, at + 0.1 - late)[VEHICLE])
+    now = seen(states_on(swing, at - late), at)
+    predicted = SwingUpExecution(SWING).predict(swing, now, at + 0.1)[VEHICLE]
+    missed = np.abs(predicted.state - states_on(swing, at + 0.1 - late)[VEHICLE])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
-def test_robots_are_predicted_where_their_trackers_take_them(flight: ActivePlan) -> None:
+def test_robots_are_predicted_where_their_trackers_take_them(flight):
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
-    vehicles = {
-        name: robot(part.states[0] + away) for name, part in flight.solution.trajectories.items()
-    }
+    vehicles = {name: robot(state + away) for name, state in states_on(flight, 0.0).items()}
     loop = RecedingHorizon(vehicles, FORMATION, 0.02)
     loop.begin(flight)
-    while loop.time < 3.0:
-        loop.tick()
-    seen = {
-        name: Observation(vehicle.plant.state, loop.time, Mode.FOLLOWING)
-        for name, vehicle in vehicles.items()
-    }
-    predicted = FormationExecution(FORMATION).predict(flight, seen, loop.time + 0.3)
-    for _ in range(15):
-        loop.tick()
-    for name, vehicle in vehicles.items():
-        missed = np.abs(predicted[name].state - vehicle.plant.state)[:6]
+    now = seen(states_then(loop, 3.0), loop.time)
+    predicted = FormationExecution(FORMATION).predict(flight, now, loop.time + 0.3)
+    for name, state in states_then(loop, loop.time + 0.29).items():
+        missed = np.abs(predicted[name].state - state)[:6]
         assert (missed < [2e-3, 2e-3, 5e-3, 5e-3, 2e-2, 2e-2]).all(), missed
 
 
@@ -138,57 +112,56 @@ def test_robots_are_predicted_where_their_trackers_take_them(flight: ActivePlan)
         (0.5, [-0.3, 0.0, -8.0, 0.0], 'cannot bring it back'),
     ],
 )
-def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_seen(
-    swing, share, away, failure
-):
+def test_only_what_the_feedback_cannot_mend_is_a_failure(swing, share, away, failure):
     at = share * swing.solution.duration
-    state = states_at(swing, at)[VEHICLE] + away
-    seen = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})
-    assert bool(seen.failure) == bool(failure)
-    assert failure in seen.failure
-    assert seen.cost == pytest.approx(swing.solution.duration - at)
+    state = states_on(swing, at)[VEHICLE] + away
+    found = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})
+    assert bool(found.failure) == bool(failure)
+    assert failure in found.failure
+    assert found.cost == pytest.approx(swing.solution.duration - at)
 
 
-def test_a_push_towards_another_robot_is_seen(flight: ActivePlan) -> None:
+def test_a_push_towards_another_robot_is_seen(flight):
     plans = flight.solution.trajectories
     times = np.arange(0.0, flight.solution.duration, 0.1)
     places = [plans[name].sample(times).state[:, :2] for name in ('robot1', 'robot2')]
     nearest = int(np.linalg.norm(places[0] - places[1], axis=1).argmin())
     at = float(times[max(nearest - 15, 0)])
     for speed in (0.0, 0.3):
-        states = states_at(flight, at)
+        states = states_on(flight, at)
         towards = states['robot2'][:2] - states['robot1'][:2]
         states['robot1'][2:4] += speed * towards / np.linalg.norm(towards)
-        seen = outlook(FormationExecution(FORMATION), flight, at, states)
-        assert bool(seen.failure) == (speed > 0.0), seen
+        found = outlook(FormationExecution(FORMATION), flight, at, states)
+        assert bool(found.failure) == (speed > 0.0), found
 
 
 @pytest.mark.parametrize(('name', 'axis'), [('robot2', 0), ('robot3', 1)])
 @pytest.mark.parametrize('away', [0.0, 0.1])
 def test_what_leads_near_a_wall_is_seen(flight, name, axis, away):
     narrow = replace(FORMATION, arena=replace(FORMATION.arena, length=3.61, width=3.61))
-    states = states_at(flight, 0.0)
+    states = states_on(flight, 0.0)
     states[name][axis] += away
-    seen = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
-    assert (f"'{name}' would come" in seen.failure) == (away > 0.0)
-    assert ('near a wall' in seen.failure) == (away > 0.0)
+    found = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
+    assert (f"'{name}' would come" in found.failure) == (away > 0.0)
+    assert ('near a wall' in found.failure) == (away > 0.0)
 
 
-def test_robots_held_at_their_goals_stay_there(flight: ActivePlan) -> None:
+def test_robots_held_at_their_goals_stay_there(flight):
     execution, at = FormationExecution(FORMATION), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
-    predicted = execution.predict(flight, seen_on(flight, at, away), at)
+    states = {name: state + away for name, state in states_on(flight, at).items()}
+    predicted = execution.predict(flight, seen(states, at), at)
     assert execution.outlook(flight, predicted, at).settled
     new = execution.problem_from(FORMATION, predicted)
     assert new.task.staying.all()
     assert (new.task.arrived > 1.9).all()
 
 
-@pytest.mark.parametrize('ends', ['varied', 'given'])
-def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends):
-    asked = replace(FORMATION, end_accelerations=ends)
+@pytest.mark.parametrize(('ends', 'order'), [('varied', 0), ('given', 0), ('given', 2)])
+def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends, order):
+    asked = replace(FORMATION, end_accelerations=ends, speed_factor_order=order)
     execution, at = FormationExecution(FORMATION), 4.0
-    predicted = execution.predict(flight, seen_on(flight, at), at + 0.15)
+    predicted = execution.predict(flight, seen(states_on(flight, at), at), at + 0.15)
     new = execution.problem_from(asked, predicted).solve(deadline=60.0)
     assert new.verification.ok
     limits = FORMATION.limits
@@ -201,7 +174,7 @@ def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends):
             assert thrust == pytest.approx(now.control[0], abs=0.02 * limits.thrust)
 
 
-@SETTINGS
+@settings(max_examples=20)
 @given(share=st.floats(0.0, 0.95))
 @pytest.mark.parametrize('name', ['swing', 'flight'])
 def test_the_rest_of_a_plan_is_the_same_motion_later(request, name, share):
@@ -228,17 +201,70 @@ def test_the_rest_of_a_plan_is_the_same_motion_later(request, name, share):
             assert fewer.durations.sum() == pytest.approx(left.duration, abs=1e-6)
 
 
-def test_there_is_no_rest_before_the_start_or_after_the_end(swing: ActivePlan) -> None:
+def test_there_is_no_rest_before_the_start_or_after_the_end(swing):
     assert swing.remainder(swing.start - 0.1) is None
     assert swing.remainder(swing.end) is None
     with pytest.raises(InvalidProblem, match='nothing is left'):
         swing.solution.trajectory.after(swing.solution.duration)
 
 
-def test_a_tuned_robot_is_predicted_with_its_own_gains(flight: ActivePlan) -> None:
+def test_a_tuned_robot_is_predicted_with_its_own_gains(flight):
     at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
-    seen = seen_on(flight, at, 0.05 * np.eye(7)[4])
-    usual = FormationExecution(FORMATION).predict(flight, seen, at + 0.5)
-    tuned = FormationExecution(FORMATION, {'robot1': stiff}).predict(flight, seen, at + 0.5)
+    turned = {name: state + 0.05 * np.eye(7)[4] for name, state in states_on(flight, at).items()}
+    now = seen(turned, at)
+    usual = FormationExecution(FORMATION).predict(flight, now, at + 0.5)
+    tuned = FormationExecution(FORMATION, {'robot1': stiff}).predict(flight, now, at + 0.5)
     assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
     np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
+
+
+AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
+
+
+@pytest.fixture(scope='module')
+def leg(flight):
+    """Return a plan, and an instant at which the first robot is on its last leg."""
+    rate = FORMATION.limits.thruster_rate
+    return flight, flight.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
+
+
+def asked_at(plan, at, asked=FORMATION, **away):
+    """Return the problem `asked` from where the robots are seen then."""
+    execution, now = FormationExecution(FORMATION), seen(states_on(plan, at), at, **away)
+    return execution.problem_from(asked, execution.predict(plan, now, at))
+
+
+def test_a_robot_about_to_arrive_keeps_its_motion(leg):
+    plan, at = leg
+    problem = asked_at(plan, at, robot1=AWAY, robot3=2 * AWAY)
+    new = problem.solve(deadline=60.0, warm_start=plan.remainder(at))
+    assert new.verification.ok
+    old = plan.solution.trajectories['robot1']
+    kept = new.trajectories['robot1']
+    assert kept.duration == pytest.approx(old.duration - at, abs=1e-6)
+    times = np.linspace(0.0, kept.duration, 200)
+    impulses = kept.control_integral(times), old.control_integral(times + at)
+    np.testing.assert_allclose(impulses[0], impulses[1] - impulses[1][0], atol=1e-6)
+    states = kept.sample(times).state, old.sample(times + at).state
+    np.testing.assert_allclose(*states, atol=1e-3)
+    # Another robot's deviation, with more time left, is planned from.
+    away = np.abs(new.trajectories['robot3'].states[0, :2] - problem.task.start[2]).max()
+    assert away < 1e-9
+
+
+@pytest.mark.parametrize('push', [0.0, 0.1])
+@pytest.mark.parametrize('elsewhere', [0.0, 0.1])
+def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(leg, push, elsewhere):
+    (plan, at), formation = leg, FORMATION.formation
+    x, y, turn = formation.anchor
+    moved = replace(formation, anchor=[x + elsewhere, y, turn])
+    asked = replace(FORMATION, formation=moved)
+    away = AWAY + push * np.eye(7)[2]
+    planned = plan.solution.trajectories['robot1'].sample(at).state[:2]
+    task = asked_at(plan, at, asked, robot1=away).task
+    expected = planned + AWAY[:2] if push or elsewhere else planned
+    np.testing.assert_allclose(task.start[0], expected, atol=1e-9)
+    for other in (task, asked_at(plan, at, asked, robot1=0 * AWAY).task):
+        kept = kept_motions(other, plan.remainder(at).trajectories, LATE)
+        keeps = not elsewhere and not (push and other is task)
+        assert ('robot1' in kept) == keeps

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 import itertools
 import math
-from typing import Any
 
 from benchmark.receding import RecedingHorizon
 from closed_loop import (
@@ -41,14 +40,7 @@ def plan() -> ActivePlan:
     return swing_up()
 
 
-def closed_loop(
-    plan: ActivePlan,
-    seed: int = 1,
-    replanning: bool = True,
-    mismatch: float = 0.05,
-    noise: float = 1.0,
-    **values: Any,
-) -> RecedingHorizon:
+def closed_loop(plan, seed=1, replanning=True, mismatch=0.05, noise=1.0, **values):
     tracker = pendulum_tracker(WEAK, **{'replan__on_deviation': True, **values})
     start = plan.solution.trajectory.states[0]
     vehicles = {VEHICLE: pendulum(tracker, start, mismatch, noise, seed)}
@@ -63,31 +55,18 @@ def run(loop: RecedingHorizon, until: float) -> None:
         loop.tick()
 
 
-def push(loop: RecedingHorizon) -> None:
-    """Push the pendulum after 0.7 s so that the feedback cannot mend it."""
-    run(loop, 0.7)
-    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, 1.5e-3))
-
-
 def upright(loop: RecedingHorizon) -> bool:
     tracker, plant = loop.vehicles[VEHICLE]
     angle = math.remainder(float(plant.state[0]), math.tau)
     return tracker.phase is Phase.HOLDING and abs(angle) < 0.05
 
 
-def test_undisturbed_the_plan_is_kept_and_no_chatter_near_the_goal(plan: ActivePlan) -> None:
-    loop = closed_loop(plan)
-    run(loop, plan.end + 1.5)
-    assert upright(loop)
-    assert len(loop.plans) == 1
-    last = loop.reviews[-5:]
-    assert all(review.outlook.settled and review.solve_time == 0.0 for review in last)
-
-
 @pytest.mark.parametrize(('seed', 'replanning'), [(3, True), (5, True), (3, False)])
 def test_a_push_that_the_feedback_cannot_mend_is_planned_for(plan, seed, replanning):
+    """It is pushed after 0.7 s."""
     loop = closed_loop(plan, seed, replanning)
-    push(loop)
+    run(loop, 0.7)
+    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, 1.5e-3))
     run(loop, plan.end + 1.0)
     while replanning and loop.time < loop.plans[-1].end + 1.0:
         loop.tick()
@@ -98,6 +77,9 @@ def test_a_push_that_the_feedback_cannot_mend_is_planned_for(plan, seed, replann
     # one begins before the next is thought of
     starts = [made.start for made in loop.plans]
     assert (np.diff(starts) > PARAMETERS.delay - 1e-9).all()
+    # there is no chatter near the goal
+    last = loop.reviews[-4:]
+    assert all(review.outlook.settled and review.solve_time == 0.0 for review in last)
 
 
 def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
@@ -123,14 +105,8 @@ def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
     assert float(plant.state[0]) == pytest.approx(math.tau * (1 - turns), abs=0.05)
 
 
-def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
     """Through replanner and tracker: what the plant is told goes on where plans change."""
-    solve = PendulumSwingUp.solve
-
-    def at_leisure(self: PendulumSwingUp, deadline: float, **options: Any) -> Any:
-        return solve(self, deadline=60.0, **options)
-
-    monkeypatch.setattr(PendulumSwingUp, 'solve', at_leisure)
     first = smooth_swing_up()
     problem, interval = first.problem, 0.002
     assert isinstance(problem, PendulumSwingUp)

@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from closed_loop import crossing, FORMATION, SWING, swing_up
+from closed_loop import crossing, FORMATION, seen, states_on, SWING, swing_up
 from double_integrator import CartStart, DoubleIntegrator
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,7 +32,6 @@ from tdm_planner.replanning.execution import decide, LEAST_LEFT, Outlook, worth_
 from tdm_planner.replanning.generic_execution import VEHICLE as PLANT
 from tdm_planner.verification import Verification
 
-SETTINGS = settings(max_examples=100)
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
 OUTLOOKS = st.builds(
     Outlook, cost=COSTS, failure=st.sampled_from(['', 'it falls']), settled=st.booleans()
@@ -41,11 +39,10 @@ OUTLOOKS = st.builds(
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
 
-@SETTINGS
+@settings(max_examples=100)
 @given(OUTLOOKS, st.booleans(), SHARES, st.sampled_from([True, False, None]), st.floats(0.0, 2.0))
-def test_a_verified_plan_takes_over_if_it_is_necessary_or_saves_its_share(
-    outlook, changed, improvement, verified, ratio
-):
+def test_a_plan_takes_over_if_needed_or_cheaper(outlook, changed, improvement, verified, ratio):
+    """It is verified, and necessary or saves its share."""
     new, cost = None, ratio * outlook.cost
     if verified is not None:
         check = Verification(ok=verified, terminal_error=np.zeros(4))
@@ -61,7 +58,7 @@ def test_a_verified_plan_takes_over_if_it_is_necessary_or_saves_its_share(
         assert decision.take_over == saves
 
 
-@SETTINGS
+@settings(max_examples=100)
 @given(OUTLOOKS, st.floats(0.1, 100.0), SHARES)
 def test_near_the_goal_nothing_better_is_looked_for(outlook, whole, improvement):
     far = outlook.cost > LEAST_LEFT * whole
@@ -82,33 +79,30 @@ def replanner(swing: ActivePlan) -> Replanner:
 
 
 def following(plan: ActivePlan, at: float) -> dict[str, Observation]:
-    """Return what is seen of a pendulum whose tracker says that it follows `plan`."""
-    reference = plan.solution.trajectory.sample(plan.elapsed(at)).state
-    return {VEHICLE: Observation(reference, at, Mode.FOLLOWING, plan.start)}
+    """Return what is seen of vehicles whose trackers say that they follow `plan`."""
+    return seen(states_on(plan, at), at, followed=plan.start)
 
 
 def test_a_plan_that_has_not_begun_is_left_alone(swing: ActivePlan) -> None:
     replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
-    seen = {VEHICLE: Observation(np.zeros(4), 0.0, Mode.IDLE)}
-    assert replanner.review(SWING, seen, 0.0).plan is None
+    rest = seen({VEHICLE: np.zeros(4)}, 0.0, Mode.IDLE)
+    assert replanner.review(SWING, rest, 0.0).plan is None
     replanner.adopt(replace(swing, start=1.0))
-    assert replanner.review(SWING, seen, 0.0).plan is None
+    assert replanner.review(SWING, rest, 0.0).plan is None
 
 
 def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replanner) -> None:
-    seen = {VEHICLE: Observation(np.array([3.0, 5.0, 0.0, 0.0]), 0.5, Mode.IDLE)}
-    review = replanner.review(SWING, seen, 0.5)
-    assert review.plan is None
-    assert review.necessary
+    beyond = seen({VEHICLE: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
+    review = replanner.review(SWING, beyond, 0.5)
+    assert (review.plan, review.necessary) == (None, True)
     assert 'INVALID_PROBLEM' in review.reason
 
 
 def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
     execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
-    silent = {VEHICLE: replace(following(swing, 0.9)[VEHICLE], followed=None)}
     assert execution.keeping(swing, later, following(swing, 0.9)) == [VEHICLE]
     assert not execution.keeping(swing, later, following(later, 0.9))
-    assert not execution.keeping(swing, later, silent)
+    assert not execution.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
 
 
 def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing, replanner):
@@ -116,27 +110,23 @@ def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing
     replanner.adopt(later)
     early = replanner.review(SWING, following(swing, 0.51), 0.52)
     assert (early.plan, early.rejected, replanner.plan) == (None, (), later)
-    seen = following(swing, 0.9)
-    review = replanner.review(SWING, seen, 0.9)
+    now = following(swing, 0.9)
+    review = replanner.review(SWING, now, 0.9)
     assert review.rejected == (VEHICLE,)
     assert replanner.plan is swing
     assert replanner.review(SWING, following(swing, 0.91), 0.91).rejected == ()
     assert not review.necessary
-    assert not replanner.review(SWING, seen, 0.9).rejected
+    assert not replanner.review(SWING, now, 0.9).rejected
 
 
 def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
     first, at = crossing(), 8.0
     later = replace(first, start=3.0)
-    plans = {'robot1': first, 'robot2': later, 'robot3': later}
-    seen = {}
-    for name, plan in plans.items():
-        state = plan.solution.trajectories[name].sample(plan.elapsed(at)).state
-        seen[name] = Observation(state, at, Mode.FOLLOWING, plan.start)
+    now = following(later, at) | {'robot1': following(first, at)['robot1']}
     replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=5.0, delay=3.0))
     replanner.adopt(first)
     replanner.adopt(later)
-    review = replanner.review(FORMATION, seen, at)
+    review = replanner.review(FORMATION, now, at)
     assert review.rejected == ('robot1',)
     assert review.necessary
     assert 'robot1' in review.outlook.failure
@@ -144,32 +134,23 @@ def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
 
 
 @pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
-def test_where_the_plan_is_followed_its_rest_is_the_first_guess(
-    swing, replanner, monkeypatch, mode
-):
-    guesses = []
-    solve = PendulumSwingUp.solve
+def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
+    guesses, solve, at = [], PendulumSwingUp.solve, 0.3
 
     def noted(self: PendulumSwingUp, *args: Any, **options: Any) -> Any:
         guesses.append(options['warm_start'])
         return solve(self, *args, **options)
 
     monkeypatch.setattr(PendulumSwingUp, 'solve', noted)
-    at = 0.3
-    state = swing.solution.trajectory.sample(at).state + np.array([0.1, 0.0, 1.0, 0.0])
-    replanner.review(SWING, {VEHICLE: Observation(state, at, mode)}, at)
+    replanner.review(SWING, seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0]), at)
     rest = swing.remainder(at + PARAMETERS.delay)
     assert rest is not None
-    (guess,) = guesses
     if mode is Mode.RECOVERING:
-        assert guess is None
+        assert guesses == [None]
     else:
-        left = guess.trajectory
+        (left,) = (guess.trajectory for guess in guesses)
         np.testing.assert_array_equal(left.times, rest.trajectory.times)
         np.testing.assert_array_equal(left.states, rest.trajectory.states)
-
-
-QUICKLY = ReplanParameters(rate=5.0, delay=0.3)
 
 
 @dataclass(frozen=True)
@@ -195,14 +176,15 @@ def plan() -> ActivePlan:
     return ActivePlan(CART, CART.solve(deadline=10.0), start=10.0)
 
 
-def seen(plan: ActivePlan, at: float, away: Sequence[float] = (0.0, 0.0)) -> Any:
-    """Return what is measured at an instant: velocity first, to show that names decide."""
-    x, v = (plan.solution.trajectory.sample(plan.elapsed(at)).state + np.array(away)).tolist()
-    return {PLANT: Observation(np.array([v, x]), at, Mode.FOLLOWING)}
+def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any:
+    """Return what is measured so far away: velocity first, to show that names decide."""
+    (state,) = states_on(plan, at).values()
+    return seen({PLANT: np.add(state, [x, v])[::-1]}, at)
 
 
-def reviewer(plan: ActivePlan, names: Sequence[str] = ('v', 'x')) -> Replanner:
-    made = Replanner(GenericExecution(names, QUICKLY.deviation), QUICKLY)
+def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
+    parameters = ReplanParameters(rate=5.0, delay=delay)
+    made = Replanner(GenericExecution(('v', 'x'), parameters.deviation), parameters)
     made.adopt(plan)
     return made
 
@@ -223,20 +205,18 @@ def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
     made = reviewer(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
-        review = made.review(plan.problem, seen(plan, at, (0.01, 0.01)), at)
+        review = made.review(plan.problem, measured(plan, at, 0.01, 0.01), at)
         assert (review.plan, review.necessary) == (None, False)
     # after its end it is not active
     at = plan.end + 0.1
-    review = made.review(replace(CART, limit=2.0), seen(plan, at, (1.0, 0.0)), at)
+    review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
-    made, delay = reviewer(plan), 10.0
-    made.parameters = replace(QUICKLY, delay=delay)
-    at = plan.start + 10.0
-    review = made.review(FAR, seen(plan, at, (-200.0, 0.0)), at)
+    at, delay = plan.start + 10.0, 10.0
+    review = reviewer(plan, delay).review(FAR, measured(plan, at, -200.0), at)
     assert review.necessary
     assert "'x' is 200 m away from the active plan" in review.outlook.failure
     assert review.plan is not None, review.reason
@@ -250,9 +230,8 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
 
 def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePlan) -> None:
     execution, at = GenericExecution(('x',), 0.05), plan.start + 0.4
-    x = float(plan.solution.trajectory.sample(0.4).state[0])
-    observed = {PLANT: Observation(np.array([x + 0.1]), at, Mode.FOLLOWING)}
-    predicted = execution.predict(plan, observed, at + 0.3)
+    (state,) = states_on(plan, at).values()
+    predicted = execution.predict(plan, seen({PLANT: state[:1] + 0.1}, at), at + 0.3)
     expected = plan.solution.trajectory.sample(0.7).state[0] + 0.1
     assert predicted[PLANT].state[0] == pytest.approx(expected, abs=1e-9)
     assert "'x'" in execution.outlook(plan, predicted, at + 0.3).failure
@@ -261,14 +240,13 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePl
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
     lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
-    made, at = reviewer(lazy), 0.1
-    made.parameters = replace(QUICKLY, delay=10.0)
-    review = made.review(FAR, seen(lazy, at), at)
+    made, at = reviewer(lazy, delay=10.0), 0.1
+    review = made.review(FAR, measured(lazy, at), at)
     assert not review.necessary
     assert review.plan is not None, review.reason
     assert 'saves' in review.reason
     asked = replace(FAR, limit=2.0)
-    review = made.review(asked, seen(lazy, at), at)
+    review = made.review(asked, measured(lazy, at), at)
     assert review.necessary
     assert review.reason == 'the problem has changed'
 
@@ -285,6 +263,6 @@ def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> No
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):
     monkeypatch.setattr(Cart, 'cost_to_go', lambda *_: None)
     made, at = reviewer(plan), plan.start + 0.1
-    review = made.review(plan.problem, seen(plan, at), at)
+    review = made.review(plan.problem, measured(plan, at), at)
     assert review.plan is None
     assert review.solve_time == 0.0

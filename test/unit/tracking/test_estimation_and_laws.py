@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
+from tdm_planner.plants.base import integrate
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.linear_quadratic import (
@@ -36,67 +36,49 @@ SEEDS = st.integers(0, 1000)
 Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
 
 
-def made() -> StateEstimator:
-    angles = np.array([True, False, False, False])
-    return StateEstimator(PLANT, NOISE, angles, longest_gap=0.1)
-
-
 @pytest.fixture
 def estimator() -> StateEstimator:
-    return made()
-
-
-def true_motion(state: np.ndarray, *pieces: tuple[float, float]) -> np.ndarray:
-    """Return the state after so many seconds under one torque after the other."""
-    for duration, torque in pieces:
-        control = np.array([torque])
-        found = solve_ivp(
-            lambda _, x, u=control: PLANT.derivative(x, u),
-            (0.0, duration),
-            state,
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        state = found.y[:, -1]
-    return state
+    angles = np.array([True, False, False, False])
+    return StateEstimator(PLANT, NOISE, angles, longest_gap=0.1)
 
 
 @pytest.mark.parametrize('size', [1e3, 1e5, 1e7, 1e9, 1e12])
 @pytest.mark.parametrize('index', range(4))
 def test_an_absurd_sample_is_forgotten(estimator: StateEstimator, index: int, size: float) -> None:
-    hanging = np.array([math.pi, 0.0, 0.0, 0.0])
     for k in range(1, 60):
-        sample = hanging + np.eye(4)[index] * (size if k in (20, 21) else 0.0)
+        sample = HANGING + np.eye(4)[index] * (size if k in (20, 21) else 0.0)
         with np.errstate(all='ignore'):
             estimator.observe(sample, k * TICK)
-    error = estimator.predict(60 * TICK) - hanging
+    error = estimator.predict(60 * TICK) - HANGING
     assert abs(math.remainder(error[0], math.tau)) < 1e-3
     np.testing.assert_allclose(error[1:], 0.0, atol=0.01)
 
 
 def test_history_splits_an_interval_at_the_commands() -> None:
     history = CommandHistory(1)
-    ((duration, control),) = history.between(0.0, 0.5)
-    assert (duration, control.tolist()) == (0.5, [0.0])
+
+    def pieces(*interval: float) -> list[tuple[float, float]]:
+        return [(round(d, 9), float(u[0])) for d, u in history.between(*interval)]
+
+    assert pieces(0.0, 0.5) == [(0.5, 0.0)]
     for time, torque in ((1.0, 1.0), (2.0, 2.0), (3.0, 3.0)):
         history.add(time, np.array([torque]))
-    pieces = [(round(d, 9), float(u[0])) for d, u in history.between(0.5, 2.25)]
-    assert pieces == [(0.5, 0.0), (1.0, 1.0), (0.25, 2.0)]
-    assert [float(u[0]) for _, u in history.between(2.0, 2.1)] == [2.0]
+    assert pieces(0.5, 2.25) == [(0.5, 0.0), (1.0, 1.0), (0.25, 2.0)]
+    assert pieces(2.0, 2.1) == [(0.1, 2.0)]
     # a command for an earlier instant replaces those after it
     history.add(1.5, np.array([9.0]))
-    assert [float(u[0]) for _, u in history.between(1.0, 4.0)] == [1.0, 9.0]
+    assert pieces(1.0, 4.0) == [(0.5, 1.0), (2.5, 9.0)]
     for k in range(4000):
         history.add(5.0 + 0.005 * k, np.array([float(k)]))
-    assert [float(u[0]) for _, u in history.between(24.901, 24.904)] == [3980.0]
+    assert pieces(24.901, 24.904) == [(0.003, 3980.0)]
     assert len(history._times) < 1000
     history.clear()
-    assert [float(u[0]) for _, u in history.between(24.9, 25.0)] == [0.0]
+    assert pieces(24.9, 25.0) == [(0.1, 0.0)]
 
 
 def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator) -> None:
     rng = np.random.default_rng(1)
-    state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
+    state = moved(HANGING, -0.3, 0.0, 0.0, 0.0)
     raw, filtered = [], []
     for k in range(200):
         seen: np.ndarray = state + NOISE.measurement * rng.standard_normal(4)
@@ -104,9 +86,20 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
         estimator.observe(seen + 1.0, TICK * k - 0.001)
         raw.append(seen - state)
         filtered.append(estimator.predict(TICK * k) - state)
-        state = true_motion(state, (TICK, 0.0))
+        state = integrate(PLANT, state, np.zeros(1), TICK)
     assert np.std(np.array(filtered)[20:, 2]) < 0.6 * np.std(np.array(raw)[20:, 2])
     assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
+
+
+def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
+    state = np.array([3.0, 0.0, 10.0, 0.0])
+    estimator.observe(state, 0.0)
+    for k in range(1, 20):
+        state = integrate(PLANT, state, np.zeros(1), TICK)
+        seen = np.array([math.remainder(state[0], math.tau), *state[1:]])
+        estimator.observe(seen, TICK * k)
+    assert state[0] > 3.8
+    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
 
 
 def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estimator):
@@ -125,8 +118,7 @@ def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estim
 class Sensor:
     """A watch on a pendulum, fed with samples 5 ms apart under a torque."""
 
-    def __init__(self) -> None:
-        estimator = made()
+    def __init__(self, estimator: StateEstimator) -> None:
         self.history, self.move = estimator.history, estimator.move
         self.watch = RepetitionWatch(estimator, 0.1)
         self.time = 0.0
@@ -137,12 +129,25 @@ class Sensor:
         self.watch.observe(state, self.time)
         return self.watch.stuck
 
+    def moves(self, state: np.ndarray, torque: float, count: int) -> bool:
+        """Return whether a pendulum that moves from there is never called stuck."""
+        stuck = []
+        for _ in range(count):
+            state = self.move(state, np.array([torque]), TICK)
+            stuck.append(self.show(state, torque))
+        return not any(stuck)
+
     def until_stuck(self, state: np.ndarray, torque: float, longest: float = 1.0) -> float:
         begin = self.time
         while self.time - begin < longest:
             if self.show(state, torque):
                 return self.time - begin
         return math.inf
+
+
+@pytest.fixture
+def sensor(estimator: StateEstimator) -> Sensor:
+    return Sensor(estimator)
 
 
 @pytest.mark.parametrize(
@@ -153,40 +158,28 @@ class Sensor:
         (np.array([0.01, 0.0, 0.0, 0.0]), 0.001, 0.42),
     ],
 )
-def test_a_sensor_that_repeats_itself_is_stuck(state, torque, within):
-    sensor = Sensor()
+def test_a_sensor_that_repeats_itself_is_stuck(sensor, state, torque, within):
     for k in range(30):
         assert not sensor.show(state + 1e-6 * k, torque)
     assert sensor.until_stuck(state, torque) < within
 
 
-def test_a_plant_that_moves_or_rests_is_not() -> None:
-    sensor = Sensor()
+def test_a_plant_that_moves_or_rests_is_not(sensor: Sensor) -> None:
     assert sensor.until_stuck(HANGING, 0.0, 2.0) == math.inf
     # nobody drives it: whether it rests or the sensor repeats itself is no matter
     assert sensor.until_stuck(np.array([0.5, 0.0, 0.0, 0.0]), 0.0, 2.0) == math.inf
-    state = HANGING
-    for _ in range(200):
-        state = sensor.move(state, np.array([0.01]), TICK)
-        assert not sensor.show(state, 0.01)
+    assert sensor.moves(HANGING, 0.01, 200)
 
 
 @pytest.mark.parametrize('wait', range(20, 100))
-def test_a_plant_that_a_command_has_not_reached_yet_is_not_stuck(wait: int) -> None:
+def test_a_plant_that_a_command_has_not_reached_yet_is_not_stuck(sensor, wait) -> None:
     """Messages take their time, of commands and of states."""
-    sensor = Sensor()
-    for _ in range(wait):
-        assert not sensor.show(HANGING, 0.0)
-    state = HANGING
-    for _ in range(3):
-        assert not sensor.show(state, 1.0)
-    for _ in range(20):
-        state = sensor.move(state, np.array([1.0]), TICK)
-        assert not sensor.show(state, 1.0)
+    assert not any(sensor.show(HANGING, 0.0) for _ in range(wait))
+    assert not any(sensor.show(HANGING, 1.0) for _ in range(3))
+    assert sensor.moves(HANGING, 1.0, 20)
 
 
-def test_it_stays_stuck_until_it_shows_another_number_or_the_plant_should_rest() -> None:
-    sensor = Sensor()
+def test_it_stays_stuck_until_another_number_or_the_plant_should_rest(sensor: Sensor) -> None:
     state = np.array([0.005, 0.0, 0.0, 0.0])
     assert sensor.until_stuck(state, 0.02) < 0.3
     assert all(sensor.show(state, 0.0) for _ in range(300))
@@ -197,9 +190,8 @@ def test_it_stays_stuck_until_it_shows_another_number_or_the_plant_should_rest()
     assert not shown[-1]
 
 
-def test_a_gap_of_any_length_is_no_matter() -> None:
+def test_a_gap_of_any_length_is_no_matter(sensor: Sensor) -> None:
     """Not integrated over: an hour took minutes, a leap of simulated time for ever."""
-    sensor = Sensor()
     assert not sensor.show(HANGING, 0.02)
     sensor.time += 1.7e9
     assert not sensor.show(HANGING, 0.02)
@@ -242,10 +234,9 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> N
 
 
 def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
+    a, b = np.diag([1.0, -1.0]), np.array([[0.0], [1.0]])
     with pytest.raises(ValueError, match='Riccati'):
-        discrete_regulator(
-            np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1), 0.01
-        )
+        discrete_regulator(a, b, np.eye(2), np.eye(1), 0.01)
 
 
 @SETTINGS
@@ -259,14 +250,3 @@ def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> Non
         exact = expm(block * step)
         assert np.allclose(phi, exact[:4, :4], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
         assert np.allclose(gamma, exact[:4, 4:], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
-
-
-def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
-    state = np.array([3.0, 0.0, 10.0, 0.0])
-    estimator.observe(state, 0.0)
-    for k in range(1, 20):
-        state = true_motion(state, (TICK, 0.0))
-        seen = [math.remainder(state[0], math.tau), *state[1:]]
-        estimator.observe(np.array(seen), TICK * k)
-    assert state[0] > 3.8
-    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)

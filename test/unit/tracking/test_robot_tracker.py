@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-from typing import Any
 
 from closed_loop import Loop, robot
 import numpy as np
@@ -20,54 +19,35 @@ from tdm_planner.trajectory import Trajectory
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
 DURATION = 12.0  # s
 ALPHA = np.eye(7)[6]
-# of a robot whose thruster takes 6 s to turn half round
-SLOW: dict[str, Any] = {
-    'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189,
-}  # fmt: skip
+SLOW = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189}
+
+
+def trajectory(times: np.ndarray, controls: np.ndarray, interpolation: str) -> Trajectory:
+    """Return the motion from rest at the origin."""
+    plant = FloatingRobot()
+    draft = Trajectory.of(plant, times, np.zeros((times.size, 7)), controls, interpolation)
+    return replace(draft, states=plant.replay(draft, times))
 
 
 def there_and_stop(turn: float = 1.0) -> Trajectory:
     """Accelerate and brake along x by a smooth law, the thruster turned half round in between."""
-    robot = FloatingRobot()
+    plant = FloatingRobot()
     t = np.linspace(0.0, DURATION, 601)
     s = t / DURATION
     second = (60 * s - 180 * s**2 + 120 * s**3) / DURATION**2
     alpha = np.interp(t, DURATION / 2 + np.array([-1.25, 1.25]), [0.0, math.pi])
     rate = np.gradient(alpha - turn * (10 * s**3 - 15 * s**4 + 6 * s**5), t)
-    push = robot.mass * np.maximum(second * np.cos(alpha), 0.0)
-    draft = Trajectory(
-        times=t,
-        states=np.zeros((t.size, 7)),
-        controls=np.stack([push, rate, robot.inertia * turn * second], axis=1),
-        state_names=robot.state_names,
-        control_names=robot.control_names,
-        interpolation='linear',
-    )
-    states = robot.replay(draft, t)
-    assert states is not None
-    return replace(draft, states=states)
+    push = plant.mass * np.maximum(second * np.cos(alpha), 0.0)
+    return trajectory(t, np.stack([push, rate, plant.inertia * turn * second], axis=1), 'linear')
 
 
 def burn_coast_burn() -> Trajectory:
     """Burn for 1 s along x, coast for 25 s, the thruster turning half round, and brake for 1 s."""
-    robot, thrust = FloatingRobot(), 0.9 * SLOW['limits__thrust']
-    t = np.array([0.0, 1.0, 10.0, 10.0 + math.pi / 0.4, 26.0, 27.0])
     controls = np.zeros((6, 3))
-    controls[[0, 4], 0] = thrust
+    controls[[0, 4], 0] = 0.9 * SLOW['limits__thrust']
     controls[2, 1] = 0.4
-    states = np.zeros((6, 7))
-    speed = thrust / robot.mass
-    states[:, 0] = speed * np.array([0.0, 0.5, *(t[2:5] - 0.5), 26.0])
-    states[1:5, 2] = speed
-    states[3:, 6] = math.pi
-    return Trajectory(
-        times=t,
-        states=states,
-        controls=controls,
-        state_names=robot.state_names,
-        control_names=robot.control_names,
-        interpolation='zero_order_hold',
-    )
+    times = np.array([0.0, 1.0, 10.0, 10.0 + math.pi / 0.4, 26.0, 27.0])
+    return trajectory(times, controls, 'zero_order_hold')
 
 
 @pytest.mark.parametrize(('plan', 'changes'), [(there_and_stop(), {}), (burn_coast_burn(), SLOW)])
@@ -82,6 +62,8 @@ def test_the_thruster_can_follow_the_angles_that_it_may_have(plan, changes):
     assert np.diff(law.upper).min() >= -most
     assert np.diff(law.lower).max() <= most
     assert law.upper.min() < 2.0 * math.pi
+    if changes:
+        assert law.burns == pytest.approx(np.array([[0.0, 1.0, 0.0], [26.0, 27.0, math.pi]]))
 
 
 @pytest.fixture(scope='module')
@@ -93,15 +75,19 @@ def away(loop: Loop, plan: Trajectory) -> float:
     return math.hypot(*(loop.plant.state[:2] - plan.states[-1, :2]))
 
 
-def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(plan):
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0))
+def followed(loop: Loop, plan: Trajectory) -> Loop:
+    """Return the loop after a plan that was followed to the centimetre."""
     loop.begin(plan, 0.2)
     begun = len(loop.states)
-    loop.run(DURATION + 0.14)
-    assert away(loop, plan) < 0.01
+    loop.run(plan.duration + 0.14)
     times = loop.tick * (np.arange(begun, len(loop.states)) + 1) - 0.2
     offset = np.array(loop.states[begun:])[:, :2] - plan.sample(times).state[:, :2]
     assert np.hypot(*offset.T).max() < 0.01
+    return loop
+
+
+def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(plan):
+    loop = followed(Loop(robot(plan.states[0], mismatch=0.05, noise=1.0)), plan)
     loop.run(8.0)
     assert loop.tracker.phase is Phase.HOLDING
     late = np.array(loop.states[-200:])
@@ -121,13 +107,7 @@ def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(p
 
 def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error() -> None:
     plan = burn_coast_burn()
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, **SLOW))
-    loop.begin(plan, 0.2)
-    begun = len(loop.states)
-    loop.run(plan.duration + 0.14)
-    times = loop.tick * (np.arange(begun, len(loop.states)) + 1) - 0.2
-    offset = np.array(loop.states[begun:])[:, :2] - plan.sample(times).state[:, :2]
-    assert np.hypot(*offset.T).max() < 0.01
+    loop = followed(Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, **SLOW)), plan)
     assert loop.tick * loop.controls[:, 0].sum() < 1.1 * 2.0 * plan.controls[0, 0]
     loop.run(8.0)
     assert loop.tracker.phase is Phase.HOLDING
@@ -160,12 +140,6 @@ def test_commands_make_up_for_the_actuator_gains(plan: Trajectory) -> None:
     assert command(0.8, 1.25) / usual == pytest.approx(1.0 / np.array([0.8, 1.0, 1.25]))
 
 
-def test_the_burns_of_a_plan_are_known() -> None:
-    plan = burn_coast_burn()
-    law = robot(plan.states[0], **SLOW).tracker.prepare(plan)
-    assert law.burns == pytest.approx(np.array([[0.0, 1.0, 0.0], [26.0, 27.0, math.pi]]))
-
-
 def test_yaw_may_be_wrapped_and_the_thruster_whole_turns_away() -> None:
     def wrap(state: np.ndarray) -> np.ndarray:
         return np.array([*state[:4], math.remainder(state[4], math.tau), *state[5:]])
@@ -193,9 +167,7 @@ def test_there_is_no_thrust_while_the_direction_is_off(plan: Trajectory) -> None
 
 
 @pytest.mark.parametrize('on_deviation', [False, True])
-def test_a_robot_carried_away_is_given_up_and_brakes_where_a_new_plan_is_wanted(
-    plan, on_deviation
-):
+def test_a_robot_carried_away_is_given_up_and_brakes_for_a_new_plan(plan, on_deviation):
     loop = Loop(robot(plan.states[0], noise=1.0, replan__on_deviation=on_deviation))
     loop.begin(plan, 0.2)
     loop.run(3.0)

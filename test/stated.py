@@ -1,0 +1,111 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Problems stated for tests, and `changed`, which makes another of one: functions by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+import warnings
+
+import pytest
+from tdm_planner.direct_method import Duration, Output
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.problems import DirectProblem, SolverParameters
+
+
+@dataclass(frozen=True)
+class Cart(DirectProblem, Validated):
+    """Least effort over a fixed time: the optimum is the cubic, J = 12 x^2/t_f^3."""
+
+    name: ClassVar[str] = 'cart'
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+
+    start: float = parameter(1.0, 'position', unit='m')
+    time: float = parameter(2.0, 'time', unit='s', allowed=POSITIVE)
+    limit: float = parameter(10.0, 'largest acceleration', unit='m/s^2')
+    solver: SolverParameters = group(SolverParameters)
+
+    def outputs(self):
+        return {'x': Output((self.start, 0.0), (0.0, 0.0), free=3)}
+
+    def duration(self):
+        return Duration(self.time, fixed=True)
+
+    def invert(self, y, z):
+        return y['x'][:2], y['x'][2:]
+
+    def derivative(self, x, u):
+        return x[1], u[0]
+
+    def margins(self, t, x, u):
+        return {'force': 1.0 - (u[0] / self.limit) ** 2}
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2
+
+
+@dataclass(frozen=True)
+class Car(DirectProblem, Validated):
+    """A car with drag, past a pole, in minimum time."""
+
+    state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
+    control_names, control_units = ('ax', 'ay'), ('m/s^2', 'm/s^2')
+
+    drag: float = parameter(0.1, 'drag', unit='1/m')
+    limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2')
+    start: float = parameter(-2.0, 'where it starts', unit='m')
+
+    def outputs(self):
+        ends = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))
+        return {n: Output(*both, free=4) for n, both in zip('xy', ends, strict=True)}
+
+    def duration(self):
+        return Duration(guess=4.0)
+
+    def invert(self, y, z):
+        (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
+        return (x, y_, vx, vy), (ax + self.drag * vx, ay + self.drag * vy)
+
+    def derivative(self, x, u):
+        return x[2], x[3], u[0] - self.drag * x[2], u[1] - self.drag * x[3]
+
+    def margins(self, t, x, u):
+        return {'pole': x[0] ** 2 + x[1] ** 2 - 0.25}
+
+    def control_limits(self):
+        return {'ax': (-self.limit, self.limit), 'ay': (-self.limit, self.limit)}
+
+    def final_cost(self, t, x):
+        return t
+
+
+def changed(of: type, **change: Any) -> Any:
+    """Return the class `Changed`, whose functions and names are those of another or given."""
+    return type('Changed', (of,), change)
+
+
+LONG = SolverParameters(deadline=60.0)
+
+
+def solve(solver: SolverParameters = LONG, **change: Any) -> Any:
+    """Solve a cart changed in this way; nothing is printed by numpy."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        return changed(Cart, **change)(solver=solver).solve()
+
+
+def refused(make: Callable[[], Any], length: int = 300) -> str:
+    """Return the one clear sentence of a refusal; nothing is printed by numpy on the way."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(InvalidProblem) as caught:
+            make()
+    message = str(caught.value)
+    assert '\n' not in message
+    assert len(message) < length
+    return message

@@ -1,0 +1,355 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Statements: reference functions and their bases; each mistake is a sentence that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from decimal import Decimal
+from itertools import count
+from typing import Any
+import warnings
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from stated import Cart, changed, refused
+from tdm_planner.direct_method import (
+    Duration,
+    Formulation,
+    Integrated,
+    Output,
+    PowerProducts,
+    SineSeries,
+    symmetric_powers,
+)
+from tdm_planner.direct_method.bases import PolynomialBasis
+from tdm_planner.direct_method.output_basis import output_basis
+from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
+from tdm_planner.exceptions import InvalidProblem
+
+
+@given(
+    st.sets(st.integers(0, 4), min_size=1), st.sets(st.integers(0, 4), min_size=1), st.floats(0, 1)
+)
+@settings(max_examples=60)
+def test_every_polynomial_meets_one_condition_and_its_derivatives_are_derivatives(first, last, s):
+    """In exact arithmetic made, so to the last bits; where the conditions determine one."""
+    try:
+        basis = PolynomialBasis.of(tuple(first), tuple(last))
+    except InvalidProblem as error:
+        assert 'do not determine' in str(error)
+        return
+    for at, orders, offset in ((0.0, basis.start, 0), (1.0, basis.end, len(first))):
+        for index, order in enumerate(orders):
+            unit = np.eye(len(first) + len(last))[offset + index]
+            np.testing.assert_allclose(basis.values(at, order), unit, atol=1e-10)
+    step = 1e-5
+    for order in range(1, 4):
+        slope = (basis.values(s + step, order - 1) - basis.values(s - step, order - 1)) / 2 / step
+        scale = 1 + np.abs(basis.values(np.linspace(0, 1, 9), order + 2)).max()
+        np.testing.assert_allclose(basis.values(s, order), slope, atol=1e-5 * scale)
+
+
+SINES = SineSeries(6)
+PRODUCTS = PowerProducts([(1, 1), (2, 1), (2, 2), (3, 2), (3, 3)])
+MIXED = SineSeries(3) + PowerProducts([(2, 1), (1, 2), (2, 3), (3, 2)])
+
+
+@given(
+    st.integers(0, 4),
+    st.integers(0, 4),
+    st.integers(0, 12),
+    st.sampled_from([None, SINES, PRODUCTS, MIXED]),
+)
+@settings(max_examples=80)
+def test_conditions_hold_and_free_shapes_are_orthonormal(at_start, at_end, free, shapes):
+    if shapes is not None:
+        highest = 2 if shapes is SINES else 3
+        at_start, at_end = min(max(at_start, 1), highest), min(max(at_end, 1), highest)
+        free = shapes.size - (at_start + at_end - 2)
+    if at_start + at_end + free == 0:
+        return
+    output = Output((1.0,) * at_start, (1.0,) * at_end, 0 if shapes else free, shapes)
+    basis = output_basis('x', output, 0)
+    assert basis.size == free
+    for s, orders, offset in ((0.0, basis.start, 0), (1.0, basis.end, at_start)):
+        for index, order in enumerate(orders):
+            unit = np.eye(at_start + at_end)[offset + index]
+            np.testing.assert_allclose(basis.given(s, order), unit, atol=1e-8)
+            np.testing.assert_allclose(basis.varied(s, order), 0.0, atol=1e-7)
+    points, weights = np.polynomial.legendre.leggauss(60)
+    s = (points + 1) / 2
+    gram = sum(basis.varied(s, k).T @ (weights[:, None] / 2 * basis.varied(s, k)) for k in (0, 2))
+    np.testing.assert_allclose(gram, np.eye(free), atol=1e-7)
+
+
+@pytest.mark.parametrize('shapes', [SINES, PRODUCTS, MIXED])
+def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
+    s, step = np.linspace(0.02, 0.98, 25), 1e-5
+    for order in range(1, 5):
+        ahead, behind = (shapes.values(s + h, order - 1) for h in (step, -step))
+        scale = 1 + np.abs(shapes.values(s, order + 2)).max()
+        slope = (ahead - behind) / 2 / step
+        np.testing.assert_allclose(shapes.values(s, order), slope, atol=1e-9 * scale + 1e-5)
+    np.testing.assert_allclose(SINES.values(s)[:, 2], np.sin(3 * np.pi * s), atol=1e-12)
+    np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
+
+
+BAD: dict[str, Any] = {
+    'None': None,
+    'a string': 'fast',
+    'a numeral': '1.0',
+    'NaN': float('nan'),
+    'inf': float('inf'),
+    'too huge for a float': 10**400,
+    'complex': 1.0 + 2.0j,
+    'ragged': [1.0, [2.0, 3.0]],
+    'a mapping': {0: 1.0},
+    'an object': object(),
+}
+BAD_SCALARS = {**BAD, 'huge': 1e300, 'empty': []}
+NOT_WHOLE = {**BAD_SCALARS, 'a fraction': 1.5, 'negative': -1, 'a million': 10**6, 'true': True}
+
+
+WHOLE = [
+    (lambda v: SineSeries(v), 'must be an integer from 1 to 100'),
+    (lambda v: symmetric_powers(v), 'must be an integer from 1 to 100'),
+    (lambda v: PowerProducts([(v, 1)]), 'must be an integer from 1 to 100'),
+    (lambda v: PowerProducts([(1, v)]), 'must be an integer from 1 to 100'),
+    (lambda v: Output(free=v), 'free = '),
+    (lambda v: Output(derivatives=v), 'derivatives = '),
+    (lambda v: Duration(speed_factor_order=v), 'speed_factor_order = '),
+]
+NUMBERS = [
+    (lambda v: Integrated(v), 'the start of an integrated state'),
+    (lambda v: Duration(guess=v), 'guess'),
+]
+NUMBERS_OR_NONE = [
+    (lambda v: Output(start=(0.0, v)), 'derivative 1 at the start'),
+    (lambda v: Output(scale=v), 'scale'),
+    (lambda v: Duration(shortest=v), 'shortest'),
+    (lambda v: Duration(longest=v), 'longest'),
+    (lambda v: Integrated(0.0, v), 'the end of an integrated state'),
+]
+
+
+@pytest.mark.parametrize('value', NOT_WHOLE.values(), ids=NOT_WHOLE)
+def test_whole_numbers(value):
+    for make, words in WHOLE:
+        assert words in refused(lambda make=make: make(value), 250)
+
+
+@pytest.mark.parametrize('value', BAD_SCALARS.values(), ids=BAD_SCALARS)
+def test_numbers(value):
+    for make, words in [*NUMBERS, *(NUMBERS_OR_NONE if value is not None else [])]:
+        assert words in refused(lambda make=make: make(value), 250)
+    if value not in (None, [], {0: 1.0}):
+        refused(lambda: Output(end=value), 250)
+
+
+def test_numbers_of_any_kind_are_numbers():
+    assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}
+
+
+def shaped(shapes, start=(0.0,), end=(0.0,)):
+    return lambda: output_basis('x', Output(start, end, shapes=shapes), 0)
+
+
+CASES = [
+    (lambda: PolynomialBasis.of((1,), (1,)), 'do not determine'),
+    (lambda: PolynomialBasis.of((), ()), 'at least one'),
+    (shaped(SineSeries(2), (None, 0.0)), 'value at the start is missing'),
+    (shaped(SineSeries(2), (0.0,), ()), 'value at the end is missing'),
+    (shaped(SineSeries(1), (0.0, 1.0), (0.0, 1.0)), '1 shapes cannot meet'),
+    (shaped(SineSeries(4), {0: 0.0, 2: 1.0}), '4 shapes cannot meet'),
+    (shaped(symmetric_powers(4), (0, 1), (0, 1)), 'cannot meet'),
+    (shaped(SineSeries(2) + SineSeries(2)), 'sums of others'),
+    (shaped(SineSeries(2) + symmetric_powers(2) + PowerProducts([(2, 2)])), 'sums of others'),
+    (lambda: PowerProducts([(0, 1)]), 'exponent of (0, 1) = 0 is not allowed'),
+    (lambda: PowerProducts('ab'), ''),
+    # Outputs, durations, integrated states.
+    (lambda: Output(shapes='start'), 'family of shapes'),  # type: ignore[arg-type]
+    (lambda: Output(start={0: 0.0, -1: 1.0}), 'order of a derivative given'),
+    (lambda: Output(scale=0.0), 'must be a positive number'),
+    (lambda: Integrated(0.0, scale=0.0), 'must be a positive number'),
+    (lambda: Output(free=2, shapes=SineSeries(2)), 'free = 2 is for polynomials'),
+    (lambda: Duration(guess=0.0), 'guess'),
+    (lambda: Duration(shortest=0.0), 'shortest'),
+    (lambda: Duration(longest=0.0), 'longest'),
+    (lambda: Duration(1.0, shortest=2.0), 'shortest'),
+    (lambda: Duration(fixed=True, speed_factor_order=2), 'fixed'),
+    (lambda: output_basis('x', Output((0.0, None, 1.0), (0.0,)), 2), 'all lower ones'),
+]
+
+
+@pytest.mark.parametrize(('make', 'words'), CASES)
+def test_what_makes_no_sense_together(make, words):
+    assert words in refused(make, 250)
+
+
+LOADED = changed(
+    Cart,
+    __doc__='A cart with a swinging load: position prescribed, angle integrated.',
+    state_names=('x', 'v', 'angle'),
+    state_units=('m', 'm/s', 'rad'),
+    outputs=lambda s: {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)},
+    integrated=lambda s: {'angle': Integrated(0.3)},
+    duration=lambda s: Duration(2.0),
+    invert=lambda s, y, z: ((*y['x'][:2], z['angle']), y['x'][2:]),
+    derivative=lambda s, x, u: (x[1], u[0], -x[2] - u[0]),
+    final_cost=lambda s, t, x: x[2] ** 2,
+)
+
+
+def begin(formulation: Formulation) -> Transcription:
+    program = Transcription(formulation, chebyshev_nodes(21))
+    program.begin(program.first_guess)
+    return program
+
+
+def refusal(**change: Any) -> str:
+    """Return the sentence that a cart changed in this way is refused with."""
+    return refused(lambda: begin(changed(LOADED, **change)()))
+
+
+FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margins')
+FUNCTIONS += ('running_cost', 'final_cost', 'end_conditions')
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def function(self: Any, *arguments: Any) -> Any:
+        raise error
+
+    return function
+
+
+def returns(value: Any) -> Callable[..., Any]:
+    return lambda self, *arguments: value
+
+
+@pytest.mark.parametrize('function', FUNCTIONS)
+def test_errors_of_the_user_are_the_cause_and_refusals_are_passed_on(function):
+    for error in (ZeroDivisionError('division by zero'), AttributeError('no force')):
+        with pytest.raises(InvalidProblem, match=f'{function} of Changed raises') as caught:
+            begin(changed(LOADED, **{function: raises(error)})())
+        assert caught.value.__cause__ is error
+        assert type(error).__name__ in str(caught.value)
+    begin(LOADED())
+    heavy = InvalidProblem('the cart is too heavy')
+    assert refusal(**{function: raises(heavy)}) == 'the cart is too heavy'
+    assert function in refusal(**{function: returns(None)})
+
+
+NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))  # noqa: E731
+
+
+def nan_at_the_start(self, y, z):
+    x, v, _ = y['x']
+    u = np.where(np.logical_and(x == 1.0, v == 0.0), np.nan, 0.0)
+    return (x, v, z['angle']), (u,)
+
+
+SUMMED = '{} of Changed gives ... when it is traced, but ... there are no sums over nodes'
+NAMES = [
+    ('x', 'must be a tuple of names'),
+    ((), 'must be a tuple of names'),
+    (('x', 'v', 'x'), 'the same name twice'),
+    (('x', 3, 'v'), 'must be strings'),
+]
+NUMBER = count()
+COSTS = [
+    (np.zeros(5), 'gives J ... of shape (5,), expected'),
+    (np.nan, 'gives J = nan at node'),
+    (1.0j, 'gives J ... which is not a real number'),
+]
+REFUSALS = {  # function: (what it is instead or returns, words)
+    'outputs': [
+        ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
+        ({}, 'at least one output'),
+        ({'x': Output()}, "output 'x': a polynomial needs at least one boundary condition"),
+    ],
+    'integrated': [
+        ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
+        ({'speed': Integrated(0.0)}, "'speed' is not one of the states x, v, angle"),
+    ],
+    'invert': [
+        (((0.0, 0.0, 0.0),), 'expected a pair'),
+        (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
+        (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
+        (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a real number'),
+        (((0.0, [1.0, [2.0]], 0.0), (0.0,)), 'expected a sequence of 3 components'),
+        (((0.0, np.zeros(6), 0.0), (0.0,)), 'components of shapes (), (6,), (), expected'),
+        (((0.0, 1.0j, 0.0), (0.0,)), 'component 1 = ... not a real number'),
+        ((3.0, (0.0,)), 'expected a sequence of 3 components'),
+        (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
+    ],
+    'derivative': [
+        ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
+        ((0.0, 0.0, np.zeros(4)), 'what derivative returns has components of shapes (), (), (4,)'),
+        ((0.0, 0.0, 1.0j), 'what derivative returns has component 2 = ... not a real number'),
+        (NAN_BEHIND, "derivative gives the rate of 'angle' = nan at node 11 of 21"),
+    ],
+    'margins': [
+        ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
+        ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
+        ({3: 1.0}, 'must be strings'),
+        ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
+        ([1.0], 'expected a mapping by name'),
+        (
+            lambda s, t, x, u: {f'force {next(NUMBER)}': 1.0 - u[0] ** 2},
+            'must always be the same',
+        ),
+        (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
+    ],
+    'running_cost': [
+        (lambda s, t, x, u: 1.0 / t, 'running_cost gives J = inf at node 0 of 21'),
+        *COSTS,
+    ],
+    'final_cost': [
+        (lambda s, t, x: np.log(-t), 'gives J = nan at node 20 of 21 (s = 1, t = 2 s)'),
+        (lambda s, t, x: x**2, 'final_cost gives J of shape (3, 7), expected (7,)'),
+        (lambda s, t, x: np.sum(x[2] ** 2), SUMMED.format('final_cost')),
+        *COSTS,
+    ],
+    'end_conditions': [
+        ((np.zeros(5),), 'end_conditions gives number 0 of shape (5,)'),
+        ((0.0, np.nan), 'end_conditions gives number 1 = nan'),
+        ({'x': 0.0}, 'expected a sequence'),
+        (lambda s, t, x: (np.sum(x[2]),), SUMMED.format('end_conditions')),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ('function', 'value', 'words'),
+    [(function, *case) for function, cases in REFUSALS.items() for case in cases],
+)
+def test_what_functions_return(function, value, words):
+    change = {function: value if callable(value) else returns(value)}
+    if function == 'invert' and not callable(value):
+        change['integrated'] = returns({})
+    message = refusal(**change)
+    assert all(part in message for part in words.split(' ... '))
+
+
+@pytest.mark.parametrize('kind', ['state', 'control'])
+@pytest.mark.parametrize(('names', 'words'), NAMES)
+def test_names(kind, names, words):
+    message = refusal(**{f'{kind}_names': names})
+    assert f'{kind}_names = ' in message
+    assert words in message
+
+
+def test_what_is_not_finite_on_the_way_is_only_not_taken():
+    """Beyond the first guess a number that is not finite makes a point infinitely bad."""
+    program = begin(changed(LOADED, running_cost=lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2))())
+    far = program.first_guess * np.array([0.3, 1.0, 1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        point = program.evaluate(far)
+    assert point.cost == np.inf
+    assert point.violation == np.inf
