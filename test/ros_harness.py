@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import ctypes
@@ -94,21 +93,12 @@ def _end_with_the_tests() -> None:
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
-class Started(ABC):
-    """What a test has started."""
+class Started:
+    """What a test has started; `end` ends it and returns the exit code."""
 
-    @property
-    @abstractmethod
-    def output(self) -> str:
-        """Return everything that was printed so far."""
-
-    @property
-    @abstractmethod
-    def running(self) -> bool: ...
-
-    @abstractmethod
-    def end(self) -> int:
-        """End it, and return the exit code."""
+    output: str  # all that it has printed so far
+    running: bool
+    end: Callable[[], int]
 
     def end_cleanly(self) -> None:
         """End it; the exit code must be 0 and nothing may look like a crash."""
@@ -139,7 +129,6 @@ class NodeProcess(Started):
 
     @property
     def output(self) -> str:
-        """Everything the process has printed so far."""
         return self.output_file.read_text()
 
     @property

@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 from planned_apart import planned_apart
-from ros_harness import Ros, ros_arguments, SOURCE
+from ros_harness import ros_arguments, SOURCE
 from tdm_planner.plants.compilation import COMPILING
 
 PROGRAM = """
@@ -31,7 +31,7 @@ def said(folder: Path, source: Path = SOURCE) -> str:
     return subprocess.check_output(command, env=environment, cwd=source, text=True, timeout=120)
 
 
-def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path: Path) -> None:
+def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path):
     assert said(tmp_path) == f'{COMPILING}\n'
     assert said(tmp_path) == ''
     copy = tmp_path / 'copy'
@@ -43,7 +43,7 @@ def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path: Pa
     assert COMPILING in said(tmp_path, copy)
 
 
-def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> None:
+def test_a_planner_that_must_compile_says_so_once(ros, tmp_path):
     words = ros_arguments({'problem': 'robot_formation'})
     planner = ros.run('tdm_planner.nodes.planner', words, {'NUMBA_CACHE_DIR': str(tmp_path)})
     assert ros.spin_until(lambda: COMPILING in planner.output, 60.0), planner.output
@@ -51,5 +51,5 @@ def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> N
     assert planner.output.count(COMPILING) == 1
 
 
-def test_kernels_compiled_anew_change_no_plan(tmp_path: Path) -> None:
+def test_kernels_compiled_anew_change_no_plan(tmp_path):
     assert planned_apart(NUMBA_CACHE_DIR=str(tmp_path)) == planned_apart()

@@ -70,7 +70,7 @@ def colcon(workspace: Path, verb: str, *arguments: str) -> str:
     return run(sys.executable, '-c', COLCON, *log, verb, *arguments, cwd=workspace)
 
 
-def test_colcon_runs_the_tests(installed: Path, copy: Path):
+def test_colcon_runs_the_tests(installed, copy):
     """A few of them: `colcon test` runs the very suite that this test belongs to."""
     workspace = installed.parents[1]
     said = colcon(
@@ -82,7 +82,7 @@ def test_colcon_runs_the_tests(installed: Path, copy: Path):
     assert re.search(r'Summary: [1-9]\d* tests, 0 errors, 0 failures, 0 skipped', result), result
 
 
-def test_colcon_installs_what_ros2_looks_for(installed: Path, copy: Path):
+def test_colcon_installs_what_ros2_looks_for(installed, copy):
     folder, share = installed / 'lib' / 'tdm_planner', installed / 'share'
     assert {path.name for path in folder.iterdir()} == EXECUTABLES
     assert all(os.access(folder / name, os.X_OK) for name in EXECUTABLES)
@@ -121,7 +121,7 @@ def wheel(copy: Path) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
-def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel: zipfile.ZipFile):
+def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel):
     names = set(wheel.namelist())
     wanted = {
         str(path.relative_to(SOURCE))

@@ -113,9 +113,7 @@ def launch(prefix: Path, tmp_path: Path) -> Iterator[Callable[..., Launched]]:
                 made.process.wait()
 
 
-def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
-    launch: Callable[..., Launched], tmp_path: Path
-):
+def test_all_of_it_is_recorded_and_ended_by_one_interrupt(launch, tmp_path):
     launched = launch('robots', 'number_of_robots:=2', 'record:=True', 'bag:=bag')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     launched.wait_for(lambda: any((tmp_path / 'bag').glob('*.mcap')))
@@ -125,14 +123,14 @@ def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
     assert (tmp_path / 'bag/metadata.yaml').is_file()
 
 
-def test_what_cannot_be_started_ends_the_launch(launch: Callable[..., Launched]):
+def test_what_cannot_be_started_ends_the_launch(launch):
     """robot_state_publisher is not installed where this looks for packages."""
     launched = launch('pendulum')
     assert launched.ended() == 1
     assert 'robot_state_publisher' in launched.output
 
 
-def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
+def test_a_launch_ends_with_its_plant(launch):
     launched = launch('pendulum', 'description:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     launched.wait_for(lambda: bool(launched.running('pendulum_plant')))
@@ -141,7 +139,7 @@ def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
     assert 'pendulum_plant ended with code -9: the launch ends' in launched.output
 
 
-def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch: Callable[..., Launched]):
+def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch):
     launched = launch('pendulum', 'description:=false', 'plant:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     (tracker,) = launched.running('tracker')

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
-from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState, TdmError
+from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -52,7 +52,7 @@ def client(
         node.destroy_node()
 
 
-def test_a_plan_comes_as_a_trajectory_with_its_figures(ros: Stepped, client: PlanClient) -> None:
+def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, client):
     plan: PlanResult = ros.do(client.plan, still=True)
     assert plan.start == ros.now + 1_000_000_000
     trajectory = plan.trajectory
@@ -81,9 +81,7 @@ def test_a_plan_comes_as_a_trajectory_with_its_figures(ros: Stepped, client: Pla
     ],
     ids=str,
 )
-def test_failures_are_exceptions_with_code_and_reason(
-    ros: Stepped, space: str, own: dict[str, Any], error: type[TdmError], says: str
-) -> None:
+def test_failures_are_exceptions_with_code_and_reason(ros, space, own, error, says):
     node = rclpy.create_node('user', context=ros._context)
     with PlanClient(f'/{space}', node=node) as client, pytest.raises(error, match=says) as raised:
         ros.do(client.plan_with, own)
@@ -92,7 +90,7 @@ def test_failures_are_exceptions_with_code_and_reason(
     node.destroy_node()
 
 
-def test_every_code_of_the_planner_has_its_exception() -> None:
+def test_every_code_of_the_planner_has_its_exception():
     assert {error.code for error in ERRORS} == set(CODES)
     assert set(CODES) == {
         'INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE',
@@ -100,7 +98,7 @@ def test_every_code_of_the_planner_has_its_exception() -> None:
     }  # fmt: skip
 
 
-def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
+def test_without_a_planner_there_is_no_answer(ros):
     node = rclpy.create_node('user', context=ros._context)
     with PlanClient('nowhere', node=node) as client:
         stranger = ros.publisher('/nowhere/plan_summary', String, LATCHED)
@@ -114,7 +112,7 @@ def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
     node.destroy_node()
 
 
-def test_robots_have_a_trajectory_each(ros: Stepped) -> None:
+def test_robots_have_a_trajectory_each(ros):
     given = {'problem': 'robot_formation', 'start.source': 'parameters'}
     ros.start(PLANNER, given, namespace='fleet_of_clients')
     with PlanClient('fleet_of_clients', node=ros.node) as client:
@@ -127,9 +125,7 @@ def test_robots_have_a_trajectory_each(ros: Stepped) -> None:
     assert any('no plant publishes' in warning for warning in plan.warnings)
 
 
-def test_the_program_of_the_page_runs(
-    ros: Stepped, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_program_of_the_page_runs(ros, monkeypatch, capsys):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
     ros.start(PLANNER, STRONG, namespace='pendulum')
     page = Path(__file__).parents[2] / 'docs' / 'clients.md'

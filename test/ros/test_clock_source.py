@@ -46,7 +46,7 @@ def told(ros: Stepped) -> Told:
     return made
 
 
-def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(told: Told) -> None:
+def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(told):
     told.listen(0.02)
     for speed in (0.5, 2.0, 0.5):
         assert told.ros.set_parameters(PLANT, real_time_factor=speed) == ['']
@@ -60,7 +60,7 @@ def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(told: Told
         assert set(stamps) <= set(shown.tolist())
 
 
-def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told: Told) -> None:
+def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
     assert told.ros.set_parameters(PLANT, real_time_factor=0.5) == ['']
     commands = told.ros.publisher('/slow/joint_command', JointState)
     command = JointState(name=['disk'], effort=[0.0])
@@ -76,7 +76,7 @@ def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told: Told) ->
     told.ros.node.destroy_publisher(commands)
 
 
-def test_planner_and_tracker_follow_the_clock(told: Told) -> None:
+def test_planner_and_tracker_follow_the_clock(told):
     ros = told.ros
     tracking = {'rate': 100.0, 'state_timeout': 1.0, 'limits.torque': 0.09}
     planning = {'start.delay': 0.5, 'limits.torque': 0.09, 'torque_reserve': 0.2}
@@ -97,7 +97,7 @@ def test_planner_and_tracker_follow_the_clock(told: Told) -> None:
     assert ros.says('/slow/tracker: tracking', 'holding')
 
 
-def test_a_second_clock_is_told_of(told: Told) -> None:
+def test_a_second_clock_is_told_of(told):
     two = '2 nodes publish /clock: '
     other = told.ros.start(MODULES['robot_plant'], {'publish_clock': True}, namespace='other')
     for name in (PLANT, '/other/robot_plant'):

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from data_faults import FAULTS, misled_rig, QUICK
 from pendulum_rig import note
 import pytest
@@ -18,5 +16,5 @@ def _ended() -> None:
 
 
 @pytest.mark.parametrize('fault', QUICK)
-def test_a_mission_under_a_fault_of_data(ros: Any, fault: str) -> None:
+def test_a_mission_under_a_fault_of_data(ros, fault):
     note(fault, **FAULTS[fault](misled_rig(ros, fault)))

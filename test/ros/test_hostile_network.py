@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from xml.etree import ElementTree
 
 from node_fuzzing import NODES, SixNodes
@@ -32,9 +31,7 @@ def granted(path: str) -> Rights:
     return Rights(*(frozenset(item.text for item in items if item.text) for items in found))
 
 
-def test_the_policy_allows_nodes_what_they_use_and_nothing_else(
-    ros: Stepped, nodes: SixNodes
-) -> None:
+def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
     def used(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
         asks = (
@@ -63,9 +60,7 @@ def test_the_policy_allows_nodes_what_they_use_and_nothing_else(
     assert not operator.serves
 
 
-def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(
-    nodes: SixNodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(nodes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ('HOME', 'TMPDIR', 'XDG_CACHE_HOME', 'XDG_CONFIG_HOME'):
         monkeypatch.setenv(name, str(tmp_path))

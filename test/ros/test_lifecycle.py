@@ -13,7 +13,6 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
-import pytest
 from ros_harness import MODULES, ros_arguments
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -70,7 +69,7 @@ def silent(ros: Stepped, received: list[Any]) -> bool:
     return len(received) == count
 
 
-def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros: Stepped) -> None:
+def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     events = ros.subscribe('/twice/planner/transition_event', TransitionEvent)
     plans = ros.subscribe('/twice/trajectory', JointTrajectory, 10)
     markers = ros.subscribe('/twice/markers', MarkerArray, 10)
@@ -102,7 +101,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros: S
     assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
 
 
-def test_transitions_that_do_not_exist_are_refused(ros: Stepped) -> None:
+def test_transitions_that_do_not_exist_are_refused(ros):
     process = ros.start(TRACKER, WAITING, namespace='refusing')
     manager = Manager(ros, '/refusing/tracker')
     assert not manager.change(Transition.TRANSITION_ACTIVATE)
@@ -116,7 +115,7 @@ def test_transitions_that_do_not_exist_are_refused(ros: Stepped) -> None:
     assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
 
 
-def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros: Stepped) -> None:
+def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros):
     wrong = {**FROM_PARAMETERS, **WAITING, 'method': 'magic'}
     process = ros.start(PLANNER, wrong, namespace='wrong')
     manager = Manager(ros, '/wrong/planner')
@@ -137,9 +136,7 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros
     assert manager.says('no state has been received')
 
 
-def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
-    ros: Stepped, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(ros, monkeypatch):
     plans = ros.subscribe('/undecided/trajectory', JointTrajectory, 10)
     ros.start(PLANNER, {**FROM_PARAMETERS, **WAITING}, namespace='undecided')
     manager = Manager(ros, '/undecided/planner')
@@ -208,7 +205,7 @@ class Rig:
         )
 
 
-def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros: Stepped) -> None:
+def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros):
     rig = Rig(ros, 'swing')
     assert silent(ros, rig.commands)
     rig.tracker.bring_up()
@@ -245,7 +242,7 @@ def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros: St
     assert rig.states[-1].effort[1] == 0.0
 
 
-def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros: Stepped) -> None:
+def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig = Rig(ros, 'late')
     rig.tracker.become(Transition.TRANSITION_CONFIGURE, 'inactive')
     rig.planner.bring_up()
@@ -284,7 +281,7 @@ class FragileTracker(TrackerNode):
         super().deactivate()
 
 
-def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros: Stepped) -> None:
+def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros):
     process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
     commands = ros.subscribe('/fragile/joint_command', JointState)
     manager = Manager(ros, '/fragile/tracker')

@@ -87,9 +87,7 @@ def seen(ros: Stepped, tmp_path: Path) -> Iterator[Seen]:
     made.close()
 
 
-def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(
-    seen: Seen,
-) -> None:
+def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(seen):
     listener = seen.listener
     plants = [f'/{SPACE}/pendulum_plant']
     assert [node.name for node in listener.having(SIMULATION)] == plants
@@ -118,7 +116,7 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(
     assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
 
 
-def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
+def test_the_newest_plan_is_known_whoever_asked_for_it(seen):
     assert 'upright' in seen.told(seen.operations.plan)
     assert seen.ros.spin_until(seen.rig.move)
     plan, first = seen.rig.plan, nanoseconds_of(seen.plans[-1].header.stamp)
@@ -133,9 +131,7 @@ def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
     assert seen.rig.plan.plan_id == plan.plan_id + 1
 
 
-def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(
-    seen: Seen,
-) -> None:
+def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(seen):
     assert seen.rig.problem is not None
     handle = drag_handles_of(seen.rig.problem)[0]
     pose = np.zeros(3), about((0, 0, 1), 0.5)
@@ -169,7 +165,7 @@ def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(
     assert seen.ros.spin_until(lambda: seen.values(PLANNING)['replan.rate'] == 5.0)
 
 
-def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path) -> None:
+def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
     viser = pytest.importorskip('viser')
     from tdm_sim.live.page import Page
 
@@ -205,7 +201,7 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path)
         server.stop()
 
 
-def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen: Seen) -> None:
+def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen):
     ros, listener = seen.ros, seen.listener
     seen.nodes.pop(PLANT).end()
     gone = listener.having(SIMULATION)[0].name

@@ -67,7 +67,7 @@ def jet(scene: Scene) -> complex:
     return complex(end.x - begin.x, end.y - begin.y)
 
 
-def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
+def test_the_simulated_pendulum_draws_itself(ros):
     plant = ros.start('tdm_sim.pendulum_plant', {'initial.theta': 0.5}, namespace='sim')
     description = ros.subscribe('/sim/robot_description', String, LATCHED)
     assert ros.meet(lambda: bool(description))
@@ -144,7 +144,7 @@ def robots(ros: Stepped) -> Robots:
     return made
 
 
-def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros: Stepped) -> None:
+def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
     robots = Robots(ros, 'shown')
     array = robots.plan.arrays[-1]
     check_markers(array, 'arena', 0.0)
@@ -198,9 +198,7 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros: Stepped) -
     ],
     ids=['outside', 'frame', 'rotation', 'too_near', 'no_plan'],
 )
-def test_a_refused_goal_changes_nothing_and_says_why(
-    ros: Stepped, robots: Robots, goal: dict[str, Any], settings: dict[str, Any], words: list[str]
-) -> None:
+def test_a_refused_goal_changes_nothing_and_says_why(ros, robots, goal, settings, words):
     before, logged = robots.place, len(robots.here.output)
     robots.clear()
     ros.set_parameters(robots.name, **settings)
@@ -218,7 +216,7 @@ def test_a_refused_goal_changes_nothing_and_says_why(
     assert not robots.plan.arrays
 
 
-def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Robots) -> None:
+def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
     initial = {'initial.x': 1.0, 'initial.yaw': 0.5, 'initial.alpha': 1.0}
     plant = ros.start(
         'tdm_sim.robot_plant', {**initial, 'command_timeout': 30.0}, namespace='robots/robot1'
@@ -240,7 +238,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Rob
     assert np.median(np.diff(robots.live.stamps())) > 0.035e9
 
 
-def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> None:
+def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     viewer = Viewer(ros, '/robots/robot2/plant_markers')
     assert viewer.shows_nothing()  # nothing is measured yet
     odometry = ros.publisher('/robots/robot2/odom', Odometry)

@@ -44,7 +44,7 @@ ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
 # Diagnostics.
 
 
-def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> None:
+def test_diagnostics_are_published_every_second_and_on_change(ros):
     for level in Level:
         assert bytes([level]) == getattr(DiagnosticStatus, level.name)
     reports = [Report(Level.OK, 'fine', {'figure': 1 / 3, 'count': 2})]
@@ -98,7 +98,7 @@ TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known o
 ]
 
 
-def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
+def test_the_mode_is_what_the_tracker_tells(ros):
     """By the status of plans, by their starts; where the clock is set a plan goes on."""
     clock = Unset()
     watch = TrackerWatch(ros.node, clock, 'told/', PendulumTrackerParameters)
@@ -130,7 +130,7 @@ def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
     assert watch.followed(9) is None
 
 
-def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Stepped) -> None:
+def test_the_parameters_are_those_that_the_tracker_has_at_present(ros):
     watch = TrackerWatch(ros.node, MotionClock(ros.node), 'tuned/', PendulumTrackerParameters)
     values: dict[str, Any] = {'limits.torque': 0.02}
 
@@ -257,8 +257,8 @@ def server(ros: Stepped, make: Any, middleware: Middleware) -> Iterator[Server]:
 )
 @pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
 def test_an_answer_that_the_middleware_gives_up_is_sent_again(
-    ros: Stepped, server: Server, middleware: Middleware, service: str, lost: int
-) -> None:
+    ros, server, middleware, service, lost
+):
     """As when a service does not know its client yet."""
     server.node.release.set()
     middleware.lost = lost
@@ -272,7 +272,7 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
 
 
 @pytest.mark.parametrize('make', [SingleThreadedExecutor])
-def test_every_request_of_a_burst_is_answered(ros: Stepped, server: Server) -> None:
+def test_every_request_of_a_burst_is_answered(ros, server):
     """As when many clients ask while the node is held up: none may be left waiting for ever."""
     client = ros.node.create_client(Trigger, 'think', qos_profile=SERVICE)
     assert ros.meet(client.service_is_ready)

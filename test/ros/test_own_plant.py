@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from double_integrator import DoubleIntegrator
@@ -95,14 +94,14 @@ class Loop:
 
 
 @pytest.mark.parametrize('problem', LOOPS)
-def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str) -> None:
+def test_a_stated_plant_is_simulated_tracked_and_held(ros, problem):
     loop = Loop(ros, problem)
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
         assert loop.away(loop.end + 5 * 10**9) < ALLOWED
 
 
-def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros: Stepped) -> None:
+def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros):
     # joined late, the lander is above its plan: planned control and feedback are zero
     loop = Loop(ros, 'moon_lander:MoonLander', **{'start.delay': 0.0})
     assert loop.away(loop.end) < 5 * ALLOWED
@@ -112,7 +111,7 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
     assert np.abs(loop.states[-1].position).max() < 0.1
 
 
-def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
+def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
     loop = Loop(ros, f'{__name__}:Rail')
     moving = ros.subscribe('/own/plant_markers', MarkerArray)
     plan = ros.subscribe('/own/markers', MarkerArray, LATCHED)
@@ -131,9 +130,7 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
 
 
-def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(
-    ros: Stepped, tmp_path: Path
-) -> None:
+def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(ros, tmp_path):
     viser = pytest.importorskip('viser')
     from tdm_sim.live.listener import Listener
     from tdm_sim.live.page import Page
@@ -163,7 +160,7 @@ def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_use
     listener.close()
 
 
-def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
+def test_a_drawing_that_fails_is_told_at_the_start(ros):
     with pytest.raises(InvalidProblem, match='drawing of Blurred raises IndexError'):
         ros.start('tdm_sim.stated_plant', {'problem': f'{__name__}:Blurred'}, namespace='own')
 
@@ -190,9 +187,7 @@ class Kind(Rail):
         ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),
     ],
 )
-def test_what_cannot_be_simulated_or_tracked_ends_the_node(
-    ros: Stepped, node: str, problem: str, says: str
-) -> None:
+def test_what_cannot_be_simulated_or_tracked_ends_the_node(ros, node, problem, says):
     name = 'kind' if node == 'tracker' else 'problem'
     with pytest.raises(InvalidProblem) as raised:
         ros.start(MODULES[node], {name: problem}, namespace='fatal')

@@ -119,7 +119,7 @@ def begins(message: JointTrajectory) -> int:
     return nanoseconds_of(message.header.stamp)
 
 
-def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner) -> None:
+def test_a_plan_is_answered_published_and_told_of(ros, planner):
     before = ros.now
     done, answer = ros.trigger(f'{planner.space}/plan')
     assert done, answer
@@ -156,7 +156,7 @@ def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner
     assert problem.to_parameters() == summary['parameters']
 
 
-def test_a_later_plan_replaces_the_one_before_and_its_picture(planner: Planner) -> None:
+def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     planner.plan()
     first = json.loads(planner.latched('plan_summary', String).data)['plan_id']
     assert planner.set({'start.theta': 2.5, 'goal.turns': 2}) == ['', '']
@@ -177,7 +177,7 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner: Planner) 
     assert abs(planner.plan().points[-1].positions[0]) < 7.0
 
 
-def test_a_request_before_the_first_state_waits_for_it(ros: Stepped, measuring: Planner) -> None:
+def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     asked = ros.now
     reason = f'no state was received on {measuring.space}/joint_states within 0.5 s'
     assert measuring.failure() == ('NO_STATE', f'{reason} (start.max_age)')
@@ -190,7 +190,7 @@ def test_a_request_before_the_first_state_waits_for_it(ros: Stepped, measuring: 
     assert pending.result().success, pending.result().message
 
 
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros: Stepped, measuring: Planner) -> None:
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
     """Here by small steps."""
     measuring.set({'start.delay': 0.2})
     state = [3.0, 0.2, 0.5, -0.4]
@@ -207,7 +207,7 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros: Stepped, measuring
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
 
 
-def test_states_that_cannot_be_planned_from(ros: Stepped, measuring: Planner) -> None:
+def test_states_that_cannot_be_planned_from(ros, measuring):
     def answer_to(message: JointState, code: str = 'NO_STATE') -> str:
         measuring.measure(message)
         found, reason = measuring.failure()
@@ -237,7 +237,7 @@ def test_states_that_cannot_be_planned_from(ros: Stepped, measuring: Planner) ->
     measuring.plan()
 
 
-def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Planner) -> None:
+def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
     before = planner.here.node.parameter_values
     asked: list[tuple[float | str, int]] = [(0.08, 1), ('6e-2', -1)]
     for torque, turns in asked:  # text for what it says, as on the node
@@ -270,9 +270,7 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Pla
     ],
     ids=str,
 )
-def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
-    planner: Planner, own: dict[str, Any], says: str
-) -> None:
+def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, own, says):
     active, values = planner.plan(), planner.here.node.parameter_values
     odd = own.pop('odd', ())
     done, answer = planner.plan_with(*odd, **own)
@@ -284,9 +282,7 @@ def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
     assert planner.latched('trajectory', JointTrajectory) == active
 
 
-def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(
-    ros: Stepped, planner: Planner
-) -> None:
+def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(ros, planner):
     turns = (1, -1, 2, 1)
     asked = [planner.ask(goal__turns=number) for number in turns]
     assert ros.spin_until(lambda: all(future.done() for future in asked))
@@ -298,7 +294,7 @@ def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(
     assert planner.summary()['parameters']['goal.turns'] == met[-1]
 
 
-def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros: Stepped) -> None:
+def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     planner = Planner(ros, start__source='parameters', use_sim_time=False)
     start, node = begins(planner.plan()), planner.here.node
     plan = node._plan

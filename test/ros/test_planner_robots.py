@@ -97,7 +97,7 @@ def fleet(ros: Stepped) -> Fleet:
     return Fleet(ros, 'robots', **{'start.source': 'parameters'})
 
 
-def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fleet) -> None:
+def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
     markers = ros.subscribe('/robots/markers', MarkerArray, LATCHED)
     summaries = ros.subscribe('/robots/plan_summary', String, LATCHED)
     success, answer = fleet.request()
@@ -126,7 +126,7 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fl
     np.testing.assert_array_equal([*planned.goal, *planned.start], [*task.goal, *task.start])
 
 
-def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
+def test_the_measured_state_of_every_robot_is_needed(fleet):
     assert fleet.set(start__source='measured') == ['']
     for known in (0, 2, 3):
         for k, name in enumerate(ROBOTS[:known]):
@@ -141,7 +141,7 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
     assert fleet.set(start__source='parameters') == ['']
 
 
-def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros: Stepped) -> None:
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
     names = ['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]']
     given = {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0]}
     ros.start(MODULE, given, namespace='/own', arguments=names)
@@ -150,7 +150,7 @@ def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros
     assert all(f"robot '{name}'" in answer['reason'] for name in ('alice', 'bob'))
 
 
-def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> None:
+def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
     parameters = {'start.source': 'parameters', 'replan.rate': 5.0, 'replan.delay': 1.5}
     fleet = Fleet(ros, 'fleet', **parameters)
     done, answer = fleet.request()
@@ -174,9 +174,7 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> N
         np.testing.assert_allclose(new.states[0], expected, atol=0.02)
 
 
-def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
-    ros: Stepped, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(ros, monkeypatch):
     pair = ('robot1', 'robot2')
     places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
     problem = RobotFormation.from_parameters({'robots': list(pair), **places})

@@ -117,7 +117,7 @@ def start(ros: Stepped, name: str, **given: Any) -> NodeHere:
     return ros.start(MODULES['planner'], parameters, namespace=name)
 
 
-def test_failures_have_their_codes_and_show_in_the_diagnostics(ros: Stepped) -> None:
+def test_failures_have_their_codes_and_show_in_the_diagnostics(ros):
     name = '/failing/planner: planning'
     planner = start(ros, 'failing', problem=f'{__name__}:FailingSwingUp', **STRONG)
     expected = {
@@ -149,7 +149,7 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(ros: Stepped) -> 
     ros.log.clear()  # or it would be taken for a crash
 
 
-def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped) -> None:
+def test_a_problem_of_another_kind_is_served_by_names(ros):
     start(ros, 'cart', problem=f'{__name__}:Cart', force=4)
     done, answer = ros.trigger('/cart/plan')
     assert done
@@ -174,13 +174,13 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped) -> None:
     assert states[-1].points[0].positions[0] == -2.0
 
 
-def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros: Stepped) -> None:
+def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
     given = {'problem': 'brachistochrone:Brachistochrone', 'start.source': 'measured'}
     start(ros, 'homing', **given)
     assert ros.trigger('/homing/plan')[0]
 
 
-def test_without_its_problem_there_is_no_node(ros: Stepped) -> None:
+def test_without_its_problem_there_is_no_node(ros):
     says = r'such as my_module:MyProblem \(did you mean pendulum_swing_up\?\)'
     with pytest.raises(InvalidProblem, match=says):
         start(ros, 'fatal', problem='pendulum_swingup')

@@ -65,7 +65,7 @@ def times(messages: list[Any]) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
-def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepped) -> None:
+def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros):
     given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
     rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for name, effort in (('arm', [0.01]), ('disk', [math.nan]), ('disk', list[float]())):
@@ -82,7 +82,7 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepp
     assert ros.figure(rig.name, 'commands accepted') == '0'
 
 
-def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> None:
+def test_no_command_for_the_time_out_switches_the_torque_off(ros):
     rig = Plant(ros, 'pendulum_plant', 'hasty', {'command_timeout': 0.2})
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)
@@ -95,7 +95,7 @@ def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> No
     assert ros.figure(rig.name, 'command time-outs') == '1'
 
 
-def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Stepped) -> None:
+def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros):
     given = {'noise.theta': 0.01, 'initial.psi': 2.5, 'mismatch': 0.05, 'mismatch_seed': 3}
     rig = Plant(ros, 'pendulum_plant', 'noisy', given)
     status = rig.status
@@ -106,7 +106,7 @@ def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Steppe
     assert thetas.std() == pytest.approx(0.01, rel=0.3)
 
 
-def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None:
+def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):
     """At a tenth of the speed the pendulum covers a tenth of its velocity in the clock's time."""
     given = {'real_time_factor': 0.1, 'disturbance.impulse': 1e-4}
     rig = Plant(ros, 'pendulum_plant', 'slow', given)
@@ -158,7 +158,7 @@ def command(robot: Plant, thrust: float, rate: float, torque: float) -> None:
     robot.command(['reaction_wheel', 'thruster'], [torque, thrust], velocity=[0.0, rate])
 
 
-def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
+def test_a_drifting_robot_and_its_actuators(ros):
     initial = {'x': 1.0, 'y': 2.5, 'yaw': 0.6, 'u': 0.2, 'v': -0.1, 'alpha': 0.3}
     given = {'wheel_speed': 5.0, **initial}
     given = {f'initial.{name}': value for name, value in given.items()}
@@ -191,7 +191,7 @@ def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
     assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
 
 
-def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
+def test_push_reset_and_a_command_that_names_no_wheel(ros):
     given = {'disturbance.impulse': 2.1, 'disturbance.direction': 0.0, 'rate': 100}
     robot = Plant(ros, 'robot_plant', 'arena/robot9', given)
     assert robot.trigger('push') == 'pushed robot9 with 2.1 N s towards 0.000 rad'
@@ -206,7 +206,7 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
     assert robot.states[-1].effort[0] == 0.0
 
 
-def test_walls_and_name(ros: Stepped) -> None:
+def test_walls_and_name(ros):
     given = {'robot_name': 'ball', 'arena.walls': True, 'initial.x': 3.7, 'initial.u': 1.0}
     robot = Plant(ros, 'robot_plant', 'arena/bouncer', given)
     robot.listen(0.5)
@@ -220,7 +220,7 @@ def test_walls_and_name(ros: Stepped) -> None:
     assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
 
 
-def test_states_stream_commands_saturate_and_parameters_act_at_once(ros: Stepped) -> None:
+def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
     rig = Plant(ros, 'pendulum_plant', 'shared', {})
     rig.listen(1.0)
     assert (np.diff(times(rig.states)) == 5_000_000).all()

@@ -61,7 +61,7 @@ class Rig(PendulumRig):
 
 # The first plan begins .6 s after its request; the last request waits for it to begin.
 @pytest.mark.parametrize('pause', [0.2, 0.5])
-def test_the_last_of_several_requests_is_followed(ros: Stepped, pause: float) -> None:
+def test_the_last_of_several_requests_is_followed(ros, pause):
     namespace = f'second_{round(100 * pause)}'
     rig = Rig(ros, namespace, planner={'start.delay': 0.6, 'start.max_age': 5.0})
     rig.plan()
@@ -72,9 +72,7 @@ def test_the_last_of_several_requests_is_followed(ros: Stepped, pause: float) ->
     assert 'rejected' not in rig.told('tracker')
 
 
-def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(
-    ros: Stepped,
-) -> None:
+def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(ros):
     rig = Rig(ros, 'again', planner={'start.delay': 0.2})
     rig.plan()
     assert ros.spin_until(lambda: 'tracking' in rig.told('tracker'))
@@ -107,7 +105,7 @@ def rig(ros: Stepped) -> Rig:
     )
 
 
-def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) -> None:
+def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):
     """With the parameters that its plan was asked for, not the node's; so when it falls."""
     own = [Parameter('torque_reserve', value=0.25).to_parameter_msg()]
     request = SetParametersAtomically.Request(parameters=own)
@@ -144,7 +142,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     assert rig.told('planner').count(NOT_TAKEN) <= rig.told('tracker').count(REJECTED)
 
 
-def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped, rig: Rig) -> None:
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros, rig):
     """
     Upright, the tracker is offered a swing-up from hanging: it goes on holding.
 
@@ -173,7 +171,7 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped,
     assert rig.upright_for(0.5)
 
 
-def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Stepped, rig: Rig) -> None:
+def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros, rig):
     rig.plan()
     assert rig.stands_up()
     count, before = len(rig.plans), rig.told('planner').count('new plan')

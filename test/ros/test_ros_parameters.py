@@ -100,9 +100,7 @@ def example(ros: Stepped) -> Any:
         ('fixed', 'here', 'here'),
     ],
 )
-def test_allowed_values_are_taken(
-    ros: Stepped, example: ExampleNode, name: str, value: Any, stored: Any
-) -> None:
+def test_allowed_values_are_taken(ros, example, name, value, stored):
     assert ros.set_parameter_mapping('example', {name: value}) == ['']
     now = example.parameter_values[name]
     assert now == stored
@@ -128,15 +126,13 @@ def test_allowed_values_are_taken(
         ('qos_overrides.a', None, "parameter 'qos_overrides.a' is unknown"),
     ],
 )
-def test_other_values_are_refused_with_a_sentence(
-    ros: Stepped, example: ExampleNode, name: str, value: Any, says: str
-) -> None:
+def test_other_values_are_refused_with_a_sentence(ros, example, name, value, says):
     (reason,) = ros.set_parameter_mapping('example', {name: value})
     assert says in reason
     assert example.parameter_values == DEFAULTS
 
 
-def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> None:
+def test_all_or_none_are_set_atomically(ros, example):
     def set_all(**changes: Any) -> bool:
         items = [Parameter(k, value=v).to_parameter_msg() for k, v in changes.items()]
         made = SetParametersAtomically.Request(parameters=items)
@@ -150,9 +146,7 @@ def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> N
         assert example.parameter_values == {**DEFAULTS, **values}
 
 
-def test_what_breaks_down_after_values_were_set_is_logged(
-    ros: Stepped, example: ExampleNode, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_breaks_down_after_values_were_set_is_logged(ros, example, monkeypatch):
     def fail() -> None:
         raise RuntimeError('of\nmass')
 
@@ -161,7 +155,7 @@ def test_what_breaks_down_after_values_were_set_is_logged(
     assert ros.log[-1][1].endswith('parameters were set, but: RuntimeError: of mass')
 
 
-def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> None:
+def test_parameters_describe_themselves(ros, example):
     request = DescribeParameters.Request(names=['mass', 'count', 'turns', 'kind', 'fixed'])
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, turns, kind, fixed = answer.descriptors
@@ -180,7 +174,7 @@ def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> N
     assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
 
 
-def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
+def test_values_given_at_the_start_may_be_text(ros):
     given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
     process = start(ros, 'given', given)
     taken = {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
@@ -188,9 +182,7 @@ def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
     assert not process.node.invalid_overrides
 
 
-def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
-    ros: Stepped, tmp_path: Path
-) -> None:
+def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros, tmp_path):
     """Both of `ros2 param`, as rclpy has them; every parameter is in the file."""
     given = {'mass': 1e-8, 'weights': [1e-8, 2.0], 'names': [], 'switch': True, 'fixed': 'there'}
     process = start(ros, 'dumped', given)
@@ -257,9 +249,7 @@ def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
 
 
 @pytest.mark.parametrize('document', DOCUMENTS, ids=str)
-def test_sections_are_matched_as_rcl_does(
-    document: dict[str, Any], ros: Stepped, tmp_path: Path
-) -> None:
+def test_sections_are_matched_as_rcl_does(document, ros, tmp_path):
     file = tmp_path / 'some.yaml'
     file.write_text(yaml.safe_dump(document, sort_keys=False))
     for namespace in ('/pendulum', '/', '/hall/pendulum'):
@@ -268,7 +258,7 @@ def test_sections_are_matched_as_rcl_does(
         assert taken == taken_by_rcl(ros, file, namespace), namespace
 
 
-def test_who_has_no_section_is_told_the_full_names() -> None:
+def test_who_has_no_section_is_told_the_full_names():
     document = {'/other/planner': section(1), 'tracker': section(1)}
     for space, name in (('pendulum', '/pendulum'), ('/a/b/', '/a/b'), ('', '')):
         with pytest.raises(InvalidProblem) as refused:

@@ -39,7 +39,7 @@ class Simulation:
         self.ros.spin_for(0.01)
 
 
-def test_a_planner_without_time_makes_no_plan(ros: Stepped) -> None:
+def test_a_planner_without_time_makes_no_plan(ros):
     given = {'start.source': 'parameters'}
     ros.start('tdm_planner.nodes.planner', given, namespace='timeless', arguments=OWN)
     _, answer = ros.trigger('/timeless/plan')
@@ -47,7 +47,7 @@ def test_a_planner_without_time_makes_no_plan(ros: Stepped) -> None:
     assert '/clock' in answer['reason']
 
 
-def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Stepped) -> None:
+def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     given = {'rate': 100.0}
     tracker = ros.start('tdm_planner.nodes.tracker', given, namespace='early', arguments=OWN)
     followed = ros.subscribe('/early/active_trajectory', JointTrajectory, LATCHED)
@@ -68,7 +68,7 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ste
     assert not ros.said('/early/tracker: tracking', '/clock')
 
 
-def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Stepped) -> None:
+def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros):
     """A state measured then is planned from as it is: nobody follows the plan before."""
     given = {'limits.torque': 0.09, 'start.max_age': 10.0}
     planner = ros.start('tdm_planner.nodes.planner', given, namespace='anew', arguments=OWN)

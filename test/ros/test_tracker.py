@@ -112,7 +112,7 @@ def plans(bench: Bench) -> Iterator[Any]:
     bench.ros.node.destroy_publisher(made)
 
 
-def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros: Stepped, bench: Bench) -> None:
+def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros, bench):
     """After the first second: the middleware takes its time, and the plant may start later."""
     ros.spin_for(0.9)
     assert 'waiting for the first state' in bench.tracker.output
@@ -148,9 +148,7 @@ def begin_elsewhere(plan: JointTrajectory) -> None:
         point.positions[0] = 2.0
 
 
-def test_what_cannot_be_followed_is_refused_with_a_reason(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
-) -> None:
+def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan):
     """Whatever a faulty node sends, the tracker stays."""
     for spoil, reason in (
         (lambda m: m.points.clear(), 'at least two'),
@@ -172,9 +170,7 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(
     assert idle.tracker.node.tracker.current is None
 
 
-def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
-) -> None:
+def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):
     topic, other = f'/{idle.namespace}/trajectory', idle.publisher('trajectory', JointTrajectory)
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
     assert idle.says(f'2 planners publish {topic}')
@@ -209,9 +205,7 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
 
 
 @pytest.mark.usefixtures('laborious')
-def test_of_a_flood_of_plans_the_newest_is_followed(
-    ros: Stepped, bench: Bench, plans: Any, plan: Trajectory
-) -> None:
+def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     """All of them would take more time than the commands leave; the last must not be lost."""
     followed = ros.subscribe(f'/{bench.namespace}/active_trajectory', JointTrajectory, LATCHED)
     bench.theta = math.pi
@@ -255,9 +249,7 @@ class Rig(Bench):
         self.ros.spin_for(0.02)
 
 
-def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
-    ros: Stepped, plan: Trajectory
-) -> None:
+def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, plan):
     """Afterwards the next plan is tracked, also by a tracker that joins late."""
     rig = Rig(ros)
     assert rig.says('idle', level=OK)
@@ -344,7 +336,7 @@ class Scout(Bench):
 
 
 @pytest.mark.usefixtures('laborious')
-def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Stepped) -> None:
+def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     """However many were looked at before, a plan is looked at while there is time to turn."""
     scout = Scout(ros)
     assert scout.says('idle', level=OK)
@@ -370,8 +362,8 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Ste
 
 
 def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    ros, idle, plans, plan, monkeypatch
+):
     def broken(*arguments: Any) -> Any:
         raise KeyError('a bug')
 

@@ -67,9 +67,7 @@ def running(ros: Stepped) -> Stepped:
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_rviz_shows_topics_with_their_type_and_quality_of_service(
-    running: Stepped, plant: str
-) -> None:
+def test_rviz_shows_topics_with_their_type_and_quality_of_service(running, plant):
     shown = [item for item in within(rviz(plant)) if isinstance(item, dict) and 'Class' in item]
     found = set()
     for item in shown:
@@ -95,7 +93,7 @@ def test_rviz_shows_topics_with_their_type_and_quality_of_service(
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_foxglove_shows_and_calls_what_is_there(running: Stepped, plant: str) -> None:
+def test_foxglove_shows_and_calls_what_is_there(running, plant):
     node, document = running.node, foxglove(plant)
     names = {of_robot1(text) for text in within(document) if str(text).startswith('/')}
     topics, services = map(
@@ -116,7 +114,7 @@ def test_foxglove_shows_and_calls_what_is_there(running: Stepped, plant: str) ->
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_what_is_plotted_is_what_the_label_says(running: Stepped, plant: str) -> None:
+def test_what_is_plotted_is_what_the_label_says(running, plant):
     """Indices into the joints, against the names in messages."""
     wanted = {
         'pendulum': {'theta': 'pendulum', 'psi': 'disk', 'theta_dot': 'pendulum',

@@ -40,7 +40,7 @@ def start(ros: Ros, folder: Path, items: list[Any]) -> dict[str, NodeProcess]:
     return started
 
 
-def test_two_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_path: Path):
+def test_two_robots_are_launched_planned_for_recorded_and_ended(ros, tmp_path):
     bag = tmp_path / 'bag'
     items = described('robots').started(
         number_of_robots='2', namespace='hall', record='true', bag=str(bag)

@@ -159,9 +159,7 @@ def client(outsider: Outsider) -> Client:
     return Client(outsider, '/pendulum/plan')
 
 
-def test_an_outsider_asks_for_plans_and_reads_them(
-    ros: Ros, outsider: Outsider, client: Client
-) -> None:
+def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     success, answer = client.call()
     assert not success
     assert answer['code'] == 'NO_STATE'
@@ -198,9 +196,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(
     assert client.reply() == (True, answer)
 
 
-def test_a_rig_of_another_make_is_planned_for_and_commanded(
-    ros: Ros, outsider: Outsider, client: Client
-) -> None:
+def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, client):
     """Its driver publishes joint_states by another DDS; the plan starts from there."""
     assert ros.set_parameters('/pendulum/planner', start__source='measured') == ['']
     writer = outsider.writer('rt/pendulum/joint_states', STATE)

@@ -27,7 +27,7 @@ def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
     return process
 
 
-def test_every_message_is_in_the_bag(ros: Ros, tmp_path: Path) -> None:
+def test_every_message_is_in_the_bag(ros, tmp_path):
     """By the command, ended by a signal."""
     bag = tmp_path / 'bag'
     names = [f'/told/{name}' for name in ('latched', 'states', 'late', 'hasty')]
@@ -71,7 +71,7 @@ def test_every_message_is_in_the_bag(ros: Ros, tmp_path: Path) -> None:
             assert offered[policy] == getattr(endpoint.qos_profile, policy).name.lower()
 
 
-def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path) -> None:
+def test_messages_that_were_lost_on_the_way_are_counted(ros, tmp_path):
     """A flood that a recorder, stopped for a while, cannot take up."""
     bag = tmp_path / 'bag'
     publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)

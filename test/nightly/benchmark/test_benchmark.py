@@ -16,7 +16,7 @@ import pytest
 from tdm_planner.problems import RobotFormation
 
 
-def test_collocation_finds_the_time_this_package_finds() -> None:
+def test_collocation_finds_the_time_this_package_finds():
     pytest.importorskip('casadi')
     from benchmark.peers.pendulum_collocation import PendulumCollocation
 
@@ -31,7 +31,7 @@ def test_collocation_finds_the_time_this_package_finds() -> None:
     assert motion.duration == pytest.approx(cost, rel=0.03)
 
 
-def test_collocation_of_the_robots_lands_within_the_limits() -> None:
+def test_collocation_of_the_robots_lands_within_the_limits():
     pytest.importorskip('casadi')
     from benchmark.peers.robots_collocation import FormationCollocation
 
@@ -43,7 +43,7 @@ def test_collocation_of_the_robots_lands_within_the_limits() -> None:
     assert judge_formation(task, motions) == ()
 
 
-def test_sections_for_real() -> None:
+def test_sections_for_real():
     settings = {'scenarios': 1, 'teams': False, 'variants': False}
     outcome = runner.run(SECTIONS['robots'], settings, lambda _: None)
     assert not outcome.failure

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 import os
 from pathlib import Path
@@ -14,7 +13,6 @@ import signal
 from live_page import browser, DESKTOP, Live, open_page, OWN, PHONE  # noqa: F401
 import numpy as np
 import pytest
-from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from signal_scenes import survivors
 from tdm_planner.nodes.messages import LATCHED
@@ -59,10 +57,7 @@ def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
 
 
 @pytest.mark.timeout(900)
-def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
-    ros: Ros,
-    open_page: Callable[..., Live],  # noqa: F811
-) -> None:
+def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):  # noqa: F811
     plans = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
     page = open_page('robots', DESKTOP)
     handle = drag_handles_of(RobotFormation())[0]
@@ -97,10 +92,7 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
 
 
 @pytest.mark.timeout(900)
-def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(
-    ros: Ros,
-    open_page: Callable[..., Live],  # noqa: F811
-) -> None:
+def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_page):  # noqa: F811
     space = '/double_integrator'
     states = ros.subscribe(f'{space}/joint_states', JointState)
     page = open_page(OWN)
