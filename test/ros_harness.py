@@ -87,6 +87,14 @@ def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[st
     return arguments
 
 
+def parameters(values: Mapping[str, Any]) -> list[Any]:
+    """Return messages for values by name, ``__`` for the dot."""
+    from rclpy.parameter import Parameter
+
+    named = {name.replace('__', '.'): value for name, value in values.items()}
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in named.items()]
+
+
 def _end_with_the_tests() -> None:
     """Have the kernel kill this process when the tests die, as by SIGTERM or a crash."""
     set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -183,15 +191,15 @@ class Ros:
         self,
         module: str,
         parameters: Mapping[str, Any] | None = None,
-        *,
         namespace: str = '',
         arguments: list[str] | None = None,
     ) -> Any:
         """
-        Start a node; it is ended, and its exit checked, with the fixture if not before.
+        Start a node by its module or role; ended, and its exit checked, with the fixture at last.
 
         A planner has time enough unless it says otherwise.
         """
+        module = MODULES.get(module, module)
         given, more = {**self.common, **(parameters or {})}, arguments or []
         if module == MODULES['planner'] and '--params-file' not in more:
             given = {'solver.deadline': ENOUGH, **given}
@@ -235,6 +243,15 @@ class Ros:
         """Serve callbacks for a while, to show that something does not happen."""
         self.spin_until(lambda: False, seconds)
 
+    def latched(self, topic: str, message_type: Any) -> Any:
+        """Return what a late subscriber gets."""
+        from tdm_planner.nodes.messages import LATCHED
+
+        received = self.subscribe(topic, message_type, LATCHED)
+        assert self.meet(lambda: bool(received)), f'nothing was published on {topic}'
+        (message,) = received
+        return message
+
     def subscribe(self, topic: str, message_type: Any, qos: Any = 10) -> list[Any]:
         """Subscribe; the list returned grows with every message received."""
         received: list[Any] = []
@@ -244,9 +261,8 @@ class Ros:
     def publisher(self, topic: str, message_type: Any, qos: Any = 10) -> Any:
         """Make a publisher and wait until somebody listens."""
         publisher = self.node.create_publisher(message_type, topic, qos)
-        assert self.meet(lambda: publisher.get_subscription_count() > 0), (
-            f'nobody listens to {topic}'
-        )
+        heard = self.meet(lambda: publisher.get_subscription_count() > 0)
+        assert heard, f'nobody listens to {topic}'
         return publisher
 
     def meet(self, known: Callable[[], bool]) -> bool:
@@ -261,67 +277,65 @@ class Ros:
         return met
 
     def publish_until(
-        self,
-        publish: Callable[[], Any],
-        heard: Callable[[], bool],
-        timeout: float = PATIENCE,
-        every: float = 0.02,
+        self, publish: Callable[[], Any], heard: Callable[[], bool], every: float = 0.02
     ) -> bool:
-        """Publish every so many s until it was heard; False when `timeout` s have passed."""
+        """Publish every so many s until it was heard; False when nobody hears it."""
 
         def sent() -> bool:
             publish()
             return self.spin_until(heard, every)
 
-        return self.spin_until(sent, timeout)
+        return self.spin_until(sent, PATIENCE)
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""
-        client = self._clients.get(service)
-        if client is None:
-            client = self.node.create_client(service_type, service)
-            self._clients[service] = client
+        if service not in self._clients:
+            client = self._clients[service] = self.node.create_client(service_type, service)
             assert self.meet(client.service_is_ready), f'no service {service}'
+        client = self._clients[service]
         assert self.spin_until(client.service_is_ready), f'no service {service}'
         return client.call_async(request or service_type.Request())
 
-    def call(
-        self,
-        service: str,
-        service_type: Any,
-        request: Any | None = None,
-        timeout: float = PATIENCE,
-    ) -> Any:
+    def call(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Call a service and return its response."""
         future = self.request(service, service_type, request)
-        assert self.spin_until(future.done, timeout), f'{service} did not answer'
+        assert self.spin_until(future.done, PATIENCE), f'{service} did not answer'
         return future.result()
 
-    def trigger(self, service: str, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
+    def trigger(self, service: str) -> tuple[bool, dict[str, Any]]:
         """Call a std_srvs/Trigger whose message is one line of JSON."""
         from std_srvs.srv import Trigger
 
-        response = self.call(service, Trigger, timeout=timeout)
+        response = self.call(service, Trigger)
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
 
-    def set_parameters(self, node: str, **values: Any) -> list[str]:
-        """Set parameters one by one (``__`` for the dot); returns a reason each, '' if done."""
-        return self.set_parameter_mapping(
-            node, {k.replace('__', '.'): v for k, v in values.items()}
-        )
-
-    def set_parameter_mapping(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """As `set_parameters`, with the names as they are; None unsets."""
+    def set_parameters(
+        self, node: str, values: Mapping[str, Any] | None = None, **named: Any
+    ) -> list[str]:
+        """Set parameters (None unsets, see `parameters` for names); a reason each, '' if done."""
         from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
 
-        request = SetParameters.Request(
-            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
-        )
+        request = SetParameters.Request(parameters=parameters({**(values or {}), **named}))
         response = self.call(f'{node}/set_parameters', SetParameters, request)
         assert all(bool(r.reason) != r.successful for r in response.results)
         return [r.reason for r in response.results]
+
+    def set_all(self, service: str, *odd: Any, **named: Any) -> Any:
+        """Ask for values all at once, as `plan_with` is asked; returns a Future of the result."""
+        from rcl_interfaces.srv import SetParametersAtomically
+
+        request = SetParametersAtomically.Request(parameters=[*parameters(named), *odd])
+        return self.request(service, SetParametersAtomically, request)
+
+    def change(self, node: str, transition: int | str) -> bool:
+        """Ask for a transition of a managed node, by its number or name."""
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        asked = {'label' if isinstance(transition, str) else 'id': transition}
+        request = ChangeState.Request(transition=Transition(**asked))
+        return bool(self.call(f'{node}/change_state', ChangeState, request).success)
 
     def close(self) -> None:
         """End everything; a process still running must end cleanly."""

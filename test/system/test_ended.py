@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from killing import held_rig, SCENARIOS
+from pendulum_rig import held_rig, SCENARIOS
 import pytest
 from signal_scenes import SCENES
 

@@ -14,8 +14,14 @@ from pathlib import Path
 import time
 
 from data_faults import FAULTS, misled_rig
-from killing import held_rig, SCENARIOS
-from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig, STATE_TIMEOUT
+from pendulum_rig import (
+    COMMAND_TIMEOUT,
+    held_rig,
+    note,
+    PendulumRig,
+    SCENARIOS,
+    STATE_TIMEOUT,
+)
 import pytest
 from ros_harness import Ros
 from signal_scenes import SCENES, WAYS
