@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import ctypes
 import fcntl
+import itertools
 import json
 import os
 from pathlib import Path
@@ -352,3 +353,50 @@ class Ros:
                 except AssertionError as error:
                     failures.append(str(error))
         assert not failures, '\n'.join(failures)
+
+
+class Space:
+    """A namespace of the test's own, whose name may be given: nodes, topics and services in it."""
+
+    numbers = itertools.count()
+
+    def __init__(self, ros: Any, name: str = '') -> None:
+        self.ros, self.space = ros, '/' + (name or f'space{next(self.numbers)}')
+
+    def start(self, role: str, given: Any = None, arguments: list[str] | None = None) -> Any:
+        return self.ros.start(role, given, self.space, arguments)
+
+    def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
+        heard: list[Any] = self.ros.subscribe(f'{self.space}/{topic}', kind, qos)
+        return heard
+
+    def publisher(self, topic: str, kind: Any, qos: Any = 10) -> Any:
+        return self.ros.publisher(f'{self.space}/{topic}', kind, qos)
+
+    def latched(self, topic: str, kind: Any) -> Any:
+        return self.ros.latched(f'{self.space}/{topic}', kind)
+
+    def set(self, role: str, values: Any = None, **named: Any) -> None:  # noqa: A003
+        """Set parameters of a node, all of which it takes."""
+        assert not any(self.ros.set_parameters(f'{self.space}/{role}', values, **named))
+
+    def trigger(self, service: str) -> str:
+        """Call a service that does what it is asked for; return what it says."""
+        from std_srvs.srv import Trigger
+
+        response = self.ros.call(f'{self.space}/{service}', Trigger)
+        assert response.success, response.message
+        self.ros.spin_for(0.0)
+        return str(response.message)
+
+    def plan(self) -> dict[str, Any]:
+        """Have a plan made; return the answer."""
+        answer: dict[str, Any] = json.loads(self.trigger('plan'))
+        return answer
+
+    def refusal(self) -> tuple[str, str]:
+        """Return code and reason of a request that comes to nothing."""
+        done, answer = self.ros.trigger(f'{self.space}/plan')
+        assert not done
+        assert list(answer) == ['code', 'reason']
+        return answer['code'], answer['reason']
