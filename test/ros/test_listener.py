@@ -172,11 +172,17 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
     assert 'upright' in seen.told(seen.operations.plan)
     server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
     page = Page(server, seen.listener, Recordings(tmp_path, SPACE), 'seen')
+    user = np.array([1.0, 2.0, 3.0])
     try:
         page.news()  # nothing is known yet
-        for _ in range(20):
-            seen.ros.spin_for(0.05)
-            page.frame()
+        for number in (1, 2):  # the first plan is shown whole, then the view is the user's
+            for _ in range(20):
+                seen.ros.spin_for(0.05)
+                page.frame()
+            assert page._rig.plan.plan_id == number
+            assert np.allclose(server.initial_camera.position, user) == (number == 2)
+            server.initial_camera.position = user
+            assert seen.ros.trigger(f'/{SPACE}/plan')[0]
         page.figures()
         page.news('a node ended')
         shown = set(server.scene._handle_from_node_name)
