@@ -15,10 +15,9 @@ from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_harness import ENOUGH, MODULES
+from ros_harness import ENOUGH, Space
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.markers import LIFETIME, to_quaternion
 from tdm_planner.nodes.messages import LATCHED
@@ -30,6 +29,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 RIG = {'body', 'force', 'trail'}
 ROBOT = {'body', 'reach', 'force', 'name', 'trail'}
+HASTY = {'limits__thruster_rate': 0.01, 'solver__deadline': 1e-6}
 LIFETIMES = {**dict.fromkeys(ROBOT, LIFETIME), 'rejected': 8.0}
 
 
@@ -44,12 +44,10 @@ class Viewer:
     def scene(self) -> Scene:
         return Scene(*self.arrays)
 
-    def shows(self, condition: Callable[[Scene], bool], *, publish: Any = None) -> bool:
+    def shows(self, condition: Callable[[Scene], bool], publish: Any = None) -> bool:
         """Wait for a condition; meanwhile `publish`, if given, every .02 s."""
         showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
-        if publish is None:
-            return self.ros.spin_until(showing)
-        return self.ros.publish_until(publish, showing)
+        return self.ros.publish_until(publish or (lambda: None), showing)
 
     def shows_nothing(self) -> bool:
         self.ros.settle()
@@ -68,8 +66,9 @@ def jet(scene: Scene) -> complex:
 
 
 def test_the_simulated_pendulum_draws_itself(ros):
-    plant = ros.start('tdm_sim.pendulum_plant', {'initial.theta': 0.5}, namespace='sim')
-    description = ros.subscribe('/sim/robot_description', String, LATCHED)
+    space = Space(ros, 'sim')
+    plant = space.start('pendulum_plant', {'initial.theta': 0.5})
+    description = space.hear('robot_description', String, LATCHED)
     assert ros.meet(lambda: bool(description))
     viewer = Viewer(ros, '/sim/plant_markers')
     assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
@@ -79,37 +78,35 @@ def test_the_simulated_pendulum_draws_itself(ros):
         check_markers(array, 'world', LIFETIME)
     assert (np.diff(viewer.stamps()) > 0).all()
     # A reset begins a new trail.
-    assert ros.call('/sim/reset', Trigger).success
-    ros.settle()
+    space.trigger('reset')
     viewer.arrays.clear()
     assert viewer.shows(lambda scene: 0 < len(scene['trail', 1].points) < 20)
     # The description follows the parameters, as do the markers.
     assert description[-1].data == pendulum_urdf(RotaryPendulum())
-    node = '/sim/pendulum_plant'
-    assert ros.set_parameters(node, plant__arm_length=0.2) == ['']
+    space.set('pendulum_plant', plant__arm_length=0.2)
     ros.settle()
     assert description[-1].data == pendulum_urdf(RotaryPendulum(arm_length=0.2))
     arm = lambda scene: scene['body', 0].points[-1]  # noqa: E731
     assert viewer.shows(lambda scene: math.hypot(arm(scene).x, arm(scene).y) > 0.19)
-    assert ros.set_parameters(node, markers__rate=0.0) == ['']
+    space.set('pendulum_plant', markers__rate=0.0)
     assert viewer.shows_nothing()
 
 
 # The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
 
 
-class Robots:
+class Robots(Space):
     """The robots' planner, what it publishes, and goal poses for robot1."""
 
-    def __init__(self, ros: Stepped, space: str = 'robots') -> None:
-        self.ros, self.name = ros, f'/{space}/planner'
-        parameters = {'problem': 'robot_formation', 'start.source': 'parameters'}
-        self.here = ros.start(MODULES['planner'], parameters, namespace=space)
-        self.plan = Viewer(ros, f'/{space}/markers', LATCHED)
-        self.trajectories = ros.subscribe(f'/{space}/robot1/trajectory', JointTrajectory, LATCHED)
-        self.live = Viewer(ros, f'/{space}/robot1/plant_markers')
-        self._goals = ros.publisher(f'/{space}/robot1/goal_pose', PoseStamped)
-        assert ros.meet(lambda: bool(self.plan.arrays))
+    def __init__(self, ros: Stepped, name: str = 'robots') -> None:
+        super().__init__(ros, name)
+        given = {'problem': 'robot_formation', 'start.source': 'parameters'}
+        self.here = self.start('planner', given)
+        self.picture = Viewer(ros, f'/{name}/markers', LATCHED)
+        self.trajectories = self.hear('robot1/trajectory', JointTrajectory, LATCHED)
+        self.live = Viewer(ros, f'/{name}/robot1/plant_markers')
+        self._goals = self.publisher('robot1/goal_pose', PoseStamped)
+        assert ros.meet(lambda: bool(self.picture.arrays))
 
     @property
     def place(self) -> list[float]:
@@ -123,7 +120,7 @@ class Robots:
 
     def clear(self) -> None:
         self.ros.settle()
-        for received in (self.trajectories, self.plan.arrays, self.live.arrays):
+        for received in (self.trajectories, self.picture.arrays, self.live.arrays):
             received.clear()
 
     def goal(
@@ -140,26 +137,25 @@ class Robots:
 @pytest.fixture(scope='module')
 def robots(ros: Stepped) -> Robots:
     made = Robots(ros)
-    assert ros.trigger('/robots/plan')[0]
+    made.plan()
     return made
 
 
 def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
     robots = Robots(ros, 'shown')
-    array = robots.plan.arrays[-1]
+    array = robots.picture.arrays[-1]
     check_markers(array, 'arena', 0.0)
     assert Scene(array).namespaces == {'body', 'limit', 'goal', 'reach'}
     for length in (6.0, 4.0):
-        assert ros.set_parameters(robots.name, arena__length=length) == ['']
+        robots.set('planner', arena__length=length)
         wide = lambda scene, x=length: max(p.x for p in scene['body', 0].points) == x  # noqa: E731
-        assert robots.plan.shows(wide)
-    done, answer = ros.trigger('/shown/plan')
-    assert done, answer
+        assert robots.picture.shows(wide)
+    answer = robots.plan()
     # Trackers and plants that are missing are named.
     names = ['robot1', 'robot2', 'robot3']
     assert all(f"'{name}'" in ' '.join(answer['warnings']) for name in names)
-    assert robots.plan.shows(lambda scene: 'planned_path' in scene.namespaces)
-    array = robots.plan.arrays[-1]
+    assert robots.picture.shows(lambda scene: 'planned_path' in scene.namespaces)
+    array = robots.picture.arrays[-1]
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     each = {('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)}
@@ -173,13 +169,12 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
     c, s = math.cos(0.5), math.sin(0.5)
     expected = [c * 1.2 + s * 1.1, c * 1.1 - s * 1.2, 1.5]
     np.testing.assert_allclose(robots.place, expected, atol=1e-9)
-    assert robots.plan.shows(lambda scene: abs(scene['goal', 100].pose.position.x - 3.2) < 5e-3)
-    path = robots.plan.scene['planned_path', 100].points
+    assert robots.picture.shows(lambda scene: abs(scene['goal', 100].pose.position.x - 3.2) < 5e-3)
+    path = robots.picture.scene['planned_path', 100].points
     assert (path[-1].x, path[-1].y) == pytest.approx((3.2, 3.1), abs=5e-3)
     # The service goes on from there.
     robots.clear()
-    assert ros.trigger('/shown/plan')[0]
-    assert ros.spin_until(lambda: bool(robots.trajectories))
+    robots.plan()
     assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
 
 
@@ -190,21 +185,17 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
         ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
         ({'x': 1.0, 'y': 1.0, 'w': math.nan}, {}, ['unit quaternion']),
         ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
-        (
-            {'x': 1.0, 'y': 3.0},
-            {'limits__thruster_rate': 0.01, 'solver__deadline': 1e-6},
-            ['DEADLINE', 'no plan within'],
-        ),
+        ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no plan within']),
     ],
-    ids=['outside', 'frame', 'rotation', 'too_near', 'no_plan'],
+    ids=str,
 )
 def test_a_refused_goal_changes_nothing_and_says_why(ros, robots, goal, settings, words):
     before, logged = robots.place, len(robots.here.output)
     robots.clear()
-    ros.set_parameters(robots.name, **settings)
+    robots.set('planner', **settings)
     robots.goal(**goal)
     ros.settle()
-    ros.set_parameters(robots.name, solver__deadline=ENOUGH, limits__thruster_rate=2.0)
+    robots.set('planner', solver__deadline=ENOUGH, limits__thruster_rate=2.0)
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
     text = ' '.join(robots.live.scene['rejected'].text.split())
@@ -213,14 +204,12 @@ def test_a_refused_goal_changes_nothing_and_says_why(ros, robots, goal, settings
     assert text.removeprefix('robot1: ') in line
     assert robots.place == before
     assert not robots.trajectories
-    assert not robots.plan.arrays
+    assert not robots.picture.arrays
 
 
 def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
     initial = {'initial.x': 1.0, 'initial.yaw': 0.5, 'initial.alpha': 1.0}
-    plant = ros.start(
-        'tdm_sim.robot_plant', {**initial, 'command_timeout': 30.0}, namespace='robots/robot1'
-    )
+    plant = ros.start('robot_plant', {**initial, 'command_timeout': 30.0}, 'robots/robot1')
     robots.clear()
     assert robots.live.shows(lambda scene: scene.namespaces >= ROBOT), plant.output
     assert abs(jet(robots.live.scene)) < 1e-6
@@ -249,12 +238,9 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     message.pose.pose.orientation = to_quaternion(0.3)
     state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
 
-    def publish() -> None:
-        odometry.publish(message)
-        joints.publish(state)
-
     drawn = lambda scene: scene.namespaces >= ROBOT and abs(jet(scene)) > 0.01  # noqa: E731
-    assert viewer.shows(drawn, publish=publish), robots.here.output
+    publish = lambda: (odometry.publish(message), joints.publish(state))  # noqa: E731
+    assert viewer.shows(drawn, publish), robots.here.output
     for array in viewer.arrays:
         check_markers(array, 'arena', LIFETIMES)
     scene = viewer.scene

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 import yaml
@@ -54,15 +53,14 @@ def of_robot1(topic: str) -> str:
 @pytest.fixture(scope='module')
 def running(ros: Stepped) -> Stepped:
     """Every node that the views are for."""
-    for name, plant, namespace in (
-        ('planner', 'pendulum', '/pendulum'),
-        ('tracker', 'pendulum', '/pendulum'),
-        ('pendulum_plant', 'pendulum', '/pendulum'),
-        ('planner', 'robots', '/robots'),
-        ('robot_plant', 'robots', '/robots/robot1'),
+    for namespace, *names in (
+        ('/pendulum', 'planner', 'tracker', 'pendulum_plant'),
+        ('/robots', 'planner'),
+        ('/robots/robot1', 'robot_plant'),
     ):
-        file = str(CONFIG / f'{plant}.yaml')
-        ros.start(MODULES[name], namespace=namespace, arguments=['--params-file', file])
+        file = str(CONFIG / f'{namespace.split("/")[1]}.yaml')
+        for name in names:
+            ros.start(name, None, namespace, ['--params-file', file])
     return ros
 
 
