@@ -25,7 +25,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import PATIENCE, Ros
+from ros_harness import PATIENCE, Ros, Space
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -68,7 +68,7 @@ def measured_state(at: Any, theta: float = math.pi, **changes: Any) -> JointStat
     return state
 
 
-class PendulumRig:
+class PendulumRig(Space):
     """The nodes by name, and what the test hears of them; parameters go on top of `PARAMETERS`."""
 
     def __init__(
@@ -80,7 +80,8 @@ class PendulumRig:
         common: dict[str, Any] | None = None,
         **parameters: dict[str, Any],
     ) -> None:
-        self.ros, self.namespace = ros, namespace
+        super().__init__(ros, namespace)
+        self.namespace = namespace
         self._common = {'limits.torque': TORQUE, **(common or {})}
         self._parameters = parameters
         self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
@@ -97,19 +98,14 @@ class PendulumRig:
         self.wait(lambda: self.says('planner', 'ready'))
 
     def _hear(self, topic: str, kind: Any, qos: Any = _QUEUE) -> list[Any]:
-        heard: list[Any] = self.ros.subscribe(f'/{self.namespace}/{topic}', kind, qos)
-        return heard
+        return self.hear(topic, kind, qos)
 
     # What is done to it.
 
-    def parameters(self, role: str) -> dict[str, Any]:
-        return {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
-
     def start(self, role: str) -> None:
         """Start a node, or start it again."""
-        self.processes[role] = self.ros.start(
-            role, self.parameters(role), self.namespace, self._arguments.get(role)
-        )
+        given = {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
+        self.processes[role] = super().start(role, given, self._arguments.get(role))
 
     def kill(self, role: str) -> float:
         """Kill a process; return the instant of the last state [s]."""
@@ -125,7 +121,7 @@ class PendulumRig:
         answers: list[dict[str, Any]] = []
 
         def planned() -> bool:
-            answers.append(self.ros.trigger(f'/{self.namespace}/plan')[1])
+            answers.append(self.ros.trigger(f'{self.space}/plan')[1])
             return 'duration' in answers[-1]
 
         # It may be busy with a request of the tracker's own, or have no fresh state yet.
@@ -136,7 +132,7 @@ class PendulumRig:
 
     def fall(self) -> None:
         """Let the pendulum hang at rest, as if somebody had taken it down."""
-        self.ros.call(f'/{self.namespace}/reset', Trigger)
+        self.trigger('reset')
         self.wait(lambda: abs(self.angle) > UPRIGHT and not self.says('tracker', 'holding'))
 
     def wait(self, condition: Callable[[], Any]) -> None:
@@ -286,7 +282,7 @@ def tracker_killed(rig: PendulumRig) -> dict[str, float]:
     rig.wait(lambda: rig.now > killed + 1.0)
     rig.wait(lambda: rig.states[-1].effort[1] == 0.0)
     safe = rig.last_torque(killed)
-    rig.ros.call(f'/{rig.namespace}/reset', Trigger)
+    rig.trigger('reset')
     restarted = rig.ros.seconds
     rig.start('tracker')
     return {'safe': safe, 'recovered': rig.held_since(restarted) - restarted}
@@ -294,7 +290,7 @@ def tracker_killed(rig: PendulumRig) -> dict[str, float]:
 
 def planner_killed(rig: PendulumRig) -> dict[str, float]:
     """While it plans: all goes on, and the active plan comes back as it was."""
-    ros, space = rig.ros, f'/{rig.namespace}'
+    ros, space = rig.ros, rig.space
     rig.fall()
     rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))
     ros.request(f'{space}/plan', Trigger)

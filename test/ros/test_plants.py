@@ -9,30 +9,28 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_harness import MODULES
+from ros_harness import Space
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
+WARN, ERROR = 1, 2
 
-class Plant:
+
+class Plant(Space):
     """A plant in a namespace of its own, and everything it publishes."""
 
-    def __init__(self, ros: Stepped, kind: str, namespace: str, given: dict[str, Any]) -> None:
-        self.ros, self.namespace = ros, namespace
-        self.node = f'/{namespace}/{kind}'
-        self.states = ros.subscribe(f'/{namespace}/joint_states', JointState, 1000)
-        self.odom = ros.subscribe(f'/{namespace}/odom', Odometry, 1000)
-        self.name = f'{self.node}: simulation'
-        given = {'command_timeout': 30.0, **given}
-        self.process = ros.start(MODULES[kind], given, namespace=namespace)
-        self.commands = ros.publisher(f'/{namespace}/joint_command', JointState)
+    def __init__(self, ros: Stepped, role: str, name: str, given: dict[str, Any]) -> None:
+        super().__init__(ros, name)
+        self.name = f'/{name}/{role}: simulation'
+        self.states = self.hear('joint_states', JointState, 1000)
+        self.odom = self.hear('odom', Odometry, 1000)
+        self.process = self.start(role, {'command_timeout': 30.0, **given})
+        self.commands = self.publisher('joint_command', JointState)
 
     def command(self, names: list[str], effort: list[float], **more: Any) -> None:
         """Command, and listen for .1 s."""
@@ -46,16 +44,12 @@ class Plant:
         self.odom.clear()
         self.ros.spin_for(seconds)
 
-    @property
-    def status(self) -> DiagnosticStatus:
-        """Return the newest status of this node, 1 s later."""
+    def told(self, *keys: str) -> tuple[int, str, list[float]]:
+        """Return level, message and figures of the newest status, 1 s later."""
         self.listen(1.0)
-        return self.ros.statuses[self.name]
-
-    def trigger(self, service: str) -> str:
-        response = self.ros.call(f'/{self.namespace}/{service}', Trigger)
-        assert response.success
-        return str(response.message)
+        status = self.ros.statuses[self.name]
+        figures = [float(self.ros.figure(self.name, key)) for key in keys]
+        return status.level[0], status.message, figures
 
     def efforts(self, joint: int) -> list[float]:
         return [state.effort[joint] for state in self.states]
@@ -74,12 +68,10 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros):
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    status = rig.status
-    assert status.level == DiagnosticStatus.ERROR
-    assert "'plant.mass' = -1.0" in status.message  # its default is kept
-    assert 'beyond limits.disk_angle' not in status.message  # but at it
-    assert ros.figure(rig.name, 'commands ignored') == '3'
-    assert ros.figure(rig.name, 'commands accepted') == '0'
+    level, message, figures = rig.told('commands ignored', 'commands accepted')
+    assert (level, figures) == (ERROR, [3, 0])
+    assert "'plant.mass' = -1.0" in message  # its default is kept
+    assert 'beyond limits.disk_angle' not in message  # but at it
 
 
 def test_no_command_for_the_time_out_switches_the_torque_off(ros):
@@ -91,16 +83,15 @@ def test_no_command_for_the_time_out_switches_the_torque_off(ros):
     assert efforts.count(0.003) == pytest.approx(40, abs=1)
     assert efforts[-1] == 0.0
     assert 'no command for 0.2 s (command_timeout): actuators off' in rig.process.output
-    rig.listen(1.0)
-    assert ros.figure(rig.name, 'command time-outs') == '1'
+    assert rig.told('command time-outs')[2] == [1]
 
 
 def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros):
     given = {'noise.theta': 0.01, 'initial.psi': 2.5, 'mismatch': 0.05, 'mismatch_seed': 3}
     rig = Plant(ros, 'pendulum_plant', 'noisy', given)
-    status = rig.status
-    assert status.level == DiagnosticStatus.WARN
-    assert 'disk at 2.500 rad, beyond limits.disk_angle = 2 rad' in status.message
+    level, message, _ = rig.told()
+    assert level == WARN
+    assert 'disk at 2.500 rad, beyond limits.disk_angle = 2 rad' in message
     thetas = np.array([state.position[0] for state in rig.states])
     assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
     assert thetas.std() == pytest.approx(0.01, rel=0.3)
@@ -118,14 +109,12 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):
     ratios = np.diff(angles) / (np.diff(times(rig.states)) * 1e-9)
     assert ratios / (0.5 * (rates[1:] + rates[:-1])) == pytest.approx(0.1, rel=0.01)
     assert np.ptp([RotaryPendulum().energy(state) for state in states]) < 1e-8
-    rig.listen(1.0)
-    before = float(ros.figure(rig.name, 'simulated time [s]'))
+    _, _, (before,) = rig.told('simulated time [s]')
     ros.step_to(ros.now + 500_000_000)
-    status = rig.status
-    assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('0.4')
-    assert ' s skipped: the process was stalled' in status.message
-    later = float(ros.figure(rig.name, 'simulated time [s]'))
+    level, message, (later,) = rig.told('simulated time [s]')
+    assert level == WARN
+    assert message.startswith('0.4')
+    assert ' s skipped: the process was stalled' in message
     assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
 
 
@@ -136,16 +125,11 @@ def position(message: Odometry) -> np.ndarray:
     return np.array([message.pose.pose.position.x, message.pose.pose.position.y])
 
 
-def yaw(message: Odometry) -> float:
-    q = message.pose.pose.orientation
-    return 2.0 * math.atan2(q.z, q.w)
-
-
 def velocity_in_arena(message: Odometry) -> np.ndarray:
     """Read the twist as every user of odometry does: it is in the child's frame."""
-    cosine, sine = math.cos(yaw(message)), math.sin(yaw(message))
-    rotation = np.array([[cosine, -sine], [sine, cosine]])
-    return rotation @ [message.twist.twist.linear.x, message.twist.twist.linear.y]
+    q, linear = message.pose.pose.orientation, message.twist.twist.linear
+    turned = complex(linear.x, linear.y) * complex(q.w, q.z) ** 2
+    return np.array([turned.real, turned.imag])
 
 
 def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> np.ndarray:
@@ -166,7 +150,7 @@ def test_a_drifting_robot_and_its_actuators(ros):
     robot.listen(0.5)
     first = robot.odom[0]
     assert (first.header.frame_id, first.child_frame_id) == ('arena', 'drifter')
-    assert yaw(first) == pytest.approx(0.6)
+    assert first.pose.pose.orientation.z == pytest.approx(math.sin(0.3))
     np.testing.assert_allclose(velocity_in_arena(first), [0.2, -0.1], atol=1e-9)
     np.testing.assert_allclose(rate_of(robot.odom, position), [0.2, -0.1], rtol=1e-6)
     joints = robot.states[0]
@@ -213,11 +197,11 @@ def test_walls_and_name(ros):
     assert robot.odom[0].child_frame_id == 'ball'
     assert 3.85 - 6e-3 <= max(position(odom)[0] for odom in robot.odom) <= 3.85 + 1e-9
     assert velocity_in_arena(robot.odom[-1])[0] == pytest.approx(-1.0)
-    assert '1 collisions with a wall' in robot.status.message
+    assert '1 collisions with a wall' in robot.told()[1]
     assert 'ball hit a wall with 1 m/s along x' in robot.process.output
     (reason,) = ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=2.0)
     assert "'arena.robot_radius' = 2 is not allowed: must be in [0, 2) m" in reason
-    assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
+    robot.set('robot_plant', arena__robot_radius=0.2)
 
 
 def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
@@ -233,15 +217,15 @@ def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
     assert rig.states[-1].velocity[1] > 0.1
     rig.command(['other', 'disk'], [9.0, -1.0])
     assert {tuple(state.effort) for state in rig.states} == {(0.0, -0.02)}
-    assert ros.set_parameters(rig.node, initial__theta=0.5, limits__torque=0.001) == ['', '']
+    rig.set('pendulum_plant', initial__theta=0.5, limits__torque=0.001)
     rig.trigger('reset')
     rig.command(['disk'], [0.01])
     assert set(rig.efforts(1)) == {0.001}
     assert rig.states[0].position[0] == pytest.approx(0.5, abs=0.01)
-    (reason,) = ros.set_parameters(rig.node, noise__theta=math.nan)
+    (reason,) = ros.set_parameters('/shared/pendulum_plant', noise__theta=math.nan)
     assert 'noise.theta' in reason
     # Each value is allowed, but a point mass on a massless arm leaves the equations singular.
     negligible = {'plant.inertia.disk': 1e-12, 'plant.inertia.y': 1e-12, 'plant.inertia.z': 1e-12}
-    reasons = ros.set_parameter_mapping(rig.node, {**negligible, 'plant.mass': 1.0})
+    reasons = ros.set_parameters('/shared/pendulum_plant', {**negligible, 'plant.mass': 1.0})
     assert reasons[:3] == [''] * 3
     assert 'do not make a rig' in reasons[3]
