@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import LATCHED
@@ -25,29 +26,25 @@ from tdm_sim.live.scene import drag_handles_of
 from tdm_sim.live.sliders import slider_of
 from trajectory_msgs.msg import JointTrajectory
 
-PLANNER, TRACKER = 'tdm_planner.nodes.planner', 'tdm_planner.nodes.tracker'
-PLANT = 'tdm_sim.pendulum_plant'
-STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 SPACE = 'seen'
 
 
-class Seen:
+class Seen(Space):
     """The nodes of a pendulum, a listener, and operations whose deeds are told to `texts`."""
 
     def __init__(self, ros: Stepped, folder: Path) -> None:
-        self.ros = ros
-        self.nodes = {
-            PLANT: ros.start(PLANT, {'limits.torque': 0.09}, namespace=SPACE),
-            TRACKER: ros.start(TRACKER, {'limits.torque': 0.09}, namespace=SPACE),
-            PLANNER: ros.start(PLANNER, STRONG, namespace=SPACE),
-        }
+        super().__init__(ros, SPACE)
+        strong = {'limits.torque': 0.09}
+        self.plant = self.start('pendulum_plant', strong)
+        self.start('tracker', strong)
+        self.start('planner', {**strong, 'torque_reserve': 0.0})
         self.listener = Listener(SPACE, ros._context)
         ros._executor.add_node(self.listener.node)
         self.rig = Rig(self.listener)
         self.texts: list[str] = []
         recordings = Recordings(folder, SPACE)
         self.operations = Operations(self.rig, self.listener, recordings, self.texts.append)
-        self.plans = ros.subscribe(f'/{SPACE}/trajectory', JointTrajectory, LATCHED)
+        self.plans = self.hear('trajectory', JointTrajectory, LATCHED)
         roles = PLANNING, TRACKING, SIMULATION
         assert ros.spin_until(lambda: all(map(self.listener.parameters_of, roles)))
         self.rig.follow(self.values(PLANNING))
@@ -125,7 +122,7 @@ def test_the_newest_plan_is_known_whoever_asked_for_it(seen):
     timed = seen.rig.timed('pendulum')
     assert timed is not None
     assert timed.reference(plan.start * 1e-9)[0] == pytest.approx(math.pi, abs=0.1)
-    assert seen.ros.trigger(f'/{SPACE}/plan')[0]
+    seen.plan()
     assert seen.ros.spin_until(seen.rig.move)
     assert seen.rig.plan is not None
     assert seen.rig.plan.plan_id == plan.plan_id + 1
@@ -182,7 +179,7 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
             assert page._rig.plan.plan_id == number
             assert np.allclose(server.initial_camera.position, user) == (number == 2)
             server.initial_camera.position = user
-            assert seen.ros.trigger(f'/{SPACE}/plan')[0]
+            seen.plan()
         page.figures()
         page.news('a node ended')
         shown = set(server.scene._handle_from_node_name)
@@ -209,10 +206,10 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
 
 def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen):
     ros, listener = seen.ros, seen.listener
-    seen.nodes.pop(PLANT).end()
+    seen.plant.end()
     gone = listener.having(SIMULATION)[0].name
     assert ros.spin_until(lambda: listener.nodes[gone].silent, SILENT + 3.0)
-    seen.nodes[PLANT] = ros.start(PLANT, {'initial.theta': 3.0}, namespace=SPACE)
+    seen.start('pendulum_plant', {'initial.theta': 3.0})
     assert ros.spin_until(lambda: not listener.nodes[gone].silent)
     assert ros.spin_until(lambda: gone in listener.declared)
     assert seen.values(SIMULATION)['initial.theta'] == 3.0

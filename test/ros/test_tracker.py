@@ -6,18 +6,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
+from pendulum_rig import measured_state
 import pytest
-from ros_harness import MODULES
+from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from stepped_ros import NodeHere, Stepped
+from stepped_ros import Stepped
 from tdm_planner.nodes import plan_intake
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
@@ -39,35 +39,22 @@ def plan() -> Trajectory:
     return problem.solve().trajectory.with_rates(problem.plant.derivative)
 
 
-class Bench:
+class Bench(Space):
     """A tracker in a namespace of its own, and what it says; states come while `theta` is set."""
 
-    def __init__(self, ros: Stepped, namespace: str, **parameters: Any) -> None:
-        self.ros, self.namespace = ros, namespace
-        dotted = {name.replace('__', '.'): value for name, value in parameters.items()}
-        self.parameters = dotted if 'kind' in dotted else {**STRONG, **dotted}
-        self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
-        self.errors = ros.subscribe(f'/{namespace}/tracking_error', JointState)
-        self.name = f'/{namespace}/tracker: tracking'
-        self.tracker = self.start()
-        self.theta: float | None = None
+    theta: float | None = None
 
-    def start(self) -> NodeHere:
-        return self.ros.start(MODULES['tracker'], self.parameters, namespace=self.namespace)
+    def __init__(self, ros: Stepped, name: str = '', **given: Any) -> None:
+        super().__init__(ros, name)
+        self.given = given or STRONG
+        self.commands = self.hear('joint_command', JointState)
+        self.errors = self.hear('tracking_error', JointState)
+        self.name = f'{self.space}/tracker: tracking'
+        self.tracker = self.start('tracker', self.given)
 
     def state(self, after: float = 0.0, **changes: Any) -> None:
-        content = {
-            'name': ['disk', 'pendulum'],
-            'position': [0.0, self.theta or math.pi],
-            'velocity': [0.0, 0.0],
-            **changes,
-        }
-        state = JointState(**content)
-        state.header.stamp = to_stamp(self.ros.now + round(after * 1e9))
-        self.states.publish(state)
-
-    def publisher(self, topic: str, kind: Any, qos: Any = LATCHED) -> Any:
-        return self.ros.publisher(f'/{self.namespace}/{topic}', kind, qos)
+        at = self.ros.now + round(after * 1e9)
+        self.states.publish(measured_state(at, self.theta or math.pi, **changes))
 
     @property
     def status(self) -> Any:
@@ -84,13 +71,10 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
 # Scripted states.
 
 
-numbers = itertools.count()
-
-
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
-    made = Bench(ros, f'scripted{next(numbers)}')
-    made.states = made.publisher('joint_states', JointState, 10)
+    made = Bench(ros)
+    made.states = made.publisher('joint_states', JointState)
     said = lambda: None if made.theta is None else made.state()  # noqa: E731
     timer = ros.node.create_timer(EVERY, said)
     yield made
@@ -107,7 +91,7 @@ def idle(bench: Bench) -> Bench:
 
 @pytest.fixture
 def plans(bench: Bench) -> Iterator[Any]:
-    made = bench.publisher('trajectory', JointTrajectory)
+    made = bench.publisher('trajectory', JointTrajectory, LATCHED)
     yield made
     bench.ros.node.destroy_publisher(made)
 
@@ -171,7 +155,8 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan
 
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):
-    topic, other = f'/{idle.namespace}/trajectory', idle.publisher('trajectory', JointTrajectory)
+    topic = f'{idle.space}/trajectory'
+    other = idle.publisher('trajectory', JointTrajectory, LATCHED)
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
     assert idle.says(f'2 planners publish {topic}')
     plans.publish(message(ros, plan, 0.5))
@@ -207,7 +192,7 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
 @pytest.mark.usefixtures('laborious')
 def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     """All of them would take more time than the commands leave; the last must not be lost."""
-    followed = ros.subscribe(f'/{bench.namespace}/active_trajectory', JointTrajectory, LATCHED)
+    followed = bench.hear('active_trajectory', JointTrajectory, LATCHED)
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)
@@ -229,14 +214,13 @@ class Rig(Bench):
     """The tracker and its plant."""
 
     def __init__(self, ros: Stepped) -> None:
-        noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
-        given = {f'noise.{name}': value for name, value in noise.items()}
-        self.plant = ros.start(
-            MODULES['pendulum_plant'], {**STRONG, **given, 'mismatch': 0.05}, namespace='rig'
-        )
-        self.measured = ros.subscribe('/rig/joint_states', JointState)
-        super().__init__(ros, 'rig', replan__on_deviation=True, replan__interval=0.2)
-        self.plans = self.publisher('trajectory', JointTrajectory)
+        given = {**dict.fromkeys(('noise.theta', 'noise.psi'), 0.0015),
+                 **dict.fromkeys(('noise.theta_dot', 'noise.psi_dot'), 0.1)}  # fmt: skip
+        ros.start('pendulum_plant', {**STRONG, **given, 'mismatch': 0.05}, 'rig')
+        again = {'replan.on_deviation': True, 'replan.interval': 0.2}
+        super().__init__(ros, 'rig', **STRONG, **again)
+        self.measured = self.hear('joint_states', JointState)
+        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
 
     def follow(self, plan: Trajectory, delay: float = SOON) -> None:
         self.plans.publish(message(self.ros, plan, delay))
@@ -244,8 +228,8 @@ class Rig(Bench):
 
     def put(self, theta: float) -> None:
         """Put the pendulum elsewhere."""
-        assert self.ros.set_parameters('/rig/pendulum_plant', initial__theta=theta) == ['']
-        self.ros.call('/rig/reset', Trigger)
+        self.set('pendulum_plant', initial__theta=theta)
+        self.trigger('reset')
         self.ros.spin_for(0.02)
 
 
@@ -291,7 +275,7 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     rig.tracker.end_cleanly()
     rig.put(math.pi)
     rig.follow(plan, 0.5)
-    rig.tracker = rig.start()
+    rig.tracker = rig.start('tracker', rig.given)
     assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
     assert rig.says('holding', level=OK)
 
@@ -313,20 +297,17 @@ class Scout(Bench):
     """Tracker and plant of one robot."""
 
     def __init__(self, ros: Stepped) -> None:
-        problem = RobotFormation.from_parameters(ALONE)
-        made = problem.solve().trajectories['scout']
+        made = RobotFormation.from_parameters(ALONE).solve().trajectories['scout']
         self.way = made.with_rates(FloatingRobot().derivative)
         noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
         given = {
             **{f'initial.{name}': value for name, value in {**START, 'alpha': 1.0}.items()},
             **{f'noise.{name}': value for name, value in noise.items()},
         }
-        self.plant = ros.start(
-            MODULES['robot_plant'], {**given, 'mismatch': 0.05}, namespace='fleet/scout'
-        )
+        ros.start('robot_plant', {**given, 'mismatch': 0.05}, 'fleet/scout')
         super().__init__(ros, 'fleet/scout', kind='robot')
-        self.odom = ros.subscribe('/fleet/scout/odom', Odometry)
-        self.plans = self.publisher('trajectory', JointTrajectory)
+        self.odom = self.hear('odom', Odometry)
+        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
 
     def offer(self, spoil: Callable[[Any], Any], delay: float = 1.0) -> None:
         plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))
