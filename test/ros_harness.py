@@ -329,12 +329,13 @@ class Ros:
         request = SetParametersAtomically.Request(parameters=[*parameters(named), *odd])
         return self.request(service, SetParametersAtomically, request)
 
-    def change(self, node: str, transition: int | str) -> bool:
-        """Ask for a transition of a managed node, by its number or name."""
+    def change(self, node: str, asked: int | str | dict[str, Any]) -> bool:
+        """Ask for a transition of a managed node, by number, name, or as the message has it."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
-        asked = {'label' if isinstance(transition, str) else 'id': transition}
+        if not isinstance(asked, dict):
+            asked = {'label' if isinstance(asked, str) else 'id': asked}
         request = ChangeState.Request(transition=Transition(**asked))
         return bool(self.call(f'{node}/change_state', ChangeState, request).success)
 

@@ -12,29 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 from ros_harness import ros_arguments
 from stepped_ros import NodeHere, Stepped
+from tdm_planner import parameters as declared
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import descriptor, ParameterNode
 from tdm_planner.parameter_files import parse_yaml, ros_parameters
-from tdm_planner.parameters import (
-    parameter,
-    ParameterSpec,
-    POSITIVE,
-    Range,
-    specifications,
-    to_mapping,
-    Validated,
-)
+from tdm_planner.parameters import parameter, ParameterSpec, POSITIVE, Range, Validated
 import yaml
 
 
@@ -56,7 +43,7 @@ class ExampleNode(ParameterNode):
     """A node with nothing but parameters."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('example', specifications(ExampleParameters), **options)
+        super().__init__('example', declared.specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -64,7 +51,7 @@ class ExampleNode(ParameterNode):
             raise InvalidProblem('a mass above 100 kg cannot be fast')
 
 
-DEFAULTS = to_mapping(ExampleParameters())
+DEFAULTS = declared.to_mapping(ExampleParameters())
 OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
@@ -101,11 +88,11 @@ def example(ros: Stepped) -> Any:
     ],
 )
 def test_allowed_values_are_taken(ros, example, name, value, stored):
-    assert ros.set_parameter_mapping('example', {name: value}) == ['']
+    assert ros.set_parameters('example', {name: value}) == ['']
     now = example.parameter_values[name]
     assert now == stored
     assert type(now) is type(stored)
-    assert ros.set_parameter_mapping('example', {name: DEFAULTS[name]}) == ['']
+    assert ros.set_parameters('example', {name: DEFAULTS[name]}) == ['']
 
 
 @pytest.mark.parametrize(
@@ -127,17 +114,16 @@ def test_allowed_values_are_taken(ros, example, name, value, stored):
     ],
 )
 def test_other_values_are_refused_with_a_sentence(ros, example, name, value, says):
-    (reason,) = ros.set_parameter_mapping('example', {name: value})
+    (reason,) = ros.set_parameters('example', {name: value})
     assert says in reason
     assert example.parameter_values == DEFAULTS
 
 
 def test_all_or_none_are_set_atomically(ros, example):
     def set_all(**changes: Any) -> bool:
-        items = [Parameter(k, value=v).to_parameter_msg() for k, v in changes.items()]
-        made = SetParametersAtomically.Request(parameters=items)
-        answer = ros.call('example/set_parameters_atomically', SetParametersAtomically, made)
-        return bool(answer.result.successful)
+        asked = ros.set_all('example/set_parameters_atomically', **changes)
+        assert ros.spin_until(asked.done)
+        return bool(asked.result().result.successful)
 
     assert not set_all(mass=2.0, count=-1)
     assert example.parameter_values == DEFAULTS
@@ -160,18 +146,17 @@ def test_parameters_describe_themselves(ros, example):
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
-    for (allowed,), ends in (
-        (mass.floating_point_range, (1e-12, 1e12)),
-        (count.integer_range, (1, 8)),
+    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
+    for (allowed,), *ends in (
+        (mass.floating_point_range, 1e-12, 1e12),
+        (count.integer_range, 1, 8),
+        (descriptor(half_open).integer_range, -(2**63), 3),
     ):
-        assert (allowed.from_value, allowed.to_value) == ends
+        assert [allowed.from_value, allowed.to_value] == ends
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only
     assert not descriptor(ParameterSpec('angle', float, 0.0, 'an angle')).floating_point_range
-    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
-    (allowed,) = descriptor(half_open).integer_range
-    assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
 
 
 def test_values_given_at_the_start_may_be_text(ros):
@@ -195,10 +180,9 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros,
     file = tmp_path / 'dump.yaml'
     file.write_text(yaml.dump({'/**': {'ros__parameters': dump}}))
 
-    messages = parameter_dict_from_yaml_file(str(file), use_wildcard=True).values()
-    loaded = ros.call(
-        'dumped/set_parameters', SetParameters, SetParameters.Request(parameters=list(messages))
-    )
+    messages = [*parameter_dict_from_yaml_file(str(file), use_wildcard=True).values()]
+    request = SetParameters.Request(parameters=messages)
+    loaded = ros.call('dumped/set_parameters', SetParameters, request)
     assert [result.reason for result in loaded.results] == [''] * len(names)
     assert process.node.parameter_values == before
 
@@ -234,15 +218,10 @@ DOCUMENTS: list[dict[str, Any]] = [
 
 def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
     """Return the parameters that a node `planner` gets from a file."""
-    node = Node(
-        'planner',
-        namespace=namespace,
-        context=ros.node.context,
-        cli_args=['--ros-args', '--params-file', str(file)],
-        automatically_declare_parameters_from_overrides=True,
-        start_parameter_services=False,
-        enable_rosout=False,
-    )
+    words = ['--ros-args', '--params-file', str(file)]
+    options = {'automatically_declare_parameters_from_overrides': True,
+               'start_parameter_services': False, 'enable_rosout': False}  # fmt: skip
+    node = Node('planner', namespace=namespace, context=ros._context, cli_args=words, **options)
     found: dict[str, Any] = node.get_parameters_by_prefix('')
     node.destroy_node()
     return {name: item.value for name, item in found.items() if name not in OF_RCLPY}

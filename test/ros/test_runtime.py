@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import gc
 import os
@@ -43,10 +43,10 @@ def left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
     rclpy.try_shutdown()
 
 
-def run(make: Callable[[], Node], left: list[int], args: list[str] | None = None) -> int:
+def run(make: Callable[[], Node], left: list[int], args: Sequence[str] = ()) -> int:
     """Return the code with which the process of a node ends."""
     try:
-        return runtime.run(make, args or [])
+        return runtime.run(make, [*args])
     except Left:
         return left[-1]
 
