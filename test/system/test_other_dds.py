@@ -88,12 +88,7 @@ def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
 def one(reader: DataReader, timeout: float = 60.0) -> Any:
     """Return the next message."""
     taken: list[Any] = []
-
-    def take() -> bool:
-        taken.extend(reader.take(N=1))
-        return bool(taken)
-
-    wait_until(take, timeout)
+    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
     return taken[0]
 
 
@@ -150,7 +145,7 @@ class Client:
 
 @pytest.fixture(scope='module')
 def outsider(ros: Ros) -> Outsider:
-    ros.start('tdm_planner.nodes.planner', STRONG, namespace='pendulum')
+    ros.start('planner', STRONG, 'pendulum')
     return Outsider(ros.domain)
 
 
@@ -180,12 +175,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     reader = outsider.reader('rt/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
     _, answer = client.call()
 
-    def told() -> bool:
-        statuses = [status for array in reader.take(N=10) for status in array.status]
-        figures = [{pair.key: pair.value for pair in status.values} for status in statuses]
-        return any(item.get('plan id') == str(answer['plan_id']) for item in figures)
-
-    wait_until(told)
+    wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan', Trigger)
     client.ask()
@@ -211,7 +201,7 @@ def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, clien
     wait_until(planned)
     plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
     assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
-    ros.start('tdm_planner.nodes.tracker', namespace='pendulum')
+    ros.start('tracker', namespace='pendulum')
     command = one(outsider.reader('rt/pendulum/joint_command', STATE))
     assert command.name == ['disk']
     assert command.effort == [0.0]  # no state is measured any more

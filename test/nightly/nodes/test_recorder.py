@@ -15,14 +15,12 @@ from typing import Any
 from bag_contents import fill, numbers, read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, record
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
 
 
