@@ -132,7 +132,6 @@ class SixNodes:
         self._publishers: dict[str, tuple[str, Any]] = {}
 
     def check(self) -> None:
-        """Check that nothing was written into the log that looks like a crash, or in its name."""
         for _, text in self.ros.log:
             assert 'Traceback' not in text
             assert not any(line.startswith('[ERROR] [1.0]') for line in text.splitlines()), text
@@ -154,7 +153,6 @@ class SixNodes:
     # What is done to them.
 
     def endure(self, cases: int, *, new: bool = False) -> None:
-        """Do so many things to them, see `profile`; afterwards they serve as before."""
         self.meet()
 
         @profile(cases, new=new)
@@ -166,7 +164,6 @@ class SixNodes:
         self.recover()
 
     def suffer(self, draw: Any) -> None:
-        """Do something to one of them; who is asked something answers."""
         action = draw(st.sampled_from(ACTIONS))
         space = draw(st.sampled_from(sorted(SPACES)))
         if action == 'message':

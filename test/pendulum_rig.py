@@ -103,7 +103,6 @@ class PendulumRig(Space):
     # What is done to it.
 
     def start(self, role: str) -> None:
-        """Start a node, or start it again."""
         given = {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
         self.processes[role] = super().start(role, given, self._arguments.get(role))
 
@@ -131,7 +130,6 @@ class PendulumRig(Space):
         return start, start + float(answers[-1]['duration'])
 
     def fall(self) -> None:
-        """Let the pendulum hang at rest, as if somebody had taken it down."""
         self.trigger('reset')
         self.wait(lambda: abs(self.angle) > UPRIGHT and not self.says('tracker', 'holding'))
 
@@ -162,16 +160,13 @@ class PendulumRig(Space):
             yield from (s for s in reversed(array.status) if s.name.startswith(prefix))
 
     def says(self, role: str, text: str) -> bool:
-        """Whether the newest diagnostic of a node holds the text."""
         newest = next(self._newest_first(role), None)
         return newest is not None and text in newest.message
 
     def said(self, role: str, text: str) -> bool:
-        """Whether any diagnostic of a node has held the text."""
         return any(text in status.message for status in self.statuses(role))
 
     def figure(self, role: str, key: str) -> float:
-        """Return a figure of a node's newest diagnostic."""
         return float({item.key: item.value for item in self.statuses(role)[-1].values}[key])
 
     def held_since(self, instant: float) -> float:
@@ -235,7 +230,6 @@ class PendulumRig(Space):
         return longest
 
     def lean(self, start: float = 0.0, end: float = math.inf) -> float:
-        """Largest angle from upright in [start, end], rad."""
         theta = self.measured(start, end)[:, 1]
         return float(np.abs((theta + math.pi) % math.tau - math.pi).max())
 

@@ -245,7 +245,6 @@ class Ros:
         self.spin_until(lambda: False, seconds)
 
     def latched(self, topic: str, message_type: Any) -> Any:
-        """Return what a late subscriber gets."""
         from tdm_planner.nodes.messages import LATCHED
 
         received = self.subscribe(topic, message_type, LATCHED)
@@ -298,13 +297,11 @@ class Ros:
         return client.call_async(request or service_type.Request())
 
     def call(self, service: str, service_type: Any, request: Any | None = None) -> Any:
-        """Call a service and return its response."""
         future = self.request(service, service_type, request)
         assert self.spin_until(future.done, PATIENCE), f'{service} did not answer'
         return future.result()
 
     def trigger(self, service: str) -> tuple[bool, dict[str, Any]]:
-        """Call a std_srvs/Trigger whose message is one line of JSON."""
         from std_srvs.srv import Trigger
 
         response = self.call(service, Trigger)
@@ -382,7 +379,6 @@ class Space:
         assert not any(self.ros.set_parameters(f'{self.space}/{role}', values, **named))
 
     def trigger(self, service: str) -> str:
-        """Call a service that does what it is asked for; return what it says."""
         from std_srvs.srv import Trigger
 
         response = self.ros.call(f'{self.space}/{service}', Trigger)
@@ -391,7 +387,6 @@ class Space:
         return str(response.message)
 
     def plan(self) -> dict[str, Any]:
-        """Have a plan made; return the answer."""
         answer: dict[str, Any] = json.loads(self.trigger('plan'))
         return answer
 

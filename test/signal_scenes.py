@@ -68,7 +68,6 @@ class Subject:
         self.process = NodeProcess(module, self.arguments, environment, ros.folder)
 
     def wait(self, condition: Callable[[], Any]) -> Subject:
-        """Serve messages until a condition holds."""
 
         def holds() -> bool:
             assert self.process.running, self.process.output
@@ -85,7 +84,6 @@ class Subject:
         return heard
 
     def told(self, topic: str, message: Callable[[], Any], seen: Callable[[], Any]) -> Subject:
-        """Publish messages until something is seen."""
         publisher = self.ros.publisher(f'/{self.namespace}/{topic}', JointState)
         return self.wait(lambda: publisher.publish(message()) or seen())
 
@@ -119,7 +117,6 @@ def recording(ros: Ros) -> list[str]:
 
 
 def starting(ros: Ros, name: str) -> Subject:
-    """Return a process at its first import of the package."""
     given: Any = {'plant': {'problem': 'pendulum_swing_up'}, 'tdm': recording(ros)}.get(name, {})
     subject = Subject(ros, name, given)
     return subject.wait(subject.begun)

@@ -191,7 +191,6 @@ class Stepped(Ros):
         return OrderedExecutor(context=self._context)
 
     def add(self, make: Callable[..., Any], arguments: list[str]) -> NodeHere:
-        """Construct a node of any class with command-line arguments."""
         self._lend_clock()
         node = make(context=self._context, cli_args=arguments)
         self._executor.add_node(node)
@@ -213,11 +212,9 @@ class Stepped(Ros):
         )
 
     def says(self, name: str, *texts: str, level: int | None = None, timeout: float = 5.0) -> bool:
-        """Wait for a status, see `said`."""
         return self.spin_until(lambda: self.said(name, *texts, level=level), timeout)
 
     def figure(self, name: str, key: str) -> str:
-        """Return a value of the newest status of that name."""
         found: str = {item.key: item.value for item in self.statuses[name].values}[key]
         return found
 

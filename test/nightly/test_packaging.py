@@ -54,7 +54,6 @@ def shared_files() -> set[str]:
 
 @pytest.fixture(scope='module', params=['plain', 'symlinks'])
 def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
-    """Return the prefix that `colcon build` installs to."""
     if importlib.util.find_spec('colcon_ros') is None:
         pytest.skip('colcon is not installed (pip install colcon-core colcon-ros)')
     workspace = copy.parents[1] / request.param
@@ -100,7 +99,6 @@ def test_colcon_installs_what_ros2_looks_for(installed, copy):
 
 
 def run_sourced(installed: Path, command: str) -> str:
-    """Run a command in a shell that has sourced the workspace."""
     prefix = installed.parent
     script = f'export COLCON_CURRENT_PREFIX={prefix}; . {prefix}/local_setup.sh && {command}'
     return run('sh', '-c', script, cwd=prefix)

@@ -23,7 +23,6 @@ def nodes(ros: Stepped) -> SixNodes:
 
 
 def granted(path: str) -> Rights:
-    """Return what the policy allows an enclave."""
     (context,) = POLICY.findall(f"contexts/context[@path='{path}']")
     rights = (('topics', 'publish'), ('topics', 'subscribe'), ('services', 'reply'),
               ('services', 'request'))  # fmt: skip

@@ -28,8 +28,6 @@ FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters', **WAITING}
 
 
 class Manager:
-    """What a lifecycle manager does with one node."""
-
     def __init__(self, ros: Stepped, node: str) -> None:
         self.ros, self.node = ros, node
         self.title = 'planning' if node.endswith('planner') else 'tracking'
@@ -172,11 +170,9 @@ class Rig(Space):
         assert ros.spin_until(lambda: bool(self.states))
 
     def status(self) -> list[int]:
-        """Return what the tracker said last of its plans."""
         return [item.status for told in self.statuses[-1:] for item in told.status_list]
 
     def tracked(self) -> None:
-        """Wait until the tracker drives the disk."""
         self.commands.clear()
         assert self.ros.spin_until(
             lambda: len(self.commands) > 2 and abs(self.commands[-1].effort[0]) > 1e-3

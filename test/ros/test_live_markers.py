@@ -45,7 +45,6 @@ class Viewer:
         return Scene(*self.arrays)
 
     def shows(self, condition: Callable[[Scene], bool], publish: Any = None) -> bool:
-        """Wait for a condition; meanwhile `publish`, if given, every .02 s."""
         showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
         return self.ros.publish_until(publish or (lambda: None), showing)
 
@@ -114,7 +113,6 @@ class Robots(Space):
 
     @property
     def end(self) -> tuple[float, float]:
-        """Where the newest plan leads robot1."""
         x, y, *_ = self.trajectories[-1].points[-1].positions
         return x, y
 

@@ -120,7 +120,6 @@ PLANT = SimpleNamespace(
 
 
 def start(ros: Stepped, problem: str, name: str = '', **given: Any) -> Space:
-    """Start a planner, which has the name of its namespace, for a problem of this module."""
     space = Space(ros, name)
     space.here = space.start(
         'planner', {'problem': problem, 'start.source': 'parameters', **given}

@@ -44,12 +44,10 @@ class Planner(Space):
         self.states = self.publisher('joint_states', JointState)
 
     def made(self) -> JointTrajectory:
-        """Return the plan that a request makes."""
         self.plan()
         return self.trajectories[-1]
 
     def plan_with(self, *odd: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
-        """Return whether there is a plan with parameters of its own, and the answer."""
         asked = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
         assert self.ros.spin_until(asked.done)
         self.ros.settle()

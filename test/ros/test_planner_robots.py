@@ -47,12 +47,10 @@ class Fleet(Space):
         self.joints = {name: self.publisher(f'{name}/joint_states', JointState) for name in ROBOTS}
 
     def motion(self, name: str) -> tuple[Trajectory, int]:
-        """Return the newest plan of a robot and the instant it starts [ns]."""
         motion = self.motions[name][-1]
         return read_plan(ROBOT, motion), nanoseconds_of(motion.header.stamp)
 
     def count(self) -> int:
-        """Return how many plans there were for every robot."""
         return min(len(self.motions[name]) for name in ROBOTS)
 
     def measure(self, name: str, state: list[float]) -> None:
@@ -75,7 +73,6 @@ class Fleet(Space):
         self.ros.settle()
 
     def follow(self, plans: dict[str, tuple[Trajectory, int]]) -> None:
-        """Publish where the robots are that follow these plans exactly."""
         for name, (plan, start) in plans.items():
             self.measure(name, plan.sample((self.ros.now - start) * 1e-9).state.tolist())
 

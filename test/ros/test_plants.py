@@ -33,7 +33,6 @@ class Plant(Space):
         self.commands = self.publisher('joint_command', JointState)
 
     def command(self, names: list[str], effort: list[float], **more: Any) -> None:
-        """Command, and listen for .1 s."""
         self.commands.publish(JointState(name=names, effort=effort, **more))
         self.listen(0.1)
 
@@ -133,7 +132,6 @@ def velocity_in_arena(message: Odometry) -> np.ndarray:
 
 
 def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> np.ndarray:
-    """Mean rate of change."""
     elapsed = np.ptp(times(messages)) * 1e-9
     return np.asarray((quantity(messages[-1]) - quantity(messages[0])) / elapsed)
 

@@ -39,7 +39,6 @@ class Rig(PendulumRig):
         self.trigger('push')
 
     def upright_for(self, seconds: float) -> bool:
-        """Whether the pendulum has been upright so long."""
         for state in reversed(self.states):
             if seconds_of(state.header.stamp) < self.now - seconds:
                 return True

@@ -27,8 +27,6 @@ import yaml
 
 @dataclass(frozen=True)
 class ExampleParameters(Validated):
-    """One of every kind."""
-
     mass: float = parameter(1.0, 'mass of the thing', unit='kg', allowed=POSITIVE)
     count: int = parameter(3, 'how many', allowed=Range(0, 8, lower_open=True))
     turns: int | None = parameter(None, 'turns, or unset')
@@ -40,8 +38,6 @@ class ExampleParameters(Validated):
 
 
 class ExampleNode(ParameterNode):
-    """A node with nothing but parameters."""
-
     def __init__(self, **options: Any) -> None:
         super().__init__('example', declared.specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()
@@ -217,7 +213,6 @@ DOCUMENTS: list[dict[str, Any]] = [
 
 
 def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
-    """Return the parameters that a node `planner` gets from a file."""
     words = ['--ros-args', '--params-file', str(file)]
     options = {'automatically_declare_parameters_from_overrides': True,
                'start_parameter_services': False, 'enable_rosout': False}  # fmt: skip

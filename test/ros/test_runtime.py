@@ -44,7 +44,6 @@ def left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
 
 
 def run(make: Callable[[], Node], left: list[int], args: Sequence[str] = ()) -> int:
-    """Return the code with which the process of a node ends."""
     try:
         return runtime.run(make, [*args])
     except Left:

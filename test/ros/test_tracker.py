@@ -83,7 +83,6 @@ def bench(ros: Stepped) -> Iterator[Bench]:
 
 @pytest.fixture
 def idle(bench: Bench) -> Bench:
-    """Return the tracker with states that come."""
     bench.theta = math.pi
     assert bench.says('idle', level=OK)
     return bench
@@ -133,7 +132,6 @@ def begin_elsewhere(plan: JointTrajectory) -> None:
 
 
 def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan):
-    """Whatever a faulty node sends, the tracker stays."""
     for spoil, reason in (
         (lambda m: m.points.clear(), 'at least two'),
         (lambda m: setattr(m.header.stamp, 'sec', m.header.stamp.sec - 100), 'past'),
@@ -211,8 +209,6 @@ def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
 
 
 class Rig(Bench):
-    """The tracker and its plant."""
-
     def __init__(self, ros: Stepped) -> None:
         given = {**dict.fromkeys(('noise.theta', 'noise.psi'), 0.0015),
                  **dict.fromkeys(('noise.theta_dot', 'noise.psi_dot'), 0.1)}  # fmt: skip
@@ -227,7 +223,6 @@ class Rig(Bench):
         self.ros.spin_for(0.02)
 
     def put(self, theta: float) -> None:
-        """Put the pendulum elsewhere."""
         self.set('pendulum_plant', initial__theta=theta)
         self.trigger('reset')
         self.ros.spin_for(0.02)
@@ -294,8 +289,6 @@ ALONE = {
 
 
 class Scout(Bench):
-    """Tracker and plant of one robot."""
-
     def __init__(self, ros: Stepped) -> None:
         made = RobotFormation.from_parameters(ALONE).solve().trajectories['scout']
         self.way = made.with_rates(FloatingRobot().derivative)

@@ -52,7 +52,6 @@ def of_robot1(topic: str) -> str:
 
 @pytest.fixture(scope='module')
 def running(ros: Stepped) -> Stepped:
-    """Every node that the views are for."""
     for namespace, *names in (
         ('/pendulum', 'planner', 'tracker', 'pendulum_plant'),
         ('/robots', 'planner'),

@@ -41,7 +41,6 @@ def parameters(folder: Path, file: str, without: str = '') -> list[str]:
 
 
 def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> NodeProcess:
-    """Start a demo; what it writes is below `folder`/out."""
     arguments = ['demo', *words, '-o', str(folder / 'out')]
     return ros.run('tdm_planner.cli', arguments, environment)
 

@@ -32,7 +32,6 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     demo = SCENES['demo executing'](ros)
 
     def moves() -> bool:
-        """Whether the plan is being executed."""
         plans = (plan for message in followed for plan in message.status_list)
         return any(plan.status == GoalStatus.STATUS_EXECUTING for plan in plans)
 

@@ -86,7 +86,6 @@ def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
 
 
 def one(reader: DataReader, timeout: float = 60.0) -> Any:
-    """Return the next message."""
     taken: list[Any] = []
     wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
     return taken[0]
@@ -134,7 +133,6 @@ class Client:
         self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
 
     def reply(self, timeout: float = 60.0) -> tuple[bool, dict[str, Any]]:
-        """Return the next reply that the service gives to anybody, whose message is JSON."""
         reply = one(self._replies, timeout)
         return bool(reply.success), json.loads(reply.message)
 

@@ -29,7 +29,6 @@ def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
 
 
 def test_every_message_is_in_the_bag(ros, tmp_path):
-    """By the command, ended by a signal."""
     bag = tmp_path / 'bag'
     names = [f'/told/{name}' for name in ('latched', 'states', 'late', 'hasty')]
     latched = ros.node.create_publisher(String, names[0], LATCHED)
@@ -72,7 +71,6 @@ def test_every_message_is_in_the_bag(ros, tmp_path):
 
 
 def test_messages_that_were_lost_on_the_way_are_counted(ros, tmp_path):
-    """A flood that a recorder, stopped for a while, cannot take up."""
     bag = tmp_path / 'bag'
     publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
     recorder = start(ros, bag, '/lost')

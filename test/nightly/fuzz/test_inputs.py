@@ -67,7 +67,6 @@ def test_what_is_valid_is_never_refused_and_often_planned_for():
 
 
 def test_nodes_survive_whatever_comes_and_serve_as_before(stepped):
-    """Six nodes under a rain of messages, parameters and requests."""
     nodes = SixNodes(stepped)
     for _ in range(5):
         nodes.endure(400, new=True)

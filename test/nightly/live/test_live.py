@@ -51,7 +51,6 @@ OWN = 'double_integrator:DoubleIntegrator'
 
 
 def relaxed(plant: str, folder: Path) -> Path:
-    """Write the parameters of a plant's nodes, with patience."""
     file = SOURCE / 'config' / f'{plant}.yaml'
     document = yaml.safe_load(file.read_text(encoding='utf-8')) if file.exists() else {}
     for name, values in RELAXED.items():
@@ -89,7 +88,6 @@ class Live:
         self.wait_for('.tdm-status', 'ready')
 
     def click(self, name: str) -> None:
-        """Click a button of the panel as soon as it can be."""
         script = (
             'const found = [...document.querySelectorAll("button")]'
             '.find(b => b.innerText.trim() === arguments[0] && !b.disabled);'
@@ -99,7 +97,6 @@ class Live:
         assert found, f'no button {name!r}\n{self.output}'
 
     def wait_until_gone(self, selector: str, word: str) -> None:
-        """Wait until the page does not say a word in some place."""
         assert self.until(lambda: word not in self.text(selector)), self.text(selector)
 
     @property
@@ -111,7 +108,6 @@ class Live:
         return str(self.driver.execute_script(script, selector))
 
     def wait_for(self, selector: str, *words: str) -> str:
-        """Wait until the page says all these words in some place."""
 
         def said() -> bool:
             return all(word in self.text(selector) for word in words)
@@ -134,7 +130,6 @@ class Live:
         assert self.until(lambda: frames() > first + 20), f'not drawn\n{self.output}'
 
     def shows(self, node: str) -> bool:
-        """Whether something is in the scene."""
         script = (
             'const tree = window.__viserSceneTree;'
             'return Boolean(tree && window.__viserTestpoints && arguments[0] in tree.getState())'
@@ -151,7 +146,6 @@ class Live:
         return found + [url for url in asked if not url.startswith(LOCAL)]
 
     def drag(self, start: tuple[int, int], way: tuple[int, int]) -> None:
-        """Drag from a pixel of the window by some pixels, slowly enough to be seen."""
         mouse = ActionChains(self.driver, duration=100)
         pointer = mouse.w3c_actions.pointer_action
         pointer.move_to_location(*start)
@@ -194,7 +188,6 @@ def open_page(ros: Ros, browser: Any, tmp_path: Path) -> Iterator[Callable[..., 
 
 
 def is_node(process: int, name: str) -> bool:
-    """Whether a process is that of a node's executable."""
     return f'tdm_planner.nodes.{name}' in Path(f'/proc/{process}/cmdline').read_text()
 
 
