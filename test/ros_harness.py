@@ -97,7 +97,8 @@ def parameters(values: Mapping[str, Any]) -> list[Any]:
 
 
 def _end_with_the_tests() -> None:
-    """Have the kernel kill this process when the tests die, as by SIGTERM or a crash."""
+    """Have the kernel kill this process when the tests die; hear Ctrl-C even in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
@@ -117,18 +118,17 @@ class Started:
 
 
 class NodeProcess(Started):
-    """One node in a process group of its own, started as ``python -m MODULE``."""
+    """A program, or a module of Python that may be a node's, in a process group of its own."""
 
     def __init__(
-        self, module: str, arguments: list[str], environment: Mapping[str, str], folder: Path
+        self, program: str, arguments: list[str], environment: Mapping[str, str], folder: Path
     ) -> None:
-        self.module = module
-        self.output_file = Path(
-            tempfile.mkstemp(dir=folder, prefix=module.rsplit('.', 1)[-1] + '_', suffix='.txt')[1]
-        )
+        self.output_file = Path(tempfile.mkstemp(dir=folder, suffix='.txt')[1])
+        self.command = [program, *arguments]
+        start = [] if os.path.isabs(program) else [sys.executable, '-m']
         with self.output_file.open('w') as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', module, *arguments],
+                start + self.command,
                 env={**os.environ, **environment},
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -154,7 +154,7 @@ class NodeProcess(Started):
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
             raise AssertionError(
-                f'{self.module} did not end within {timeout} s of signal {number}:\n{self.output}'
+                f'{self.command} did not end within {timeout} s of {number}:\n{self.output}'
             ) from None
 
 

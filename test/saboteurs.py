@@ -108,7 +108,8 @@ def _cut(rng: Generator, size: float, t: Trajectory) -> Trajectory:
     """Lose the last samples, or one on the way."""
     kept = np.ones(t.times.size, dtype=bool)
     if rng.uniform() < 0.5:
-        kept[-int(rng.integers(1, 1 + max(1, t.times.size // 3))) :] = False
+        lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
+        kept[-lost:] = False
     else:
         kept[rng.integers(1, t.times.size - 1)] = False
     rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}

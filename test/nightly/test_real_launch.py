@@ -5,66 +5,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from functools import partial
+from collections.abc import Callable
 import os
 from pathlib import Path
 import re
 import shutil
 import signal
-import subprocess
 import sys
-import time
 
 import pytest
-from ros_harness import MODULES, reserved_domain, ros_environment, SOURCE
+from ros_harness import MODULES, Ros, SOURCE
+from signal_scenes import survivors
 
 pytest.importorskip('launch_ros')
 pytest.importorskip('ros2launch')
 
 
 class Launched:
-    """A ``ros2 launch`` in a session of its own, which all that it starts are in as well."""
+    """A ``ros2 launch`` in the domain, which all that it starts are in as well."""
 
-    def __init__(self, words: list[str], environment: dict[str, str], folder: Path) -> None:
-        self._log = folder / 'output.txt'
-        with self._log.open('w') as output:
-            self.process = subprocess.Popen(
-                [str(shutil.which('ros2')), 'launch', *words],
-                env=environment,
-                cwd=folder,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                # Tests in the background of a shell ignore Ctrl-C, and what they start would, too.
-                preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
-            )
+    def __init__(self, ros: Ros, words: list[str], environment: dict[str, str]) -> None:
+        self.ros = ros
+        self.launch = ros.run(str(shutil.which('ros2')), ['launch', *words], environment)
 
     @property
     def output(self) -> str:
-        return self._log.read_text()
+        return self.launch.output
 
     def running(self, name: str = '') -> list[int]:
-        """Return the processes of the session, or those of an executable of ours."""
-        found = []
-        for folder in Path('/proc').glob('[0-9]*'):
-            with suppress(OSError):  # it has ended
-                stat = folder.joinpath('stat').read_text().split(')')[1].split()
-                if int(stat[3]) == self.process.pid and stat[0] != 'Z':
-                    words = folder.joinpath('cmdline').read_text()
-                    found += [int(folder.name)] if not name or f'/{name}\0' in words else []
-        return found
+        """Return the processes of the domain, or those of an executable of ours."""
+        found = survivors(f'ROS_DOMAIN_ID={self.ros.domain}')
+        words = {pid: Path(f'/proc/{pid}/cmdline').read_text() for pid in found}
+        return [pid for pid in found if not name or f'/{name}\0' in words[pid]]
 
-    def wait_for(self, condition: Callable[[], bool], timeout: float = 120.0) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, self.output
-            time.sleep(0.05)
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        assert self.ros.spin_until(condition, 120.0), self.output
 
     def ended(self) -> int:
         """Wait until launch ends; nothing of it may be left."""
-        code = self.process.wait(120.0)
+        code = self.launch.process.wait(120.0)
         assert not self.running(), self.output
         assert 'Traceback' not in self.output, self.output
         return code
@@ -90,35 +69,21 @@ def prefix(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def launch(prefix: Path, tmp_path: Path) -> Iterator[Callable[..., Launched]]:
-    started: list[Launched] = []
-    with reserved_domain() as domain:
-        environment = {
-            **os.environ,
-            **ros_environment(domain, tmp_path),
-            'AMENT_PREFIX_PATH': str(prefix),
-        }
+def launch(ros: Ros, prefix: Path) -> Callable[..., Launched]:
+    def start(name: str, *arguments: str) -> Launched:
+        file = str(SOURCE / 'launch' / f'{name}.launch.py')
+        return Launched(ros, [file, *arguments], {'AMENT_PREFIX_PATH': str(prefix)})
 
-        def start(name: str, *arguments: str) -> Launched:
-            file = str(SOURCE / 'launch' / f'{name}.launch.py')
-            started.append(Launched([file, *arguments], environment, tmp_path))
-            return started[-1]
-
-        try:
-            yield start
-        finally:
-            for made in started:
-                if made.running():
-                    os.killpg(made.process.pid, signal.SIGKILL)
-                made.process.wait()
+    return start
 
 
 def test_all_of_it_is_recorded_and_ended_by_one_interrupt(launch, tmp_path):
-    launched = launch('robots', 'number_of_robots:=2', 'record:=True', 'bag:=bag')
+    words = ('number_of_robots:=2', 'record:=True', f'bag:={tmp_path / "bag"}')
+    launched = launch('robots', *words)
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     launched.wait_for(lambda: any((tmp_path / 'bag').glob('*.mcap')))
     assert len(launched.running()) == 1 + 1 + 4 + 1
-    os.killpg(launched.process.pid, signal.SIGINT)
+    os.killpg(launched.launch.process.pid, signal.SIGINT)
     assert launched.ended() == 0
     assert (tmp_path / 'bag/metadata.yaml').is_file()
 
@@ -149,5 +114,5 @@ def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch):
     os.kill(tracker, signal.SIGKILL)
     launched.wait_for(lambda: len(re.findall(r'tracker\]: active', launched.output)) == 2)
     assert not launched.running('planner')
-    os.killpg(launched.process.pid, signal.SIGINT)
+    os.killpg(launched.launch.process.pid, signal.SIGINT)
     assert launched.ended() == 0

@@ -28,6 +28,8 @@ FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters', **WAITING}
 
 
 class Manager:
+    """What a lifecycle manager does with one node."""
+
     def __init__(self, ros: Stepped, node: str) -> None:
         self.ros, self.node = ros, node
         self.title = 'planning' if node.endswith('planner') else 'tracking'

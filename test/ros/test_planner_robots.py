@@ -17,10 +17,7 @@ from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes import other_planners
-from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_quaternion, to_stamp
+from tdm_planner.nodes.messages import LATCHED, to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
@@ -153,37 +150,3 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
         old, before = plans[name]
         expected = old.sample((start - before) * 1e-9).state
         np.testing.assert_allclose(new.states[0], expected, atol=0.02)
-
-
-def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(ros, monkeypatch):
-    pair = ('robot1', 'robot2')
-    places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
-    problem = RobotFormation.from_parameters({'robots': list(pair), **places})
-    plan, given = problem.solve(), problem.to_parameters()
-    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given, print)
-    monkeypatch.setattr(other_planners, 'GRACE', 0.0)
-    recovery = other_planners.Recovery(ros.node, adapter.vehicles.values())
-    topic, kind = 'active_trajectory', JointTrajectory
-    publishers = {robot: ros.publisher(f'{robot}/{topic}', kind, LATCHED) for robot in pair}
-
-    def follow(robot: str, start: int) -> None:
-        trajectory = plan.trajectories[robot].with_rates(problem.plant.derivative)
-        publishers[robot].publish(plan_message(ROBOT, trajectory, to_stamp(start)))
-        ros.settle()
-
-    follow('robot1', 5)
-    follow('robot2', 4)
-    assert recovery.look(active=True) is None
-    follow('robot2', 5)
-    found = recovery.look(active=True)
-    assert found is not None
-    trajectories, start = found
-    assert start == 5
-    for robot in pair:
-        planned = plan.trajectories[robot]
-        assert np.allclose(trajectories[robot].controls, planned.controls, atol=1e-12)
-    assert problem.recognised(trajectories).cost == pytest.approx(plan.cost)
-    for publisher in publishers.values():
-        publisher.publish(JointTrajectory())
-    ros.settle()
-    assert recovery.look(active=True) is None

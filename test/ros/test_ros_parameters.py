@@ -38,6 +38,8 @@ class ExampleParameters(Validated):
 
 
 class ExampleNode(ParameterNode):
+    """A node with nothing but parameters."""
+
     def __init__(self, **options: Any) -> None:
         super().__init__('example', declared.specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()

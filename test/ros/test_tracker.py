@@ -209,6 +209,8 @@ def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
 
 
 class Rig(Bench):
+    """The tracker and its plant."""
+
     def __init__(self, ros: Stepped) -> None:
         given = {**dict.fromkeys(('noise.theta', 'noise.psi'), 0.0015),
                  **dict.fromkeys(('noise.theta_dot', 'noise.psi_dot'), 0.1)}  # fmt: skip
@@ -289,6 +291,8 @@ ALONE = {
 
 
 class Scout(Bench):
+    """Tracker and plant of one robot."""
+
     def __init__(self, ros: Stepped) -> None:
         made = RobotFormation.from_parameters(ALONE).solve().trajectories['scout']
         self.way = made.with_rates(FloatingRobot().derivative)

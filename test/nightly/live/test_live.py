@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, Ros, SOURCE
-from sensor_msgs.msg import JointState
-from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.plant_views import view_of
-from tdm_planner.problems import RobotFormation
-from tdm_sim.live.geometry import axes_of, view_on
-from tdm_sim.live.scene import drag_handles_of
-from trajectory_msgs.msg import JointTrajectory
-import yaml
 
 if find_spec('selenium') is None or find_spec('viser') is None:
     pytest.skip('needs selenium and viser', allow_module_level=True)
 
 from selenium.webdriver.common.action_chains import ActionChains
+from sensor_msgs.msg import JointState
 from signal_scenes import survivors
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems import RobotFormation
+from tdm_sim.live.geometry import axes_of, view_on
+from tdm_sim.live.scene import drag_handles_of
 from tools.browser import chromium, open_browser, set_window
+from trajectory_msgs.msg import JointTrajectory
+import yaml
 
 if chromium() is None:
     pytest.skip('no headless Chromium: apt-get install chromium', allow_module_level=True)
