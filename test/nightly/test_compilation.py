@@ -3,8 +3,6 @@
 
 """Kernels are compiled once; whoever must wait for it is told."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import shutil

@@ -3,8 +3,6 @@
 
 """What is built and installed: by colcon for ROS 2, by pip as a wheel."""
 
-from __future__ import annotations
-
 from configparser import ConfigParser
 import importlib.util
 import os

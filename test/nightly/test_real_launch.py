@@ -3,8 +3,6 @@
 
 """The launch files under the real ``ros2 launch``, where it is installed: nothing is left."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import os
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """The planner's client for Python, with a node of its own or the user's, over DDS."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 import math

@@ -3,8 +3,6 @@
 
 """Faults during a mission, in stepped time: some of data, all of which are tried by night."""
 
-from __future__ import annotations
-
 from data_faults import FAULTS, misled_rig, QUICK
 from pendulum_rig import note
 import pytest

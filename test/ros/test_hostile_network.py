@@ -3,8 +3,6 @@
 
 """Six nodes and a network that means them harm: what they are allowed, survive, and write."""
 
-from __future__ import annotations
-
 import os
 from xml.etree import ElementTree
 

@@ -3,8 +3,6 @@
 
 """Planner and tracker as managed nodes, brought up and down by a lifecycle manager over DDS."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

@@ -3,8 +3,6 @@
 
 """What the live page knows of nodes, and what it has done, without a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import math
 from pathlib import Path

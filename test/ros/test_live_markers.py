@@ -3,8 +3,6 @@
 
 """Markers and goal tools of the running nodes over DDS, as RViz would show and use them."""
 
-from __future__ import annotations
-
 import cmath
 from collections.abc import Callable
 import math

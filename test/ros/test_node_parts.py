@@ -7,8 +7,6 @@ Parts of nodes over DDS: diagnostics, what is known of a tracker, answers of ser
 Services answer from a queue that computes, and answer again where the middleware gave up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import threading
 from types import SimpleNamespace

@@ -3,8 +3,6 @@
 
 """The planner of a pendulum over DDS: requests, answers, messages."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

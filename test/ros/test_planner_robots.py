@@ -3,8 +3,6 @@
 
 """The planner of robots over DDS: plans for all of them, and a formation that moves."""
 
-from __future__ import annotations
-
 from functools import partial
 import json
 import math

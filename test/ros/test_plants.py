@@ -3,8 +3,6 @@
 
 """The simulated pendulum and robot; what all plant nodes have in common is tested on the first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import math
 from typing import Any

@@ -3,8 +3,6 @@
 
 """Replanning and repeated requests over DDS: planner, tracker and plant of a pendulum."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

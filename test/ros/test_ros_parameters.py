@@ -3,8 +3,6 @@
 
 """Declared parameters as ROS parameters, and files of them as rcl reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math

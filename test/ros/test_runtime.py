@@ -3,8 +3,6 @@
 
 """The life of a node's process, lived in this one: how it ends, with which code, what it says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import gc

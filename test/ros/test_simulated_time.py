@@ -3,8 +3,6 @@
 
 """A plant that drives `/clock` and nodes that follow it; nodes before and after time begins."""
 
-from __future__ import annotations
-
 import numpy as np
 from pendulum_rig import measured_state
 import pytest

@@ -3,8 +3,6 @@
 
 """The tracker: with scripted states, with the simulated pendulum, with a simulated robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import math
 from types import SimpleNamespace

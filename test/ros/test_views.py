@@ -3,8 +3,6 @@
 
 """Views for RViz and Foxglove: nothing in them that the nodes do not have."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib import import_module
 import json

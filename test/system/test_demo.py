@@ -7,8 +7,6 @@ The demo as users run it: real processes, real DDS, a bag that others can read.
 Simulated time waits for the tracker: a busy machine makes a mission longer, and no other.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 import os
 from pathlib import Path

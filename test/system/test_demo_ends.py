@@ -3,8 +3,6 @@
 
 """A demo that has no plan, or that is interrupted: its exit code, and what it leaves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from action_msgs.msg import GoalStatus, GoalStatusArray

@@ -3,8 +3,6 @@
 
 """Processes that are killed, and such that are asked to end: each kind once."""
 
-from __future__ import annotations
-
 from pendulum_rig import held_rig, SCENARIOS
 import pytest
 from signal_scenes import SCENES

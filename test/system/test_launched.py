@@ -3,8 +3,6 @@
 
 """What the launch files describe, started as launch_ros starts it, and ended by one Ctrl-C."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 from typing import Any

@@ -10,8 +10,6 @@ Of ROS come the definitions of messages only, which `dds_type` turns into those 
 service: Cyclone's binding does not show the parameter by which clients of ROS know their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 import functools

@@ -3,8 +3,6 @@
 
 """The recorder as a process: what comes over the wire is in the bag, what was lost is counted."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from pathlib import Path

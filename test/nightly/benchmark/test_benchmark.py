@@ -3,8 +3,6 @@
 
 """The benchmark runs for real, and the peers solve the same problems as this package."""
 
-from __future__ import annotations
-
 from benchmark import runner
 from benchmark.peers.attempts import judge_formation, judge_pendulum
 from benchmark.peers.pendulum_collocation import energy_swing, HARD

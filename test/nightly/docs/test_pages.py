@@ -8,8 +8,6 @@ Commands of this package are run, `ros2 run` of a node as a process. What needs 
 is started by other tests (demo, recordings), or builds is checked against what is declared.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from configparser import ConfigParser
 import itertools

@@ -7,8 +7,6 @@ Nodes that are ended, killed and restarted, over real DDS, over and over; all of
 The figures are those of docs/reliability.md; with TDM_FAULT_FIGURES=FILE they are kept there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 import time

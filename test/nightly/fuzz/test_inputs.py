@@ -3,8 +3,6 @@
 
 """Thousands of new cases of bad input, a thousand plans of sabotaged solvers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fuzz_inputs import SPECIFICATIONS

@@ -3,8 +3,6 @@
 
 """The live page in a headless browser: drag, reason, push, record, two pages, dead nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 import json

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twenty clients at once; processors that are taken; a tracker behind a bad link."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

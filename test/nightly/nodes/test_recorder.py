@@ -3,8 +3,6 @@
 
 """How a recording ends, and nodes whose executor is interrupted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 import os
 import subprocess

@@ -3,8 +3,6 @@
 
 """A worker that dies, and Ctrl-C, lose nothing of a study."""
 
-from __future__ import annotations
-
 from functools import partial
 import os
 from pathlib import Path
