@@ -238,18 +238,6 @@ def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, ow
     assert planner.latched('trajectory', JointTrajectory) == active
 
 
-def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(ros, planner):
-    turns = (1, -1, 2, 1)
-    asked = [ros.set_all(f'{planner.space}/plan_with', goal__turns=number) for number in turns]
-    assert ros.spin_until(lambda: all(future.done() for future in asked))
-    answers = [future.result().result for future in asked]
-    met = [n for n, result in zip(turns, answers, strict=True) if result.successful]
-    refused = [json.loads(result.reason)['code'] for result in answers if not result.successful]
-    assert met
-    assert refused == ['BUSY'] * (len(turns) - len(met))
-    assert planner.summary()['parameters']['goal.turns'] == met[-1]
-
-
 def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     planner = Planner(ros, start__source='parameters', use_sim_time=False)
     start, node = begins(planner.made()), planner.here.node

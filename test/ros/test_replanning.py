@@ -48,19 +48,6 @@ class Rig(PendulumRig):
         return self.ros.spin_until(lambda: self.upright_for(0.5))
 
 
-# The first plan begins .6 s after its request; the last request waits for it to begin.
-@pytest.mark.parametrize('pause', [0.2, 0.5])
-def test_the_last_of_several_requests_is_followed(ros, pause):
-    namespace = f'second_{round(100 * pause)}'
-    rig = Rig(ros, namespace, planner={'start.delay': 0.6, 'start.max_age': 5.0})
-    rig.plan()
-    ros.spin_for(pause)
-    rig.plan()
-    assert rig.stands_up(), rig.told('tracker')
-    assert 'stopped' not in rig.told('tracker')
-    assert 'rejected' not in rig.told('tracker')
-
-
 def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(ros):
     rig = Rig(ros, 'again', planner={'start.delay': 0.2})
     rig.plan()
