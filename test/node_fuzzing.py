@@ -71,9 +71,7 @@ summaries = st.one_of(
 # Messages that reach further than any of their types would.
 SHAPED: dict[str, st.SearchStrategy[Any]] = {
     'trajectory_msgs/JointTrajectory': st.one_of(
-        fuzz.plans('JointTrajectory'),
-        fuzz.quiet_plans('pendulum'),
-        fuzz.quiet_plans('robot'),
+        fuzz.plans('JointTrajectory'), fuzz.quiet_plans('pendulum'), fuzz.quiet_plans('robot')
     ),
     'std_msgs/String': st.builds(dict, data=summaries | texts),
 }
@@ -105,15 +103,7 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
         made.value.string_value = sendable(made.value.string_value)
         made.value.string_array_value = list(map(sendable, made.value.string_array_value))
         found.append(made)
-    odd = [
-        *NODES[node][1],
-        'use_sim_time_',
-        '',
-        'qos_overrides.a',
-        'start',
-        '.',
-        fuzz.FORGED,
-    ]
+    odd = [*NODES[node][1], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', fuzz.FORGED]
     for name in draw(st.lists(st.sampled_from(odd), max_size=3)):
         value = message('rcl_interfaces/ParameterValue', draw(values))
         found.append(Parameter(name=name, value=value))

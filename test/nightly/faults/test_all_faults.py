@@ -12,14 +12,7 @@ from pathlib import Path
 import time
 
 from data_faults import FAULTS, misled_rig
-from pendulum_rig import (
-    COMMAND_TIMEOUT,
-    held_rig,
-    note,
-    PendulumRig,
-    SCENARIOS,
-    STATE_TIMEOUT,
-)
+from pendulum_rig import COMMAND_TIMEOUT, held_rig, note, PendulumRig, SCENARIOS, STATE_TIMEOUT
 import pytest
 from ros_harness import Ros
 from signal_scenes import SCENES, WAYS
