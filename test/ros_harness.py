@@ -195,11 +195,7 @@ class Ros:
         namespace: str = '',
         arguments: list[str] | None = None,
     ) -> Any:
-        """
-        Start a node by its module or role; ended, and its exit checked, with the fixture at last.
-
-        A planner has time enough unless it says otherwise.
-        """
+        """Start a node, by module or role; it ends with the fixture, planners have time."""
         module = MODULES.get(module, module)
         given, more = {**self.common, **(parameters or {})}, arguments or []
         if module == MODULES['planner'] and '--params-file' not in more:
@@ -267,10 +263,9 @@ class Ros:
 
     def meet(self, known: Callable[[], bool]) -> bool:
         """
-        Wait until an endpoint of another process is known, and a little longer.
+        Wait until an endpoint elsewhere is known, and a little longer: it may match later.
 
-        The other side may match later; until then it misses best-effort messages and answers. On a
-        busy machine this is not enough: what must be heard is sent with `publish_until`.
+        On a busy machine this is not enough: what must be heard is sent with `publish_until`.
         """
         met = self.spin_until(known)
         self.spin_for(MATCHING)

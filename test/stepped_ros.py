@@ -205,11 +205,9 @@ class Stepped(Ros):
     def said(self, name: str, *texts: str, level: int | None = None) -> bool:
         """Whether the newest status of that name has all the texts, and the level if given."""
         status = self.statuses.get(name)
-        return (
-            status is not None
-            and all(text in status.message for text in texts)
-            and level in (None, status.level[0])
-        )
+        if status is None or level not in (None, status.level[0]):
+            return False
+        return all(text in status.message for text in texts)
 
     def says(self, name: str, *texts: str, level: int | None = None, timeout: float = 5.0) -> bool:
         return self.spin_until(lambda: self.said(name, *texts, level=level), timeout)
@@ -245,11 +243,7 @@ class Stepped(Ros):
         return True
 
     def meet(self, known: Callable[[], bool]) -> bool:
-        """
-        Wait, while time stands still, for what the middleware does in threads of its own.
-
-        That an endpoint becomes known, that a late subscriber is sent latched messages.
-        """
+        """Wait, while time stands still, for what the middleware does in threads of its own."""
         patience = time.monotonic() + STUCK
         while not known() and time.monotonic() < patience:
             if not self._serve():
@@ -257,11 +251,7 @@ class Stepped(Ros):
         return known()
 
     def do(self, what: Callable[..., Any], *arguments: Any, still: bool = False) -> Any:
-        """
-        Do something in a thread while the nodes are served; return or raise what came of it.
-
-        Time stands `still` meanwhile if asked.
-        """
+        """Do something in a thread while nodes are served, in time or while it stands `still`."""
         with ThreadPoolExecutor(1) as pool:
             future = pool.submit(what, *arguments)
             assert (self.meet if still else self.spin_until)(future.done)
@@ -272,7 +262,6 @@ class Stepped(Ros):
         self.spin_for(0.0)
 
     def step_to(self, now: int) -> None:
-        """Let it be `now` [ns] for all."""
         self.time.step_to(now)
         self._tell_time()
 

@@ -4,6 +4,7 @@
 """The launch files under the real ``ros2 launch``, where it is installed: nothing is left."""
 
 from collections.abc import Callable
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -32,9 +33,12 @@ class Launched:
 
     def running(self, name: str = '') -> list[int]:
         """Return the processes of the domain, or those of an executable of ours."""
-        found = survivors(f'ROS_DOMAIN_ID={self.ros.domain}')
-        words = {pid: Path(f'/proc/{pid}/cmdline').read_text() for pid in found}
-        return [pid for pid in found if not name or f'/{name}\0' in words[pid]]
+        found = []
+        for pid in survivors(f'ROS_DOMAIN_ID={self.ros.domain}'):
+            with suppress(OSError):  # it has ended
+                if f'/{name}\0' in Path(f'/proc/{pid}/cmdline').read_text() or not name:
+                    found.append(pid)
+        return found
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         assert self.ros.spin_until(condition, 120.0), self.output

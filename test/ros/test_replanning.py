@@ -116,11 +116,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):
 
 
 def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros, rig):
-    """
-    Upright, the tracker is offered a swing-up from hanging: it goes on holding.
-
-    On the way requests are answered though the plan is reviewed.
-    """
+    """Upright, it is offered a swing-up; on the way requests are answered, reviews or not."""
     rig.plan()
     assert ros.spin_until(lambda: 'tracking' in rig.told('tracker'))
     for _ in range(3):

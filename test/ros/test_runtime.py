@@ -155,12 +155,8 @@ def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros):
 
 
 def test_others_see_at_once_that_it_has_gone(ros, left):
-    """
-    Not when the middleware gives it up, 20 s later.
-
-    The observer is new: to one that has not yet heard of the end of the participant before, which
-    may have had the same identifier, this one would never begin.
-    """
+    """Not when the middleware gives it up, 20 s later."""
+    # To an observer that has not heard of the end of one with the same identifier it never begins.
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=ros.domain)
     observer = rclpy.create_node('observer', context=context)
