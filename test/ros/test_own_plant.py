@@ -280,6 +280,35 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
 
 
+def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(ros, tmp_path):
+    viser = pytest.importorskip('viser')
+    from tdm_sim.live.listener import Listener
+    from tdm_sim.live.page import Page
+    from tdm_sim.live.recordings import Recordings
+
+    loop, listener = Loop(ros, f'{__name__}:Rail'), Listener('own', ros._context)
+    ros._executor.add_node(listener.node)
+    server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
+    page = Page(server, listener, Recordings(tmp_path, 'own'), 'own')
+
+    def shown(plan_id: int) -> bool:
+        page.frame()
+        return page._rig.plan is not None and page._rig.plan.plan_id == plan_id
+
+    nodes, camera = server.scene._handle_from_node_name, server.initial_camera
+    assert ros.spin_until(lambda: shown(1) and '/plan/lines' in nodes)
+    user = np.array([1.0, 2.0, 3.0])
+    assert not np.allclose(camera.position, user)
+    camera.position = user
+    loop.plan()
+    assert ros.spin_until(lambda: shown(2))
+    assert np.allclose(camera.position, user)
+    page.close()
+    server.stop()
+    ros._executor.remove_node(listener.node)
+    listener.close()
+
+
 @dataclass(frozen=True)
 class Kind(Rail):
     """A parameter has the name of one of the tracker's own."""
