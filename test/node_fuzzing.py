@@ -182,7 +182,7 @@ class SixNodes:
     def set_items(self, node: str, items: list[Parameter], atomically: bool = False) -> list[Any]:
         """Set parameters; what is not set has a reason, which is not the node's own error."""
         if atomically:
-            results = [self.all_set(f'{node}/set_parameters_atomically', items)]
+            results = [self.ros.set_all(f'{node}/set_parameters_atomically', *items)]
         else:
             request = SetParameters.Request(parameters=items)
             results = self.ros.call(f'{node}/set_parameters', SetParameters, request).results
@@ -193,17 +193,12 @@ class SixNodes:
             assert '\n' not in result.reason
         return results
 
-    def all_set(self, service: str, items: list[Parameter]) -> Any:
-        asked = self.ros.set_all(service, *items)
-        assert self.ros.spin_until(asked.done, PATIENCE)
-        return asked.result().result
-
     def plan(self, space: str, items: list[Parameter] | None = None) -> bool:
         """Ask for a plan, with parameters of its own if given; a refusal has its reason."""
         if items is None:
             fine, answer = self.ros.trigger(f'{space}/plan')
         else:
-            result = self.all_set(f'{space}/plan_with', items)
+            result = self.ros.set_all(f'{space}/plan_with', *items)
             fine, answer = result.successful, json.loads(result.reason)
         assert fine or answer['code'] in set(CODES) - {'INTERNAL'}, (items, answer)
         assert fine or 'INTERNAL' not in answer['reason'], (items, answer)

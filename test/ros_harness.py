@@ -315,11 +315,11 @@ class Ros:
         return [r.reason for r in response.results]
 
     def set_all(self, service: str, *odd: Any, **named: Any) -> Any:
-        """Ask for values all at once, as `plan_with` is asked; returns a Future of the result."""
+        """Ask for values all at once, as `plan_with` is asked; return the result."""
         from rcl_interfaces.srv import SetParametersAtomically
 
         request = SetParametersAtomically.Request(parameters=[*parameters(named), *odd])
-        return self.request(service, SetParametersAtomically, request)
+        return self.call(service, SetParametersAtomically, request).result
 
     def change(self, node: str, asked: int | str | dict[str, Any]) -> bool:
         """Ask for a transition of a managed node, by number, name, or as the message has it."""
@@ -360,8 +360,7 @@ class Space:
         return self.ros.start(role, given, self.space, arguments)
 
     def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
-        heard: list[Any] = self.ros.subscribe(f'{self.space}/{topic}', kind, qos)
-        return heard
+        return self.ros.subscribe(f'{self.space}/{topic}', kind, qos)
 
     def publisher(self, topic: str, kind: Any, qos: Any = 10) -> Any:
         return self.ros.publisher(f'{self.space}/{topic}', kind, qos)
@@ -382,8 +381,7 @@ class Space:
         return str(response.message)
 
     def plan(self) -> dict[str, Any]:
-        answer: dict[str, Any] = json.loads(self.trigger('plan'))
-        return answer
+        return json.loads(self.trigger('plan'))
 
     def refusal(self) -> tuple[str, str]:
         """Return code and reason of a request that comes to nothing."""

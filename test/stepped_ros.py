@@ -213,8 +213,7 @@ class Stepped(Ros):
         return self.spin_until(lambda: self.said(name, *texts, level=level), timeout)
 
     def figure(self, name: str, key: str) -> str:
-        found: str = {item.key: item.value for item in self.statuses[name].values}[key]
-        return found
+        return {item.key: item.value for item in self.statuses[name].values}[key]
 
     # Time.
 

@@ -49,9 +49,7 @@ class Seen(Space):
         assert ros.spin_until(lambda: self.rig.move() or bool(self.rig.motions))
 
     def values(self, role: str) -> dict[str, Any]:
-        declared = self.listener.parameters_of(role)
-        assert declared is not None
-        return declared.values
+        return self.listener.parameters_of(role).values
 
     def state(self) -> Any:
         self.rig.move()
@@ -92,9 +90,7 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
     assert seen.state() == pytest.approx([math.pi, 0.0, 0.0, 0.0])
     assert seen.ros.spin_until(lambda: len(listener.events) > 0)
     before = listener.changes
-    seen.ros.do(
-        listener.set_parameters, [f'/{SPACE}/pendulum_plant'], {'disturbance.impulse': 3e-4}
-    )
+    seen.ros.do(listener.set_parameters, plants, {'disturbance.impulse': 3e-4})
     values = seen.values(SIMULATION)
     assert seen.ros.spin_until(lambda: values['disturbance.impulse'] == 3e-4)
     assert listener.changes > before
@@ -112,20 +108,16 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
 
 
 def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(seen):
-    assert seen.rig.problem is not None
     handle = drag_handles_of(seen.rig.problem)[0]
     pose = np.zeros(3), about((0, 0, 1), 0.5)
     assert seen.told(lambda: seen.operations.drag(handle, pose, seen.texts.append)) == ''
     assert seen.values(SIMULATION)['initial.psi'] == pytest.approx(0.5)
     assert seen.ros.spin_until(seen.rig.move)
-    trajectory = seen.rig.trajectory('pendulum')
-    assert trajectory is not None
-    assert trajectory.states[0, 1] == pytest.approx(0.5, abs=0.05)
+    states = seen.rig.trajectory('pendulum').states
+    assert states[0, 1] == pytest.approx(0.5, abs=0.05)
     declared, before = seen.listener.parameters_of(PLANNING), seen.rig.plan
-    assert declared is not None
     name = 'limits.disk_angle'
     slider = slider_of(declared.descriptors[name], declared.values[name])
-    assert slider is not None
 
     def change(value: float) -> str:
         return seen.told(lambda: seen.operations.change(slider, value, seen.texts.append))

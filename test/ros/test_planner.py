@@ -46,15 +46,12 @@ class Planner(Space):
         return self.trajectories[-1]
 
     def plan_with(self, *odd: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
-        asked = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
-        assert self.ros.spin_until(asked.done)
+        result = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
         self.ros.settle()
-        result = asked.result().result
         return result.successful, json.loads(result.reason)
 
     def summary(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.latched('plan_summary', String).data)
-        return found
+        return json.loads(self.latched('plan_summary', String).data)
 
     def state(self, state: list[float], age: float = 0.0) -> JointState:
         at = self.ros.now - round(age * 1e9)

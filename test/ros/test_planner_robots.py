@@ -78,8 +78,6 @@ def fleet(ros: Stepped) -> Fleet:
 
 
 def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
-    markers = ros.subscribe('/robots/markers', MarkerArray, LATCHED)
-    summaries = ros.subscribe('/robots/plan_summary', String, LATCHED)
     answer = fleet.plan()
     task, starts = RobotFormation().task, set()
     for k, name in enumerate(ROBOTS):
@@ -93,8 +91,9 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
         assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
         assert len(path.poses) == plan.times.size
     assert len(starts) == 1
-    assert {m.ns for m in markers[-1].markers} >= {'limit', 'planned_path', 'goal', 'reach'}
-    summary = json.loads(summaries[-1].data)
+    markers = fleet.latched('markers', MarkerArray).markers
+    assert {marker.ns for marker in markers} >= {'limit', 'planned_path', 'goal', 'reach'}
+    summary = json.loads(fleet.latched('plan_summary', String).data)
     assert summary['plan_id'] == answer['plan_id']
     assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
     assert list(summary['vehicles']) == ROBOTS

@@ -116,15 +116,11 @@ def test_other_values_are_refused_with_a_sentence(ros, example, name, value, say
 
 
 def test_all_or_none_are_set_atomically(ros, example):
-    def set_all(**changes: Any) -> bool:
-        asked = ros.set_all('example/set_parameters_atomically', **changes)
-        assert ros.spin_until(asked.done)
-        return bool(asked.result().result.successful)
-
-    assert not set_all(mass=2.0, count=-1)
+    service = 'example/set_parameters_atomically'
+    assert not ros.set_all(service, mass=2.0, count=-1).successful
     assert example.parameter_values == DEFAULTS
     for values in ({'mass': 200.0, 'kind': 'slow', 'turns': 1}, DEFAULTS):
-        assert set_all(**values)
+        assert ros.set_all(service, **values).successful
         assert example.parameter_values == {**DEFAULTS, **values}
 
 
@@ -217,7 +213,7 @@ def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
     options = {'automatically_declare_parameters_from_overrides': True,
                'start_parameter_services': False, 'enable_rosout': False}  # fmt: skip
     node = Node('planner', namespace=namespace, context=ros._context, cli_args=words, **options)
-    found: dict[str, Any] = node.get_parameters_by_prefix('')
+    found = node.get_parameters_by_prefix('')
     node.destroy_node()
     return {name: item.value for name, item in found.items() if name not in OF_RCLPY}
 
