@@ -140,8 +140,6 @@ class SixNodes:
                 publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
                 self._publishers[topic] = kind, publisher
 
-    # What is done to them.
-
     def endure(self, cases: int, *, new: bool = False) -> None:
         self.meet()
 

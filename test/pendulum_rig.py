@@ -100,8 +100,6 @@ class PendulumRig(Space):
     def _hear(self, topic: str, kind: Any, qos: Any = _QUEUE) -> list[Any]:
         return self.hear(topic, kind, qos)
 
-    # What is done to it.
-
     def start(self, role: str) -> None:
         given = {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
         self.processes[role] = super().start(role, given, self._arguments.get(role))
@@ -138,8 +136,6 @@ class PendulumRig(Space):
 
     def wait_until(self, instant: float) -> None:
         self.wait(lambda: self.now > instant)
-
-    # What it does.
 
     @property
     def now(self) -> float:
@@ -190,8 +186,6 @@ class PendulumRig(Space):
         """Tell what happened, for the message of a failed test."""
         told = [s.message for role in self.processes for s in self.statuses(role)[-6:]]
         return '\n'.join(told + [p.output[-3000:] for p in self.processes.values()])
-
-    # What was measured.
 
     def measured(self, start: float = 0.0, end: float = math.inf) -> NDArray[np.float64]:
         """Instants [s], theta, psi and applied torque (n, 4) of the plant in [start, end]."""

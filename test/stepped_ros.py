@@ -200,8 +200,6 @@ class Stepped(Ros):
         self.settle()
         return here
 
-    # What nodes say of themselves.
-
     def said(self, name: str, *texts: str, level: int | None = None) -> bool:
         """Whether the newest status of that name has all the texts, and the level if given."""
         status = self.statuses.get(name)
@@ -214,8 +212,6 @@ class Stepped(Ros):
 
     def figure(self, name: str, key: str) -> str:
         return {item.key: item.value for item in self.statuses[name].values}[key]
-
-    # Time.
 
     @property
     def now(self) -> int:  # [ns]

@@ -39,9 +39,6 @@ from tdm_planner.tracking import PendulumTrackerParameters
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
 
 
-# Diagnostics.
-
-
 def test_diagnostics_are_published_every_second_and_on_change(ros):
     for level in Level:
         assert bytes([level]) == getattr(DiagnosticStatus, level.name)
@@ -147,8 +144,6 @@ def test_the_parameters_are_those_that_the_tracker_has_at_present(ros):
     tracker.end_cleanly()
     assert ros.meet(lambda: watch.inactive)
 
-
-# Services.
 
 DEACTIVATE = Transition(id=Transition.TRANSITION_DEACTIVATE)
 REQUESTS = {

@@ -114,9 +114,6 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):
     assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
 
 
-# The robot.
-
-
 def position(message: Odometry) -> np.ndarray:
     return np.array([message.pose.pose.position.x, message.pose.pose.position.y])
 

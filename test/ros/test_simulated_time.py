@@ -111,9 +111,6 @@ def test_a_second_clock_is_told_of(told):
     assert not told.ros.said(f'{PLANT}: simulation', two)
 
 
-# Clocks of the test.
-
-
 class Simulation:
     """Publishes a clock of its own, and a pendulum that hangs at rest."""
 

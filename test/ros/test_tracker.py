@@ -66,9 +66,6 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
     return plan_message(PENDULUM, plan, to_stamp(ros.now + round(delay * 1e9)))
 
 
-# Scripted states.
-
-
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
     made = Bench(ros)
@@ -274,8 +271,6 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
     assert rig.says('holding', level=OK)
 
-
-# A robot.
 
 START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
 GOAL = 1.2, 1.1, 2.5
