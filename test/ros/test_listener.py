@@ -108,6 +108,7 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
 
 
 def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(seen):
+    seen.set('planner', start__delay=10.0)  # nothing moves meanwhile, however busy the machine is
     handle = drag_handles_of(seen.rig.problem)[0]
     pose = np.zeros(3), about((0, 0, 1), 0.5)
     assert seen.told(lambda: seen.operations.drag(handle, pose, seen.texts.append)) == ''
