@@ -173,11 +173,11 @@ def driven_plant(ros: Ros) -> Subject:
 
 def busy_recorder(ros: Ros) -> Subject:
     subject = Subject(ros, 'tdm', recording(ros))
-    subject.says('Ctrl-C ends')
     count = iter(range(100))
-    return subject.told(
+    subject.told(
         'recorded', hanging, lambda: ros.spin_until(lambda: False, 0.01) or next(count) > 50
     )
+    return subject.says('Ctrl-C ends')  # which is said once a message is written
 
 
 def demo(ros: Ros, phase: str) -> Subject:
