@@ -18,26 +18,15 @@ import json
 import math
 from typing import Any
 
-from fuzz_inputs import (
-    FORGED,
-    message,
-    message_type,
-    messages,
-    parameter_sets,
-    plans,
-    quiet_plans,
-    SPECIFICATIONS,
-    texts,
-)
+import fuzz_inputs as fuzz
+from fuzz_inputs import message, message_type, messages, SPECIFICATIONS, texts
 from fuzzing import profile
 from hypothesis import given
 from hypothesis import strategies as st
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import SetParameters
 import rclpy.parameter
-from ros_harness import MODULES
+from ros_harness import PATIENCE
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -69,7 +58,6 @@ NEVER_SET = ('solver.deadline', 'robot_name')  # what is asked for is kept: test
 SPACES = {'/pendulum': '/pendulum', '/robots': '/robots/robot1'}  # of planners, of their plants
 ACTIONS = ['message'] * 5 + ['parameters'] * 4 + ['plan', 'plan_with'] * 2
 ACTIONS += ['push', 'reset', 'transition', 'restart']
-PATIENCE = 60.0  # s
 
 _odd_numbers = st.sampled_from(
     ['1', '1e400', '-1e400', 'NaN', 'Infinity', '[1]', '{}', '"x"', 'true', 'null', '1e300',
@@ -83,14 +71,13 @@ summaries = st.one_of(
 # Messages that reach further than any of their types would.
 SHAPED: dict[str, st.SearchStrategy[Any]] = {
     'trajectory_msgs/JointTrajectory': st.one_of(
-        plans('JointTrajectory'), quiet_plans('pendulum'), quiet_plans('robot')
+        fuzz.plans('JointTrajectory'), fuzz.quiet_plans('pendulum'), fuzz.quiet_plans('robot')
     ),
     'std_msgs/String': st.builds(dict, data=summaries | texts),
 }
 # What an active node can do is 4 (deactivate) and 7 (shut down), by number or else by name.
-transitions = st.builds(Transition, id=st.integers(0, 255).filter(lambda n: n not in (4, 7)))
-transitions |= st.builds(
-    Transition,
+transitions = st.integers(0, 255).filter(lambda n: n not in (4, 7)) | st.builds(
+    dict,
     id=st.sampled_from([0, 4, 7]),
     label=(texts | st.sampled_from(['configure', 'Deactivate', ' deactivate'])).filter(bool),
 )
@@ -107,7 +94,7 @@ def sendable(text: str) -> str:
 def parameters(draw: Any, node: str) -> list[Parameter]:
     """Draw parameters to be set: values right and wrong, of the type they claim or another."""
     found = []
-    for name, value in draw(parameter_sets(NODES[node][1])).items():
+    for name, value in draw(fuzz.parameter_sets(NODES[node][1])).items():
         made = Parameter()
         with suppress(AssertionError, AttributeError, OverflowError, TypeError, ValueError):
             made = rclpy.parameter.Parameter('name', value=value).to_parameter_msg()
@@ -116,7 +103,7 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
         made.value.string_value = sendable(made.value.string_value)
         made.value.string_array_value = list(map(sendable, made.value.string_array_value))
         found.append(made)
-    odd = [*NODES[node][1], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', FORGED]
+    odd = [*NODES[node][1], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', fuzz.FORGED]
     for name in draw(st.lists(st.sampled_from(odd), max_size=3)):
         value = message('rcl_interfaces/ParameterValue', draw(values))
         found.append(Parameter(name=name, value=value))
@@ -131,11 +118,10 @@ class SixNodes:
         self.nodes: dict[str, NodeHere] = {}
         for path, (values, _) in NODES.items():
             namespace, _, name = path.rpartition('/')
-            self.nodes[path] = ros.start(MODULES[name], values, namespace=namespace)
+            self.nodes[path] = ros.start(name, values, namespace)
         self._publishers: dict[str, tuple[str, Any]] = {}
 
     def check(self) -> None:
-        """Check that nothing was written into the log that looks like a crash, or in its name."""
         for _, text in self.ros.log:
             assert 'Traceback' not in text
             assert not any(line.startswith('[ERROR] [1.0]') for line in text.splitlines()), text
@@ -154,10 +140,7 @@ class SixNodes:
                 publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
                 self._publishers[topic] = kind, publisher
 
-    # What is done to them.
-
     def endure(self, cases: int, *, new: bool = False) -> None:
-        """Do so many things to them, see `profile`; afterwards they serve as before."""
         self.meet()
 
         @profile(cases, new=new)
@@ -169,7 +152,6 @@ class SixNodes:
         self.recover()
 
     def suffer(self, draw: Any) -> None:
-        """Do something to one of them; who is asked something answers."""
         action = draw(st.sampled_from(ACTIONS))
         space = draw(st.sampled_from(sorted(SPACES)))
         if action == 'message':
@@ -185,51 +167,40 @@ class SixNodes:
         elif action == 'plan':
             self.plan(space)
         elif action == 'plan_with':
-            self.plan_with(space, draw(parameters(f'{space}/planner')))
+            self.plan(space, draw(parameters(f'{space}/planner')))
         elif action == 'transition':
-            assert not self.change(space, draw(transitions))
+            assert not self.ros.change(f'{space}/planner', draw(transitions))
         elif action == 'restart':  # with whatever latched topics hold
             for number in (4, 2, 1, 3):
-                assert self.change(space, Transition(id=number)), number
+                assert self.ros.change(f'{space}/planner', number), number
         else:
             assert self.ros.call(f'{SPACES[space]}/{action}', Trigger).success
         self.check()
 
     def set_items(self, node: str, items: list[Parameter], atomically: bool = False) -> list[Any]:
         """Set parameters; what is not set has a reason, which is not the node's own error."""
-        service, kind = 'set_parameters', SetParameters
         if atomically:
-            service, kind = 'set_parameters_atomically', SetParametersAtomically
-        response = self.ros.call(
-            f'{node}/{service}', kind, kind.Request(parameters=items), PATIENCE
-        )
-        results = [response.result] if atomically else response.results
-        assert len(results) == (1 if atomically else len(items))
+            results = [self.ros.set_all(f'{node}/set_parameters_atomically', *items)]
+        else:
+            request = SetParameters.Request(parameters=items)
+            results = self.ros.call(f'{node}/set_parameters', SetParameters, request).results
+            assert len(results) == len(items)
         for result in results:
             assert bool(result.reason) != result.successful, result
             assert 'INTERNAL' not in result.reason, (items, result.reason)
             assert '\n' not in result.reason
         return results
 
-    def plan(self, space: str) -> bool:
-        fine, answer = self.ros.trigger(f'{space}/plan', PATIENCE)
-        assert fine or answer['code'] in CODES
-        assert fine or 'INTERNAL' not in answer['reason'], answer
-        return fine
-
-    def plan_with(self, space: str, items: list[Parameter]) -> None:
-        items = [item for item in items if item.name not in NEVER_SET]
-        request = SetParametersAtomically.Request(parameters=items)
-        service = f'{space}/plan_with'
-        result = self.ros.call(service, SetParametersAtomically, request, PATIENCE).result
-        answer = json.loads(result.reason)
-        assert result.successful or answer['code'] in CODES, answer
-        assert result.successful or answer['code'] != 'INTERNAL', (items, answer)
-
-    def change(self, space: str, transition: Transition) -> bool:
-        request = ChangeState.Request(transition=transition)
-        service = f'{space}/planner/change_state'
-        return bool(self.ros.call(service, ChangeState, request, PATIENCE).success)
+    def plan(self, space: str, items: list[Parameter] | None = None) -> bool:
+        """Ask for a plan, with parameters of its own if given; a refusal has its reason."""
+        if items is None:
+            fine, answer = self.ros.trigger(f'{space}/plan')
+        else:
+            result = self.ros.set_all(f'{space}/plan_with', *items)
+            fine, answer = result.successful, json.loads(result.reason)
+        assert fine or answer['code'] in set(CODES) - {'INTERNAL'}, (items, answer)
+        assert fine or 'INTERNAL' not in answer['reason'], (items, answer)
+        return bool(fine)
 
     def refuse_types_that_do_not_exist(self) -> None:
         """They once ended every node: rclpy raises out of the callback."""
@@ -239,7 +210,7 @@ class SixNodes:
             assert not result.successful
 
     def ignore_stamps_that_no_clock_shows(self) -> None:
-        """Publish summaries that no planner makes: one once ended every planner that heard it."""
+        """One once ended every planner that heard it."""
         publisher = self.ros.publisher('/pendulum/plan_summary', String, LATCHED)
         for second in ('9' * 4000, '-1', '1e300', str(2**31)):
             publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
@@ -253,16 +224,13 @@ class SixNodes:
             self.ros.node.destroy_publisher(publisher)
         self._publishers.clear()
         for node, (values, specs) in NODES.items():
-            wanted = {
-                name: values.get(name, spec.default)
-                for name, spec in specs.items()
-                if not spec.read_only and name not in NEVER_SET
-            }
+            free = [n for n, spec in specs.items() if not spec.read_only and n not in NEVER_SET]
+            wanted = {name: values.get(name, specs[name].default) for name in free}
             for _ in range(2):  # values that depend on one another
-                refused = [r for r in self.ros.set_parameter_mapping(node, wanted) if r]
+                refused = [r for r in self.ros.set_parameters(node, wanted) if r]
             assert not refused, refused
         for planner, plant in SPACES.items():
-            self.ros.set_parameter_mapping(f'{planner}/planner', {'solver.deadline': PATIENCE})
+            self.ros.set_parameters(f'{planner}/planner', solver__deadline=PATIENCE)
             states = self.ros.subscribe(f'{plant}/joint_states', JointState, 1000)
             commands = self.ros.subscribe(f'{plant}/joint_command', JointState, 1000)
 

@@ -7,11 +7,14 @@ A pendulum's plant, tracker and planner that can be killed, misled and measured.
 `PendulumRig` starts them in a namespace of its own: as processes with the fixture `ros`, in the
 test's own process and time with `stepped`. What is waited for is waited for long; what is returned
 are stamps and their differences. `note` keeps what was measured, for docs/reliability.md.
+`SCENARIOS` kill one of `held_rig`, once in test/system/test_ended.py, over and over in
+test/nightly/faults; time waits for plant and tracker while they live.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 import json
 import math
 import os
@@ -22,10 +25,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import MODULES, PATIENCE, Ros
+from ros_harness import PATIENCE, Ros, Space
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import seconds_of
 from trajectory_msgs.msg import JointTrajectory
 
@@ -56,7 +60,15 @@ def note(scenario: str, **figures: float) -> None:
             file.write(json.dumps({'scenario': scenario, **figures}) + '\n')
 
 
-class PendulumRig:
+def measured_state(at: Any, theta: float = math.pi, **changes: Any) -> JointState:
+    """Return what sensors tell at an instant [ns] or stamp: at rest, unless told otherwise."""
+    content = {'position': [theta, 0.0], 'velocity': [0.0, 0.0], **changes}
+    state = JointState(**{'name': ['pendulum', 'disk'], **content})
+    state.header.stamp = to_stamp(at) if isinstance(at, int) else at
+    return state
+
+
+class PendulumRig(Space):
     """The nodes by name, and what the test hears of them; parameters go on top of `PARAMETERS`."""
 
     def __init__(
@@ -68,7 +80,8 @@ class PendulumRig:
         common: dict[str, Any] | None = None,
         **parameters: dict[str, Any],
     ) -> None:
-        self.ros, self.namespace = ros, namespace
+        super().__init__(ros, namespace)
+        self.namespace = namespace
         self._common = {'limits.torque': TORQUE, **(common or {})}
         self._parameters = parameters
         self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
@@ -85,22 +98,11 @@ class PendulumRig:
         self.wait(lambda: self.says('planner', 'ready'))
 
     def _hear(self, topic: str, kind: Any, qos: Any = _QUEUE) -> list[Any]:
-        heard: list[Any] = self.ros.subscribe(f'/{self.namespace}/{topic}', kind, qos)
-        return heard
-
-    # What is done to it.
-
-    def parameters(self, role: str) -> dict[str, Any]:
-        return {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
+        return self.hear(topic, kind, qos)
 
     def start(self, role: str) -> None:
-        """Start a node, or start it again."""
-        self.processes[role] = self.ros.start(
-            MODULES[role],
-            self.parameters(role),
-            namespace=self.namespace,
-            arguments=self._arguments.get(role),
-        )
+        given = {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
+        self.processes[role] = super().start(role, given, self._arguments.get(role))
 
     def kill(self, role: str) -> float:
         """Kill a process; return the instant of the last state [s]."""
@@ -116,7 +118,7 @@ class PendulumRig:
         answers: list[dict[str, Any]] = []
 
         def planned() -> bool:
-            answers.append(self.ros.trigger(f'/{self.namespace}/plan')[1])
+            answers.append(self.ros.trigger(f'{self.space}/plan')[1])
             return 'duration' in answers[-1]
 
         # It may be busy with a request of the tracker's own, or have no fresh state yet.
@@ -126,19 +128,14 @@ class PendulumRig:
         return start, start + float(answers[-1]['duration'])
 
     def fall(self) -> None:
-        """Let the pendulum hang at rest, as if somebody had taken it down."""
-        self.ros.call(f'/{self.namespace}/reset', Trigger)
+        self.trigger('reset')
         self.wait(lambda: abs(self.angle) > UPRIGHT and not self.says('tracker', 'holding'))
 
     def wait(self, condition: Callable[[], Any]) -> None:
-        """Serve messages until a condition holds."""
         assert self.ros.spin_until(lambda: bool(condition()), self._patience), self.story()
 
     def wait_until(self, instant: float) -> None:
-        """Serve messages until the plant's clock has passed an instant [s]."""
         self.wait(lambda: self.now > instant)
-
-    # What it does.
 
     @property
     def now(self) -> float:
@@ -150,8 +147,7 @@ class PendulumRig:
         """Angle from upright of the plant's newest state [rad]."""
         return math.remainder(self.states[-1].position[0], math.tau)
 
-    def statuses(self, role: str) -> list[Any]:
-        """Return every diagnostic status of a node so far, oldest first."""
+    def statuses(self, role: str) -> list[Any]:  # oldest first
         return list(self._newest_first(role))[::-1]
 
     def _newest_first(self, role: str) -> Iterator[Any]:
@@ -160,16 +156,13 @@ class PendulumRig:
             yield from (s for s in reversed(array.status) if s.name.startswith(prefix))
 
     def says(self, role: str, text: str) -> bool:
-        """Whether the newest diagnostic of a node holds the text."""
         newest = next(self._newest_first(role), None)
         return newest is not None and text in newest.message
 
     def said(self, role: str, text: str) -> bool:
-        """Whether any diagnostic of a node has held the text."""
         return any(text in status.message for status in self.statuses(role))
 
     def figure(self, role: str, key: str) -> float:
-        """Return a figure of a node's newest diagnostic."""
         return float({item.key: item.value for item in self.statuses(role)[-1].values}[key])
 
     def held_since(self, instant: float) -> float:
@@ -193,8 +186,6 @@ class PendulumRig:
         """Tell what happened, for the message of a failed test."""
         told = [s.message for role in self.processes for s in self.statuses(role)[-6:]]
         return '\n'.join(told + [p.output[-3000:] for p in self.processes.values()])
-
-    # What was measured.
 
     def measured(self, start: float = 0.0, end: float = math.inf) -> NDArray[np.float64]:
         """Instants [s], theta, psi and applied torque (n, 4) of the plant in [start, end]."""
@@ -233,6 +224,97 @@ class PendulumRig:
         return longest
 
     def lean(self, start: float = 0.0, end: float = math.inf) -> float:
-        """Largest angle from upright in [start, end], rad."""
         theta = self.measured(start, end)[:, 1]
         return float(np.abs((theta + math.pi) % math.tau - math.pi).max())
+
+
+def held_rig(ros: Ros) -> PendulumRig:
+    """Return a pendulum that is held upright, and planned for anew where it is not."""
+    ros.drive_clock('/faults/joint_states', '/faults/joint_command')
+    rig = PendulumRig(ros, 'faults', common={'use_sim_time': True}, planner={'replan.rate': 5.0})
+    rig.held_since(rig.plan()[0])
+    return rig
+
+
+def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
+    """Nothing is commanded without a state."""
+    if moment == 'tracking':
+        rig.fall()
+    rig.wait(lambda: rig.says('tracker', moment))
+    newest = rig.kill('pendulum_plant')
+    rig.wait(lambda: rig.says('tracker', 'older than state_timeout'))
+    rig.wait(lambda: rig.commands[-1].effort[0] == 0.0)
+
+    def last_command() -> float:
+        last = next(c for c in reversed(rig.commands) if c.effort[0] != 0.0)
+        return seconds_of(last.header.stamp)
+
+    safe, seen = last_command() - newest, len(rig.states)
+    rig.start('pendulum_plant')
+    rig.wait(lambda: len(rig.states) > seen)
+    back = seconds_of(rig.states[seen].header.stamp)
+    assert last_command() < back
+    return {'safe': safe, 'recovered': rig.held_since(back) - back}
+
+
+def tracker_killed(rig: PendulumRig) -> dict[str, float]:
+    """
+    In mid-swing: the plant's torque goes off by itself.
+
+    Without friction the disk then turns on, beyond its limit if a tracker starts late, and no plan
+    leads back from there: somebody takes the pendulum down before the tracker starts again.
+    """
+    rig.fall()
+    rig.wait(lambda: rig.says('tracker', 'tracking'))
+    killed = rig.kill('tracker')
+    rig.wait(lambda: rig.now > killed + 1.0)
+    rig.wait(lambda: rig.states[-1].effort[1] == 0.0)
+    safe = rig.last_torque(killed)
+    rig.trigger('reset')
+    restarted = rig.ros.seconds
+    rig.start('tracker')
+    return {'safe': safe, 'recovered': rig.held_since(restarted) - restarted}
+
+
+def planner_killed(rig: PendulumRig) -> dict[str, float]:
+    """While it plans: all goes on, and the active plan comes back as it was."""
+    ros, space = rig.ros, rig.space
+    rig.fall()
+    rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))
+    ros.request(f'{space}/plan', Trigger)
+    rig.wait(lambda: rig.says('planner', 'planning'))
+    held = rig.held_since(rig.kill('planner'))
+
+    def told() -> list[float]:
+        names = 'trajectories accepted', 'trajectories rejected'
+        return [rig.figure('tracker', name) for name in names]
+
+    before, plan = told(), rig.followed[-1]
+    rig.plans.clear()
+    restarted = ros.seconds
+    rig.start('planner')
+    rig.wait(lambda: rig.plans)
+    back = ros.seconds
+    rig.wait(lambda: rig.says('planner', 'plan 1 active') or rig.says('planner', 'publish'))
+    late = ros.subscribe(f'{space}/trajectory', JointTrajectory, LATCHED)
+    summaries = ros.subscribe(f'{space}/plan_summary', String, LATCHED)
+    rig.wait(lambda: late and summaries)
+    assert late[-1].header.stamp == plan.header.stamp, rig.story()
+    for found, wanted in zip(late[-1].points, plan.points, strict=True):
+        assert (found.positions, found.effort) == (wanted.positions, wanted.effort)
+    assert json.loads(summaries[-1].data)['verification']['ok']
+    known = len(rig.statuses('tracker'))
+    rig.wait(lambda: len(rig.statuses('tracker')) > known + 1)
+    assert told() == before
+    assert rig.lean(held + 0.5) < 0.2
+    done, answer = ros.trigger(f'{space}/plan')
+    assert done or answer['code'] == 'BUSY', answer
+    return {'safe': 0.0, 'recovered': back - restarted}
+
+
+SCENARIOS: dict[str, Callable[[PendulumRig], dict[str, float]]] = {
+    'plant killed while holding': plant_killed,
+    'plant killed in mid-swing': partial(plant_killed, moment='tracking'),
+    'tracker killed in mid-swing': tracker_killed,
+    'planner killed while planning': planner_killed,
+}

@@ -6,7 +6,7 @@ Plans made in processes of their own, as digests: the same request and seed give
 
 As in the nodes, one thread does the linear algebra (`tdm_planner.starting.limit_threads`). The
 deadlines are long: one that cuts a search short makes the plan depend on the machine's speed.
-Used by `unit/problems/test_problems.py` and `nightly/test_compilation.py`.
+Used by `unit/problems/test_problems.py` and `nightly/test_packaging.py`.
 """
 
 from __future__ import annotations

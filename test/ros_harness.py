@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import ctypes
 import fcntl
+import itertools
 import json
 import os
 from pathlib import Path
@@ -88,27 +88,27 @@ def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[st
     return arguments
 
 
+def parameters(values: Mapping[str, Any]) -> list[Any]:
+    """Return messages for values by name, ``__`` for the dot."""
+    from rclpy.parameter import Parameter
+
+    named = {name.replace('__', '.'): value for name, value in values.items()}
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in named.items()]
+
+
 def _end_with_the_tests() -> None:
-    """Have the kernel kill this process when the tests die, as by SIGTERM or a crash."""
+    """Have the kernel kill this process when the tests die; hear Ctrl-C even in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
-class Started(ABC):
-    """What a test has started."""
+class Started:
+    """What a test has started; `end` ends it and returns the exit code."""
 
-    @property
-    @abstractmethod
-    def output(self) -> str:
-        """Return everything that was printed so far."""
-
-    @property
-    @abstractmethod
-    def running(self) -> bool: ...
-
-    @abstractmethod
-    def end(self) -> int:
-        """End it, and return the exit code."""
+    output: str  # all that it has printed so far
+    running: bool
+    end: Callable[[], int]
 
     def end_cleanly(self) -> None:
         """End it; the exit code must be 0 and nothing may look like a crash."""
@@ -118,18 +118,17 @@ class Started(ABC):
 
 
 class NodeProcess(Started):
-    """One node in a process group of its own, started as ``python -m MODULE``."""
+    """A program, or a module of Python that may be a node's, in a process group of its own."""
 
     def __init__(
-        self, module: str, arguments: list[str], environment: Mapping[str, str], folder: Path
+        self, program: str, arguments: list[str], environment: Mapping[str, str], folder: Path
     ) -> None:
-        self.module = module
-        self.output_file = Path(
-            tempfile.mkstemp(dir=folder, prefix=module.rsplit('.', 1)[-1] + '_', suffix='.txt')[1]
-        )
+        self.output_file = Path(tempfile.mkstemp(dir=folder, suffix='.txt')[1])
+        self.command = [program, *arguments]
+        start = [] if os.path.isabs(program) else [sys.executable, '-m']
         with self.output_file.open('w') as output:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', module, *arguments],
+                start + self.command,
                 env={**os.environ, **environment},
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -139,7 +138,6 @@ class NodeProcess(Started):
 
     @property
     def output(self) -> str:
-        """Everything the process has printed so far."""
         return self.output_file.read_text()
 
     @property
@@ -156,7 +154,7 @@ class NodeProcess(Started):
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
             raise AssertionError(
-                f'{self.module} did not end within {timeout} s of signal {number}:\n{self.output}'
+                f'{self.command} did not end within {timeout} s of {number}:\n{self.output}'
             ) from None
 
 
@@ -194,15 +192,11 @@ class Ros:
         self,
         module: str,
         parameters: Mapping[str, Any] | None = None,
-        *,
         namespace: str = '',
         arguments: list[str] | None = None,
     ) -> Any:
-        """
-        Start a node; it is ended, and its exit checked, with the fixture if not before.
-
-        A planner has time enough unless it says otherwise.
-        """
+        """Start a node, by module or role; it ends with the fixture, planners have time."""
+        module = MODULES.get(module, module)
         given, more = {**self.common, **(parameters or {})}, arguments or []
         if module == MODULES['planner'] and '--params-file' not in more:
             given = {'solver.deadline': ENOUGH, **given}
@@ -246,6 +240,14 @@ class Ros:
         """Serve callbacks for a while, to show that something does not happen."""
         self.spin_until(lambda: False, seconds)
 
+    def latched(self, topic: str, message_type: Any) -> Any:
+        from tdm_planner.nodes.messages import LATCHED
+
+        received = self.subscribe(topic, message_type, LATCHED)
+        assert self.meet(lambda: bool(received)), f'nothing was published on {topic}'
+        (message,) = received
+        return message
+
     def subscribe(self, topic: str, message_type: Any, qos: Any = 10) -> list[Any]:
         """Subscribe; the list returned grows with every message received."""
         received: list[Any] = []
@@ -255,84 +257,79 @@ class Ros:
     def publisher(self, topic: str, message_type: Any, qos: Any = 10) -> Any:
         """Make a publisher and wait until somebody listens."""
         publisher = self.node.create_publisher(message_type, topic, qos)
-        assert self.meet(lambda: publisher.get_subscription_count() > 0), (
-            f'nobody listens to {topic}'
-        )
+        heard = self.meet(lambda: publisher.get_subscription_count() > 0)
+        assert heard, f'nobody listens to {topic}'
         return publisher
 
     def meet(self, known: Callable[[], bool]) -> bool:
         """
-        Wait until an endpoint of another process is known, and a little longer.
+        Wait until an endpoint elsewhere is known, and a little longer: it may match later.
 
-        The other side may match later; until then it misses best-effort messages and answers. On a
-        busy machine this is not enough: what must be heard is sent with `publish_until`.
+        On a busy machine this is not enough: what must be heard is sent with `publish_until`.
         """
         met = self.spin_until(known)
         self.spin_for(MATCHING)
         return met
 
     def publish_until(
-        self,
-        publish: Callable[[], Any],
-        heard: Callable[[], bool],
-        timeout: float = PATIENCE,
-        every: float = 0.02,
+        self, publish: Callable[[], Any], heard: Callable[[], bool], every: float = 0.02
     ) -> bool:
-        """Publish every so many s until it was heard; False when `timeout` s have passed."""
+        """Publish every so many s until it was heard; False when nobody hears it."""
 
         def sent() -> bool:
             publish()
             return self.spin_until(heard, every)
 
-        return self.spin_until(sent, timeout)
+        return self.spin_until(sent, PATIENCE)
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""
-        client = self._clients.get(service)
-        if client is None:
-            client = self.node.create_client(service_type, service)
-            self._clients[service] = client
+        if service not in self._clients:
+            client = self._clients[service] = self.node.create_client(service_type, service)
             assert self.meet(client.service_is_ready), f'no service {service}'
+        client = self._clients[service]
         assert self.spin_until(client.service_is_ready), f'no service {service}'
         return client.call_async(request or service_type.Request())
 
-    def call(
-        self,
-        service: str,
-        service_type: Any,
-        request: Any | None = None,
-        timeout: float = PATIENCE,
-    ) -> Any:
-        """Call a service and return its response."""
+    def call(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         future = self.request(service, service_type, request)
-        assert self.spin_until(future.done, timeout), f'{service} did not answer'
+        assert self.spin_until(future.done, PATIENCE), f'{service} did not answer'
         return future.result()
 
-    def trigger(self, service: str, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
-        """Call a std_srvs/Trigger whose message is one line of JSON."""
+    def trigger(self, service: str) -> tuple[bool, dict[str, Any]]:
         from std_srvs.srv import Trigger
 
-        response = self.call(service, Trigger, timeout=timeout)
+        response = self.call(service, Trigger)
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
 
-    def set_parameters(self, node: str, **values: Any) -> list[str]:
-        """Set parameters one by one (``__`` for the dot); returns a reason each, '' if done."""
-        return self.set_parameter_mapping(
-            node, {k.replace('__', '.'): v for k, v in values.items()}
-        )
-
-    def set_parameter_mapping(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """As `set_parameters`, with the names as they are; None unsets."""
+    def set_parameters(
+        self, node: str, values: Mapping[str, Any] | None = None, **named: Any
+    ) -> list[str]:
+        """Set parameters (None unsets, see `parameters` for names); a reason each, '' if done."""
         from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
 
-        request = SetParameters.Request(
-            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
-        )
+        request = SetParameters.Request(parameters=parameters({**(values or {}), **named}))
         response = self.call(f'{node}/set_parameters', SetParameters, request)
         assert all(bool(r.reason) != r.successful for r in response.results)
         return [r.reason for r in response.results]
+
+    def set_all(self, service: str, *odd: Any, **named: Any) -> Any:
+        """Ask for values all at once, as `plan_with` is asked; return the result."""
+        from rcl_interfaces.srv import SetParametersAtomically
+
+        request = SetParametersAtomically.Request(parameters=[*parameters(named), *odd])
+        return self.call(service, SetParametersAtomically, request).result
+
+    def change(self, node: str, asked: int | str | dict[str, Any]) -> bool:
+        """Ask for a transition of a managed node, by number, name, or as the message has it."""
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        if not isinstance(asked, dict):
+            asked = {'label' if isinstance(asked, str) else 'id': asked}
+        request = ChangeState.Request(transition=Transition(**asked))
+        return bool(self.call(f'{node}/change_state', ChangeState, request).success)
 
     def close(self) -> None:
         """End everything; a process still running must end cleanly."""
@@ -349,3 +346,46 @@ class Ros:
                 except AssertionError as error:
                     failures.append(str(error))
         assert not failures, '\n'.join(failures)
+
+
+class Space:
+    """A namespace of the test's own, whose name may be given: nodes, topics and services in it."""
+
+    numbers = itertools.count()
+
+    def __init__(self, ros: Any, name: str = '') -> None:
+        self.ros, self.space = ros, '/' + (name or f'space{next(self.numbers)}')
+
+    def start(self, role: str, given: Any = None, arguments: list[str] | None = None) -> Any:
+        return self.ros.start(role, given, self.space, arguments)
+
+    def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
+        return self.ros.subscribe(f'{self.space}/{topic}', kind, qos)
+
+    def publisher(self, topic: str, kind: Any, qos: Any = 10) -> Any:
+        return self.ros.publisher(f'{self.space}/{topic}', kind, qos)
+
+    def latched(self, topic: str, kind: Any) -> Any:
+        return self.ros.latched(f'{self.space}/{topic}', kind)
+
+    def set(self, role: str, values: Any = None, **named: Any) -> None:  # noqa: A003
+        """Set parameters of a node, all of which it takes."""
+        assert not any(self.ros.set_parameters(f'{self.space}/{role}', values, **named))
+
+    def trigger(self, service: str) -> str:
+        from std_srvs.srv import Trigger
+
+        response = self.ros.call(f'{self.space}/{service}', Trigger)
+        assert response.success, response.message
+        self.ros.spin_for(0.0)
+        return str(response.message)
+
+    def plan(self) -> dict[str, Any]:
+        return json.loads(self.trigger('plan'))
+
+    def refusal(self) -> tuple[str, str]:
+        """Return code and reason of a request that comes to nothing."""
+        done, answer = self.ros.trigger(f'{self.space}/plan')
+        assert not done
+        assert list(answer) == ['code', 'reason']
+        return answer['code'], answer['reason']

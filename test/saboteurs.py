@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 import itertools
 import json
 import math
@@ -28,7 +29,6 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct import minima as direct_minima
 from tdm_planner.problems.formation import search as formation_search
 from tdm_planner.problems.pendulum import switching_search
-from tdm_planner.problems.pendulum import task as swing_up_task
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
@@ -38,10 +38,7 @@ from tdm_planner.verification import Verification
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
 Motions = Mapping[str, Trajectory]
-
-
-def _noisy(rng: Generator, size: float, value: Any) -> Any:
-    return value * (1.0 + size * rng.normal(size=value.shape))
+Change = Callable[[Generator, float, Trajectory], Trajectory]
 
 
 def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
@@ -73,23 +70,21 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
     def noisy(right: Any, program: Any, *others: Any) -> Any:
         found = right(program, *others)
         bounds = getattr(program, 'lower', 0.0), getattr(program, 'upper', np.inf)
-        xi = np.clip(_noisy(rng, size, found.point.xi), *bounds)
-        return replace(found, point=replace(found.point, xi=xi))
+        xi = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
+        return replace(found, point=replace(found.point, xi=np.clip(xi, *bounds)))
 
     _minimisers(patch, noisy)
 
 
-def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
-    """Change every trajectory before it is checked."""
-    check = SwingUpTask.plan
+def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
+    """Let robots fly each other's trajectories."""
 
-    def plan(self: Any, trajectory: Trajectory, *others: Any) -> Any:
-        made = change(trajectory)
-        made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
-        return check(self, made, *others)
+    def swapped(motions: Motions) -> Motions:
+        flown = list(motions.values())
+        order = rng.permutation(len(flown)).tolist()
+        return {name: flown[k] for name, k in zip(motions, order, strict=True)}
 
-    patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
-    _formations(patch, lambda motions: {name: change(t) for name, t in motions.items()})
+    _formations(patch, swapped)
 
 
 def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
@@ -102,59 +97,59 @@ def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
     patch.setattr(formation_search, 'assessed', assessed)
 
 
-def scaled_controls(patch: Patch, rng: Generator, size: float) -> None:
-    factor = 1.0 + size * rng.choice([-1.0, 1.0])
-    _sabotaged(patch, lambda t: replace(t, controls=t.controls * factor, rates=None))
+# What may become of a trajectory before it is checked.
 
 
-def scaled_durations(patch: Patch, rng: Generator, size: float) -> None:
-    factor = 1.0 + size * rng.choice([-1.0, 1.0])
-    _sabotaged(patch, lambda t: replace(t, times=to_nanoseconds(t.times * factor), rates=None))
+def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:
+    return values * (1.0 + size * rng.choice([-1.0, 1.0]))
 
 
-def shifted_states(patch: Patch, rng: Generator, size: float) -> None:
-    _sabotaged(
-        patch,
-        lambda t: replace(t, states=t.states + size * rng.normal(size=t.states.shape), rates=None),
-    )
+def _cut(rng: Generator, size: float, t: Trajectory) -> Trajectory:
+    """Lose the last samples, or one on the way."""
+    kept = np.ones(t.times.size, dtype=bool)
+    if rng.uniform() < 0.5:
+        lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
+        kept[-lost:] = False
+    else:
+        kept[rng.integers(1, t.times.size - 1)] = False
+    rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}
+    return replace(t, **rest) if kept.sum() > 1 else t
 
 
-def truncated_samples(patch: Patch, rng: Generator, size: float) -> None:
-    """Lose the last samples, or some on the way."""
-
-    def cut(t: Trajectory) -> Trajectory:
-        kept = np.ones(t.times.size, dtype=bool)
-        if rng.uniform() < 0.5:
-            lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
-            kept[-lost:] = False
-        else:
-            kept[rng.integers(1, t.times.size - 1)] = False
-        rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}
-        return replace(t, **rest, rates=None) if kept.sum() > 1 else t
-
-    _sabotaged(patch, cut)
+def _mirror(rng: Generator, size: float, t: Trajectory) -> Trajectory:
+    controls = t.controls.copy()
+    column = rng.integers(controls.shape[1])
+    controls[rng.uniform(size=len(controls)) < size, column] *= -1.0
+    return replace(t, controls=controls)
 
 
-def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
+CHANGES: dict[str, Change] = {
+    'scaled_controls': lambda rng, s, t: replace(t, controls=_scale(rng, s, t.controls)),
+    'scaled_durations': lambda rng, s, t: replace(
+        t, times=to_nanoseconds(_scale(rng, s, t.times))
+    ),
+    'shifted_states': lambda rng, s, t: replace(
+        t, states=t.states + s * rng.normal(size=t.states.shape)
+    ),
+    'truncated_samples': _cut,
+    'mirrored_controls': _mirror,
+}
 
-    def mirror(t: Trajectory) -> Trajectory:
-        controls = t.controls.copy()
-        column = rng.integers(controls.shape[1])
-        controls[rng.uniform(size=len(controls)) < size, column] *= -1.0
-        return replace(t, controls=controls, rates=None)
 
-    _sabotaged(patch, mirror)
+def sabotaged(change: Change, patch: Patch, rng: Generator, size: float) -> None:
+    """Change every trajectory before it is checked."""
+    check = SwingUpTask.plan
 
+    def changed(t: Trajectory) -> Trajectory:
+        return replace(change(rng, size, t), rates=None)
 
-def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    """Let robots fly each other's trajectories."""
+    def plan(self: Any, trajectory: Trajectory, *others: Any) -> Any:
+        made = changed(trajectory)
+        made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
+        return check(self, made, *others)
 
-    def swapped(motions: Motions) -> Motions:
-        order = rng.permutation(len(motions))
-        flown = list(motions.values())
-        return {name: flown[k] for name, k in zip(motions, order.tolist(), strict=True)}
-
-    _formations(patch, swapped)
+    patch.setattr(SwingUpTask, 'plan', plan)
+    _formations(patch, lambda motions: {name: changed(t) for name, t in motions.items()})
 
 
 def blind_verification(patch: Patch) -> None:
@@ -172,14 +167,13 @@ def blind_verification(patch: Patch) -> None:
     patch.setattr(formation_search, 'assessed', formation_passed)
 
 
-def nothing(patch: Patch, rng: Generator, size: float) -> None:
-    """Return the solver as it is."""
-
-
-SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
-    nothing, early_stops, noise_on_parameters, scaled_controls,
-    scaled_durations, shifted_states, truncated_samples, mirrored_controls, swapped_robots,
-)  # fmt: skip
+SABOTEURS: dict[str, Callable[[Patch, Generator, float], None]] = {
+    'nothing': lambda patch, rng, size: None,
+    'early_stops': early_stops,
+    'noise_on_parameters': noise_on_parameters,
+    **{name: partial(sabotaged, change) for name, change in CHANGES.items()},
+    'swapped_robots': swapped_robots,
+}
 SMALLEST, LARGEST = 1e-8, 0.3  # sizes of sabotage
 
 
@@ -190,7 +184,6 @@ def _logarithmic(rng: Generator, least: float, most: float) -> float:
 def pendulum(rng: Generator) -> Problem:
     """Any start, motors weak and strong, narrow and wide limits, every method."""
     angle = rng.uniform(0.6, 3.0)
-    methods = ['switching', 'switching', 'switching', 'smooth', 'virtual_arc']
     return PendulumSwingUp.from_parameters(
         {
             'limits.torque': _logarithmic(rng, 0.015, 0.3),
@@ -200,7 +193,7 @@ def pendulum(rng: Generator) -> Problem:
             'start.psi': rng.uniform(-0.5, 0.5) * angle,
             'start.theta_dot': rng.normal() * 2.0,
             'start.psi_dot': rng.normal(),
-            'method': str(rng.choice(methods)),
+            'method': str(rng.choice(['switching'] * 3 + ['smooth', 'virtual_arc'])),
             'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
             'solver.deadline': 0.15,
         }
@@ -242,19 +235,19 @@ def published(kind: str, seed: int, counts: Counter[str]) -> Iterator[tuple[str,
             problem = PROBLEMS[kind](rng)
         except InvalidProblem:
             continue
-        sabotage = SABOTEURS[rng.integers(len(SABOTEURS))]
+        name = list(SABOTEURS)[rng.integers(len(SABOTEURS))]
         size = _logarithmic(rng, SMALLEST, LARGEST)
         counts['attempts'] += 1
         with pytest.MonkeyPatch.context() as patch:
-            sabotage(patch, rng, size)
+            SABOTEURS[name](patch, rng, size)
             try:
                 solution = problem.solve(seed=int(rng.integers(1000)))
             except Infeasible:
-                counts[f'{sabotage.__name__}: none'] += 1
+                counts[f'{name}: none'] += 1
                 continue
-        counts[f'{sabotage.__name__}: published'] += 1
+        counts[f'{name}: published'] += 1
         text = json.dumps(plan_document(problem, solution), allow_nan=False)
-        yield f'{sabotage.__name__} of {size:.2g}', json.loads(text)
+        yield f'{name} of {size:.2g}', json.loads(text)
 
 
 def replayed_faults(kind: str, seed: int, wanted: int) -> tuple[list[Any], Counter[str]]:

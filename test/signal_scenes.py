@@ -21,8 +21,8 @@ import time
 from typing import Any
 import uuid
 
-from pendulum_rig import note
-from ros_harness import ENOUGH, MODULES, NodeProcess, PATIENCE, Ros, ros_arguments
+from pendulum_rig import measured_state, note
+from ros_harness import ENOUGH, MODULES, NodeProcess, PATIENCE, Ros, ros_arguments, Space
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
@@ -49,26 +49,23 @@ def survivors(variable: str) -> list[int]:
     for folder in Path('/proc').glob('[0-9]*'):
         with suppress(OSError):
             state = (folder / 'stat').read_text().rpartition(')')[2].split()[0]
-            if state != 'Z' and variable.encode() in (folder / 'environ').read_bytes().split(
-                b'\0'
-            ):
+            variables = (folder / 'environ').read_bytes().split(b'\0')
+            if state != 'Z' and variable.encode() in variables:
                 found.append(int(folder.name))
     return found
 
 
-class Subject:
+class Subject(Space):
     """A process that will be ended, a node or `tdm` with some arguments, and what it leaves."""
 
     def __init__(self, ros: Ros, name: str, of: dict[str, Any] | list[str]) -> None:
-        self.ros = ros
-        self.namespace = f'n{uuid.uuid4().hex}'
-        self.arguments = of if isinstance(of, list) else ros_arguments(of, self.namespace)
-        environment = {**ros.environment, 'TDM_TEST_MARK': self.namespace}
+        super().__init__(ros, f'n{uuid.uuid4().hex}')
+        self.arguments = of if isinstance(of, list) else ros_arguments(of, self.space)
+        environment = {**ros.environment, 'TDM_TEST_MARK': self.space}
         module = 'tdm_planner.cli' if name == 'tdm' else MODULES[name]
         self.process = NodeProcess(module, self.arguments, environment, ros.folder)
 
     def wait(self, condition: Callable[[], Any]) -> Subject:
-        """Serve messages until a condition holds."""
 
         def holds() -> bool:
             assert self.process.running, self.process.output
@@ -80,18 +77,13 @@ class Subject:
     def says(self, text: str) -> Subject:
         return self.wait(lambda: text in self.process.output)
 
-    def hears(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
-        heard: list[Any] = self.ros.subscribe(f'/{self.namespace}/{topic}', kind, qos)
-        return heard
-
     def told(self, topic: str, message: Callable[[], Any], seen: Callable[[], Any]) -> Subject:
-        """Publish messages until something is seen."""
-        publisher = self.ros.publisher(f'/{self.namespace}/{topic}', JointState)
+        publisher = self.publisher(topic, JointState)
         return self.wait(lambda: publisher.publish(message()) or seen())
 
     def asked_for_a_plan(self) -> Any:
         self.says('ready to plan')
-        return self.ros.request(f'/{self.namespace}/plan', Trigger)
+        return self.ros.request(f'{self.space}/plan', Trigger)
 
     def begun(self) -> bool:
         """Whether the package is being imported: SIGTERM is handled, which Python does not do."""
@@ -111,7 +103,7 @@ class Subject:
         assert found == code, self.process.output
         for word in ('Traceback', 'fatal', 'Error', 'terminate', 'core dumped'):
             assert word not in self.process.output, self.process.output
-        assert not survivors(f'TDM_TEST_MARK={self.namespace}')
+        assert not survivors(f'TDM_TEST_MARK={self.space}')
 
 
 def recording(ros: Ros) -> list[str]:
@@ -119,7 +111,6 @@ def recording(ros: Ros) -> list[str]:
 
 
 def starting(ros: Ros, name: str) -> Subject:
-    """Return a process at its first import of the package."""
     given: Any = {'plant': {'problem': 'pendulum_swing_up'}, 'tdm': recording(ros)}.get(name, {})
     subject = Subject(ros, name, given)
     return subject.wait(subject.begun)
@@ -130,33 +121,31 @@ def solving_planner(ros: Ros) -> Subject:
     hopeless = {**PLANNING, 'limits.torque': 2e-3, 'solver.deadline': 60.0}
     subject = Subject(ros, 'planner', hopeless)
     subject.asked_for_a_plan()
-    return subject.wait(lambda: ros.trigger(f'/{subject.namespace}/plan')[1]['code'] == 'BUSY')
+    return subject.wait(lambda: ros.trigger(f'{subject.space}/plan')[1]['code'] == 'BUSY')
 
 
 def reviewing_planner(ros: Ros) -> Subject:
     """Return one that has published, and publishes again."""
     subject = Subject(ros, 'planner', {**PLANNING, 'start.delay': 0.1, 'replan.rate': 100.0})
-    heard = subject.hears('trajectory', JointTrajectory, LATCHED)
+    heard = subject.hear('trajectory', JointTrajectory, LATCHED)
     subject.asked_for_a_plan()
     return subject.told('joint_states', hanging, lambda: len(heard) > 1)
 
 
 def hanging() -> JointState:
-    state = JointState(name=['pendulum', 'disk'], position=[math.pi, 0.0], velocity=[0.0, 0.0])
-    state.header.stamp = to_stamp(time.time_ns())
-    return state
+    return measured_state(time.time_ns())
 
 
 def idle_tracker(ros: Ros) -> Subject:
     subject = Subject(ros, 'tracker', TORQUE)
-    heard = subject.hears('joint_command', JointState)
+    heard = subject.hear('joint_command', JointState)
     return subject.wait(lambda: heard)
 
 
 def following_tracker(ros: Ros) -> Subject:
     subject = idle_tracker(ros)
-    plans = ros.publisher(f'/{subject.namespace}/trajectory', JointTrajectory, LATCHED)
-    heard = subject.hears('joint_command', JointState)
+    plans = subject.publisher('trajectory', JointTrajectory, LATCHED)
+    heard = subject.hear('joint_command', JointState)
     problem = PendulumSwingUp.from_parameters(TORQUE)
     plan = problem.solve(deadline=30.0).trajectory.with_rates(problem.plant.derivative)
     offered = -math.inf
@@ -176,7 +165,7 @@ def driven_plant(ros: Ros) -> Subject:
     names = ['thruster', 'reaction_wheel']
     command = JointState(name=names, velocity=[0.1, 0.0], effort=[0.1, 0.01])
     subject = Subject(ros, 'robot_plant', {})
-    heard = subject.hears('joint_states', JointState)
+    heard = subject.hear('joint_states', JointState)
     return subject.told(
         'joint_command', lambda: command, lambda: any(any(s.effort) for s in heard)
     )
@@ -184,11 +173,11 @@ def driven_plant(ros: Ros) -> Subject:
 
 def busy_recorder(ros: Ros) -> Subject:
     subject = Subject(ros, 'tdm', recording(ros))
-    subject.says('Ctrl-C ends')
     count = iter(range(100))
-    return subject.told(
+    subject.told(
         'recorded', hanging, lambda: ros.spin_until(lambda: False, 0.01) or next(count) > 50
     )
+    return subject.says('Ctrl-C ends')  # which is said once a message is written
 
 
 def demo(ros: Ros, phase: str) -> Subject:

@@ -61,7 +61,7 @@ class SteppedTime:
         self.now = BEGIN
         self.steady: list[ROSClock] = []
         self._moved = threading.Condition()
-        self._wakes: dict[int, int] = {}  # by thread that sleeps [ns]
+        self.wakes: dict[int, int] = {}  # instants [ns] by thread that sleeps
 
     def step_to(self, now: int) -> None:
         """Set every steady clock; who has slept long enough is woken by `wake`."""
@@ -72,20 +72,11 @@ class SteppedTime:
     def wake(self) -> bool:
         """Wake who has slept long enough; False if there is nobody."""
         with self._moved:
-            due = [thread for thread, at in self._wakes.items() if at <= self.now]
+            due = [thread for thread, at in self.wakes.items() if at <= self.now]
             for thread in due:
-                del self._wakes[thread]
+                del self.wakes[thread]
             self._moved.notify_all()
         return bool(due)
-
-    @property
-    def next_wake(self) -> int | None:
-        """Instant at which the next thread goes on [ns]."""
-        return min(self._wakes.values(), default=None)
-
-    def sleeps(self, thread: threading.Thread) -> bool:
-        """Whether a thread waits for a step."""
-        return thread.ident in self._wakes
 
     def steady_clock(self, *, clock_type: ClockType = ClockType.STEADY_TIME) -> RclpyClock:
         """Return a clock that shows this time, whatever its type would be."""
@@ -97,14 +88,9 @@ class SteppedTime:
 
     def as_module(self) -> SimpleNamespace:
         """Return what nodes use of `time`."""
-        return SimpleNamespace(
-            monotonic=lambda: self.now * 1e-9,
-            perf_counter=lambda: self.now * 1e-9,
-            monotonic_ns=lambda: self.now,
-            time_ns=lambda: self.now,
-            time=lambda: self.now * 1e-9,
-            sleep=self._sleep,
-        )
+        seconds = dict.fromkeys(('monotonic', 'perf_counter', 'time'), lambda: self.now * 1e-9)
+        whole = dict.fromkeys(('monotonic_ns', 'time_ns'), lambda: self.now)
+        return SimpleNamespace(**seconds, **whole, sleep=self._sleep)
 
     def _sleep(self, seconds: float) -> None:
         assert seconds >= 0.0
@@ -113,26 +99,23 @@ class SteppedTime:
             return  # a pause of the node itself, so that a message may arrive: it has
         with self._moved:
             me = threading.get_ident()
-            self._wakes[me] = self.now + max(round(seconds * 1e9), SHORTEST_STEP)
-            self._moved.wait_for(lambda: me not in self._wakes)
+            self.wakes[me] = self.now + max(round(seconds * 1e9), SHORTEST_STEP)
+            self._moved.wait_for(lambda: me not in self.wakes)
 
 
 class OrderedExecutor(SingleThreadedExecutor):
     """Serves nodes in the order in which they were added, not in that of their addresses."""
 
-    def get_nodes(self) -> list[Any]:
-        """Return the nodes."""
-        return sorted(super().get_nodes(), key=self.numbers.__getitem__)
-
-    def add_node(self, node: Any) -> bool:
-        """Add a node."""
-        self.numbers[node] = len(self.numbers)
-        added: bool = super().add_node(node)
-        return added
-
     def __init__(self, **options: Any) -> None:
         self.numbers: dict[Any, int] = {}
         super().__init__(**options)
+
+    def get_nodes(self) -> list[Any]:
+        return sorted(super().get_nodes(), key=self.numbers.__getitem__)
+
+    def add_node(self, node: Any) -> bool:
+        self.numbers[node] = len(self.numbers)
+        return bool(super().add_node(node))
 
 
 class NodeHere(Started):
@@ -145,7 +128,6 @@ class NodeHere(Started):
 
     @property
     def output(self) -> str:
-        """Return what the node has logged so far."""
         name = self.node.get_logger().name
         return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
 
@@ -153,7 +135,9 @@ class NodeHere(Started):
         """End the node, which leaves its plant safe."""
         if self.running:
             self.running = False
-            self._ros.remove(self.node)
+            self._ros.settle()  # what it computes would be handed over to nobody
+            self._ros._executor.remove_node(self.node)
+            self.node.destroy_node()
         return 0
 
 
@@ -176,7 +160,8 @@ class Stepped(Ros):
         self._clock = self.node.create_publisher(Clock, '/clock', 1)
         self.node.set_parameters([Parameter('use_sim_time', value=True)])
         self.statuses: dict[str, Any] = {}  # the newest, by name
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, 50)
+        hear = lambda array: self.statuses.update((s.name, s) for s in array.status)  # noqa: E731
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', hear, 50)
         send = rcutils_logger._rclpy.rclpy_logging_rcutils_log
 
         def note(severity: Any, name: str, text: str, *place: Any) -> None:
@@ -188,15 +173,13 @@ class Stepped(Ros):
         self._patch.setattr(rcutils_logger, '_rclpy', stand_in)
         throttle = rcutils_logger.Throttle.params  # by which warnings are held back for a while
         self._patch.setitem(throttle, 'throttle_time_source_type', self.time.steady_clock())
-        self._patch.setattr(ROSClock, 'now', self._now_of)
+        self._patch.setattr(ROSClock, 'now', lambda clock: self._now_of(clock))
         # Warnings of rclpy's own, which cost a third of the time of waiting.
         self._patch.setattr(PublisherEventCallbacks, 'create_event_handlers', lambda *of: [])
-        listen = SubscriptionEventCallbacks.create_event_handlers
-        self._patch.setattr(
-            SubscriptionEventCallbacks,
-            'create_event_handlers',
-            lambda self, *of: listen(self, *of) if self.message_lost else [],
-        )
+        kind = SubscriptionEventCallbacks
+        listen = kind.create_event_handlers
+        some = lambda self, *of: listen(self, *of) if self.message_lost else []  # noqa: E731
+        self._patch.setattr(kind, 'create_event_handlers', some)
         for module in MODULES.values():
             importlib.import_module(module)
         self._lend_clock()
@@ -208,7 +191,6 @@ class Stepped(Ros):
         return OrderedExecutor(context=self._context)
 
     def add(self, make: Callable[..., Any], arguments: list[str]) -> NodeHere:
-        """Construct a node of any class with command-line arguments."""
         self._lend_clock()
         node = make(context=self._context, cli_args=arguments)
         self._executor.add_node(node)
@@ -218,40 +200,21 @@ class Stepped(Ros):
         self.settle()
         return here
 
-    def remove(self, node: Any) -> None:
-        """Take a node away."""
-        self.settle()  # what it computes would be handed over to nobody
-        self._executor.remove_node(node)
-        node.destroy_node()
-
-    # What nodes say of themselves.
-
     def said(self, name: str, *texts: str, level: int | None = None) -> bool:
         """Whether the newest status of that name has all the texts, and the level if given."""
         status = self.statuses.get(name)
-        return (
-            status is not None
-            and all(text in status.message for text in texts)
-            and level in (None, status.level[0])
-        )
+        if status is None or level not in (None, status.level[0]):
+            return False
+        return all(text in status.message for text in texts)
 
     def says(self, name: str, *texts: str, level: int | None = None, timeout: float = 5.0) -> bool:
-        """Wait for a status, see `said`."""
         return self.spin_until(lambda: self.said(name, *texts, level=level), timeout)
 
     def figure(self, name: str, key: str) -> str:
-        """Return a value of the newest status of that name."""
-        found: str = {item.key: item.value for item in self.statuses[name].values}[key]
-        return found
-
-    def _on_status(self, array: DiagnosticArray) -> None:
-        self.statuses.update({status.name: status for status in array.status})
-
-    # Time.
+        return {item.key: item.value for item in self.statuses[name].values}[key]
 
     @property
-    def now(self) -> int:
-        """Present instant [ns]."""
+    def now(self) -> int:  # [ns]
         return self.time.now
 
     def spin_until(self, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
@@ -275,11 +238,7 @@ class Stepped(Ros):
         return True
 
     def meet(self, known: Callable[[], bool]) -> bool:
-        """
-        Wait, while time stands still, for what the middleware does in threads of its own.
-
-        That an endpoint becomes known, that a late subscriber is sent latched messages.
-        """
+        """Wait, while time stands still, for what the middleware does in threads of its own."""
         patience = time.monotonic() + STUCK
         while not known() and time.monotonic() < patience:
             if not self._serve():
@@ -287,11 +246,7 @@ class Stepped(Ros):
         return known()
 
     def do(self, what: Callable[..., Any], *arguments: Any, still: bool = False) -> Any:
-        """
-        Do something in a thread while the nodes are served; return or raise what came of it.
-
-        Time stands `still` meanwhile if asked.
-        """
+        """Do something in a thread while nodes are served, in time or while it stands `still`."""
         with ThreadPoolExecutor(1) as pool:
             future = pool.submit(what, *arguments)
             assert (self.meet if still else self.spin_until)(future.done)
@@ -299,10 +254,9 @@ class Stepped(Ros):
 
     def settle(self) -> None:
         """Serve all there is, and wait for solves under way, while time stands still."""
-        self.spin_until(lambda: False, 0.0)
+        self.spin_for(0.0)
 
     def step_to(self, now: int) -> None:
-        """Let it be `now` [ns] for all."""
         self.time.step_to(now)
         self._tell_time()
 
@@ -326,8 +280,7 @@ class Stepped(Ros):
         handler = None
         with suppress(TimeoutException):
             handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        if handler is None:
-            # What was found before is done; it may have made more.
+        if handler is None:  # what was found before is done; it may have made more
             return worked and self._serve()
         handler()
         error = handler.exception()
@@ -340,22 +293,16 @@ class Stepped(Ros):
     def _computes(self) -> bool:
         """Whether a solve is under way that does not wait for time to pass."""
         return any(
-            thread.name == 'tdm_planner worker' and not self.time.sleeps(thread)
+            thread.name == 'tdm_planner worker' and thread.ident not in self.time.wakes
             for thread in set(threading.enumerate()) - self._strangers
         )
 
     def _next(self) -> int:
         """Instant of the next timer or wake-up [ns]."""
-        waits = [
-            timer.time_until_next_call()
-            for here in self.nodes
-            if here.running
-            for timer in here.node.timers
-            if not timer.is_canceled()
-        ]
-        wake = self.time.next_wake
-        wait = min([LONGEST_STEP, *waits, *([] if wake is None else [wake - self.now])])
-        return self.now + max(wait, SHORTEST_STEP)
+        timers = [timer for here in self.nodes if here.running for timer in here.node.timers]
+        waits = [t.time_until_next_call() for t in timers if not t.is_canceled()]
+        waits += [wake - self.now for wake in list(self.time.wakes.values())]
+        return self.now + max(min([LONGEST_STEP, *waits]), SHORTEST_STEP)
 
     def _lend_clock(self) -> None:
         """Give the modules of the nodes this time; those imported since are met here, too."""
@@ -367,15 +314,11 @@ class Stepped(Ros):
                 if getattr(module, 'Clock', None) is RclpyClock:
                     self._patch.setattr(module, 'Clock', self.time.steady_clock)
 
-    @property
-    def _now_of(self) -> Callable[[ROSClock], Time]:
-        def now(clock: ROSClock) -> Time:
-            if clock.ros_time_is_active:
-                return RclpyClock.now(clock)
-            shown = self.now + round(self.time_of_day * 1e9)
-            return Time(nanoseconds=shown, clock_type=clock.clock_type)
-
-        return now
+    def _now_of(self, clock: ROSClock) -> Time:
+        if clock.ros_time_is_active:
+            return RclpyClock.now(clock)
+        shown = self.now + round(self.time_of_day * 1e9)
+        return Time(nanoseconds=shown, clock_type=clock.clock_type)
 
     def close(self) -> None:
         """End everything; a log that looks like a crash fails the module."""

@@ -1,9 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is built and installed: by colcon for ROS 2, by pip as a wheel."""
-
-from __future__ import annotations
+"""What is built, by colcon and as a wheel; kernels: compiled once, and whoever waits is told."""
 
 from configparser import ConfigParser
 import importlib.util
@@ -15,9 +13,11 @@ import subprocess
 import sys
 import zipfile
 
+from planned_apart import planned_apart
 import pytest
-from ros_harness import MODULES, SOURCE
+from ros_harness import MODULES, ros_arguments, SOURCE
 import tdm_planner
+from tdm_planner.plants.compilation import COMPILING
 
 EXECUTABLES = {*MODULES, 'tdm'}
 PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
@@ -54,7 +54,6 @@ def shared_files() -> set[str]:
 
 @pytest.fixture(scope='module', params=['plain', 'symlinks'])
 def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
-    """Return the prefix that `colcon build` installs to."""
     if importlib.util.find_spec('colcon_ros') is None:
         pytest.skip('colcon is not installed (pip install colcon-core colcon-ros)')
     workspace = copy.parents[1] / request.param
@@ -70,7 +69,7 @@ def colcon(workspace: Path, verb: str, *arguments: str) -> str:
     return run(sys.executable, '-c', COLCON, *log, verb, *arguments, cwd=workspace)
 
 
-def test_colcon_runs_the_tests(installed: Path, copy: Path):
+def test_colcon_runs_the_tests(installed, copy):
     """A few of them: `colcon test` runs the very suite that this test belongs to."""
     workspace = installed.parents[1]
     said = colcon(
@@ -82,7 +81,7 @@ def test_colcon_runs_the_tests(installed: Path, copy: Path):
     assert re.search(r'Summary: [1-9]\d* tests, 0 errors, 0 failures, 0 skipped', result), result
 
 
-def test_colcon_installs_what_ros2_looks_for(installed: Path, copy: Path):
+def test_colcon_installs_what_ros2_looks_for(installed, copy):
     folder, share = installed / 'lib' / 'tdm_planner', installed / 'share'
     assert {path.name for path in folder.iterdir()} == EXECUTABLES
     assert all(os.access(folder / name, os.X_OK) for name in EXECUTABLES)
@@ -100,7 +99,6 @@ def test_colcon_installs_what_ros2_looks_for(installed: Path, copy: Path):
 
 
 def run_sourced(installed: Path, command: str) -> str:
-    """Run a command in a shell that has sourced the workspace."""
     prefix = installed.parent
     script = f'export COLCON_CURRENT_PREFIX={prefix}; . {prefix}/local_setup.sh && {command}'
     return run('sh', '-c', script, cwd=prefix)
@@ -121,7 +119,7 @@ def wheel(copy: Path) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
-def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel: zipfile.ZipFile):
+def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel):
     names = set(wheel.namelist())
     wanted = {
         str(path.relative_to(SOURCE))
@@ -140,3 +138,45 @@ def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel: zi
     entry_points.read_string(wheel.read(f'{info}/entry_points.txt').decode())
     assert set(entry_points['console_scripts']) == EXECUTABLES
     assert set(entry_points['tdm_planner.problems']) == PROBLEMS
+
+
+# Kernels.
+
+PROGRAM = """
+from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.robot_replay import compile_robot_replay
+
+tell_of_compilation(print)
+for _ in range(2):
+    compile_robot_replay()
+"""
+
+
+def said(folder: Path, source: Path = SOURCE) -> str:
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(folder), 'PYTHONPATH': str(source)}
+    command = [sys.executable, '-c', PROGRAM]
+    return subprocess.check_output(command, env=environment, cwd=source, text=True, timeout=120)
+
+
+def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path):
+    assert said(tmp_path) == f'{COMPILING}\n'
+    assert said(tmp_path) == ''
+    copy = tmp_path / 'copy'
+    for package in ('tdm_planner', 'tdm_sim'):
+        shutil.copytree(SOURCE / package, copy / package)
+    assert said(tmp_path, copy) == ''
+    with (copy / 'tdm_planner/plants/pendulum_lanes.py').open('a') as other:
+        other.write('# changed\n')
+    assert COMPILING in said(tmp_path, copy)
+
+
+def test_a_planner_that_must_compile_says_so_once(ros, tmp_path):
+    words = ros_arguments({'problem': 'robot_formation'})
+    planner = ros.run('tdm_planner.nodes.planner', words, {'NUMBA_CACHE_DIR': str(tmp_path)})
+    assert ros.spin_until(lambda: COMPILING in planner.output, 60.0), planner.output
+    assert planner.end() == 0
+    assert planner.output.count(COMPILING) == 1
+
+
+def test_kernels_compiled_anew_change_no_plan(tmp_path):
+    assert planned_apart(NUMBA_CACHE_DIR=str(tmp_path)) == planned_apart()

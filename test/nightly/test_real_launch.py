@@ -3,68 +3,49 @@
 
 """The launch files under the real ``ros2 launch``, where it is installed: nothing is left."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 import os
 from pathlib import Path
 import re
 import shutil
 import signal
-import subprocess
 import sys
-import time
 
 import pytest
-from ros_harness import MODULES, reserved_domain, ros_environment, SOURCE
+from ros_harness import MODULES, Ros, SOURCE
+from signal_scenes import survivors
 
 pytest.importorskip('launch_ros')
 pytest.importorskip('ros2launch')
 
 
 class Launched:
-    """A ``ros2 launch`` in a session of its own, which all that it starts are in as well."""
+    """A ``ros2 launch`` in the domain, which all that it starts are in as well."""
 
-    def __init__(self, words: list[str], environment: dict[str, str], folder: Path) -> None:
-        self._log = folder / 'output.txt'
-        with self._log.open('w') as output:
-            self.process = subprocess.Popen(
-                [str(shutil.which('ros2')), 'launch', *words],
-                env=environment,
-                cwd=folder,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                # Tests in the background of a shell ignore Ctrl-C, and what they start would, too.
-                preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
-            )
+    def __init__(self, ros: Ros, words: list[str], environment: dict[str, str]) -> None:
+        self.ros = ros
+        self.launch = ros.run(str(shutil.which('ros2')), ['launch', *words], environment)
 
     @property
     def output(self) -> str:
-        return self._log.read_text()
+        return self.launch.output
 
     def running(self, name: str = '') -> list[int]:
-        """Return the processes of the session, or those of an executable of ours."""
+        """Return the processes of the domain, or those of an executable of ours."""
         found = []
-        for folder in Path('/proc').glob('[0-9]*'):
+        for pid in survivors(f'ROS_DOMAIN_ID={self.ros.domain}'):
             with suppress(OSError):  # it has ended
-                stat = folder.joinpath('stat').read_text().split(')')[1].split()
-                if int(stat[3]) == self.process.pid and stat[0] != 'Z':
-                    words = folder.joinpath('cmdline').read_text()
-                    found += [int(folder.name)] if not name or f'/{name}\0' in words else []
+                if f'/{name}\0' in Path(f'/proc/{pid}/cmdline').read_text() or not name:
+                    found.append(pid)
         return found
 
-    def wait_for(self, condition: Callable[[], bool], timeout: float = 120.0) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, self.output
-            time.sleep(0.05)
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        assert self.ros.spin_until(condition, 120.0), self.output
 
     def ended(self) -> int:
         """Wait until launch ends; nothing of it may be left."""
-        code = self.process.wait(120.0)
+        code = self.launch.process.wait(120.0)
         assert not self.running(), self.output
         assert 'Traceback' not in self.output, self.output
         return code
@@ -90,49 +71,33 @@ def prefix(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def launch(prefix: Path, tmp_path: Path) -> Iterator[Callable[..., Launched]]:
-    started: list[Launched] = []
-    with reserved_domain() as domain:
-        environment = {
-            **os.environ,
-            **ros_environment(domain, tmp_path),
-            'AMENT_PREFIX_PATH': str(prefix),
-        }
+def launch(ros: Ros, prefix: Path) -> Callable[..., Launched]:
+    def start(name: str, *arguments: str) -> Launched:
+        file = str(SOURCE / 'launch' / f'{name}.launch.py')
+        return Launched(ros, [file, *arguments], {'AMENT_PREFIX_PATH': str(prefix)})
 
-        def start(name: str, *arguments: str) -> Launched:
-            file = str(SOURCE / 'launch' / f'{name}.launch.py')
-            started.append(Launched([file, *arguments], environment, tmp_path))
-            return started[-1]
-
-        try:
-            yield start
-        finally:
-            for made in started:
-                if made.running():
-                    os.killpg(made.process.pid, signal.SIGKILL)
-                made.process.wait()
+    return start
 
 
-def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
-    launch: Callable[..., Launched], tmp_path: Path
-):
-    launched = launch('robots', 'number_of_robots:=2', 'record:=True', 'bag:=bag')
+def test_all_of_it_is_recorded_and_ended_by_one_interrupt(launch, tmp_path):
+    words = ('number_of_robots:=2', 'record:=True', f'bag:={tmp_path / "bag"}')
+    launched = launch('robots', *words)
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     launched.wait_for(lambda: any((tmp_path / 'bag').glob('*.mcap')))
     assert len(launched.running()) == 1 + 1 + 4 + 1
-    os.killpg(launched.process.pid, signal.SIGINT)
+    os.killpg(launched.launch.process.pid, signal.SIGINT)
     assert launched.ended() == 0
     assert (tmp_path / 'bag/metadata.yaml').is_file()
 
 
-def test_what_cannot_be_started_ends_the_launch(launch: Callable[..., Launched]):
+def test_what_cannot_be_started_ends_the_launch(launch):
     """robot_state_publisher is not installed where this looks for packages."""
     launched = launch('pendulum')
     assert launched.ended() == 1
     assert 'robot_state_publisher' in launched.output
 
 
-def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
+def test_a_launch_ends_with_its_plant(launch):
     launched = launch('pendulum', 'description:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     launched.wait_for(lambda: bool(launched.running('pendulum_plant')))
@@ -141,7 +106,7 @@ def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
     assert 'pendulum_plant ended with code -9: the launch ends' in launched.output
 
 
-def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch: Callable[..., Launched]):
+def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch):
     launched = launch('pendulum', 'description:=false', 'plant:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
     (tracker,) = launched.running('tracker')
@@ -151,5 +116,5 @@ def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch: Callable[..
     os.kill(tracker, signal.SIGKILL)
     launched.wait_for(lambda: len(re.findall(r'tracker\]: active', launched.output)) == 2)
     assert not launched.running('planner')
-    os.killpg(launched.process.pid, signal.SIGINT)
+    os.killpg(launched.launch.process.pid, signal.SIGINT)
     assert launched.ended() == 0

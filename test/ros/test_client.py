@@ -3,12 +3,9 @@
 
 """The planner's client for Python, with a node of its own or the user's, over DDS."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 import math
-from pathlib import Path
 import re
 from typing import Any
 
@@ -16,43 +13,44 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.node import Node
+from ros_harness import SOURCE
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
-from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState, TdmError
+from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.pendulum.problem import PendulumSwingUp
 
-PLANNER = 'tdm_planner.nodes.planner'
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'start.source': 'parameters'}
 
 
 @pytest.fixture(scope='module')
 def space(ros: Stepped) -> str:
-    ros.start(PLANNER, STRONG, namespace='clients')
+    ros.start('planner', STRONG, 'clients')
     return 'clients'
 
 
+@pytest.fixture
+def user(ros: Stepped) -> Iterator[Node]:
+    """Yield a node that nobody serves."""
+    node = rclpy.create_node('user', context=ros._context)
+    yield node
+    node.destroy_node()
+
+
 @pytest.fixture(params=['own', 'served', 'not served'])
-def client(
-    ros: Stepped, space: str, request: Any, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[PlanClient]:
+def client(ros: Stepped, space: str, user: Node, request: Any) -> Iterator[PlanClient]:
     """With a node of its own, one that the test's executor serves, and one that nobody serves."""
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
-    node: Node | None = ros.node if request.param == 'served' else None
-    if request.param == 'not served':
-        node = rclpy.create_node('user', context=ros._context)
+    node = {'own': None, 'served': ros.node, 'not served': user}[request.param]
     with PlanClient(space, node=node) as made:
         ros.do(made.wait, still=True)
         yield made
-    if request.param == 'not served' and node is not None:
-        node.destroy_node()
 
 
-def test_a_plan_comes_as_a_trajectory_with_its_figures(ros: Stepped, client: PlanClient) -> None:
+def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, client):
     plan: PlanResult = ros.do(client.plan, still=True)
     assert plan.start == ros.now + 1_000_000_000
     trajectory = plan.trajectory
@@ -81,18 +79,14 @@ def test_a_plan_comes_as_a_trajectory_with_its_figures(ros: Stepped, client: Pla
     ],
     ids=str,
 )
-def test_failures_are_exceptions_with_code_and_reason(
-    ros: Stepped, space: str, own: dict[str, Any], error: type[TdmError], says: str
-) -> None:
-    node = rclpy.create_node('user', context=ros._context)
-    with PlanClient(f'/{space}', node=node) as client, pytest.raises(error, match=says) as raised:
+def test_failures_are_exceptions_with_code_and_reason(ros, space, user, own, error, says):
+    with PlanClient(f'/{space}', node=user) as client, pytest.raises(error, match=says) as raised:
         ros.do(client.plan_with, own)
     assert raised.value.reason == str(raised.value)
     assert raised.value.code in ('INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE')
-    node.destroy_node()
 
 
-def test_every_code_of_the_planner_has_its_exception() -> None:
+def test_every_code_of_the_planner_has_its_exception():
     assert {error.code for error in ERRORS} == set(CODES)
     assert set(CODES) == {
         'INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE',
@@ -100,9 +94,8 @@ def test_every_code_of_the_planner_has_its_exception() -> None:
     }  # fmt: skip
 
 
-def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
-    node = rclpy.create_node('user', context=ros._context)
-    with PlanClient('nowhere', node=node) as client:
+def test_without_a_planner_there_is_no_answer(ros, user):
+    with PlanClient('nowhere', node=user) as client:
         stranger = ros.publisher('/nowhere/plan_summary', String, LATCHED)
         for data in ('no JSON', '[]', '{"vehicles": {"1 2": 3}}', '{"vehicles": {}}'):
             stranger.publish(String(data=data))
@@ -111,12 +104,11 @@ def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
         with pytest.raises(NoAnswer):
             client.plan(timeout=0.05)
     ros.node.destroy_publisher(stranger)
-    node.destroy_node()
 
 
-def test_robots_have_a_trajectory_each(ros: Stepped) -> None:
+def test_robots_have_a_trajectory_each(ros):
     given = {'problem': 'robot_formation', 'start.source': 'parameters'}
-    ros.start(PLANNER, given, namespace='fleet_of_clients')
+    ros.start('planner', given, 'fleet_of_clients')
     with PlanClient('fleet_of_clients', node=ros.node) as client:
         plan = ros.do(client.plan_with, {'formation.anchor': [2, 1.5, 0.5]})
     goals = RobotFormation.from_parameters({'formation.anchor': [2.0, 1.5, 0.5]}).task.goal
@@ -127,12 +119,9 @@ def test_robots_have_a_trajectory_each(ros: Stepped) -> None:
     assert any('no plant publishes' in warning for warning in plan.warnings)
 
 
-def test_the_program_of_the_page_runs(
-    ros: Stepped, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
-    ros.start(PLANNER, STRONG, namespace='pendulum')
-    page = Path(__file__).parents[2] / 'docs' / 'clients.md'
+def test_the_program_of_the_page_runs(ros, capsys):
+    ros.start('planner', STRONG, 'pendulum')
+    page = SOURCE / 'docs' / 'clients.md'
     (program,) = re.findall(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
     ros.do(exec, program, {}, still=True)
     said = capsys.readouterr().out

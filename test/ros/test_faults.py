@@ -3,10 +3,6 @@
 
 """Faults during a mission, in stepped time: some of data, all of which are tried by night."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from data_faults import FAULTS, misled_rig, QUICK
 from pendulum_rig import note
 import pytest
@@ -18,5 +14,5 @@ def _ended() -> None:
 
 
 @pytest.mark.parametrize('fault', QUICK)
-def test_a_mission_under_a_fault_of_data(ros: Any, fault: str) -> None:
+def test_a_mission_under_a_fault_of_data(ros, fault):
     note(fault, **FAULTS[fault](misled_rig(ros, fault)))

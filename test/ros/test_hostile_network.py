@@ -3,10 +3,7 @@
 
 """Six nodes and a network that means them harm: what they are allowed, survive, and write."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 from xml.etree import ElementTree
 
 from node_fuzzing import NODES, SixNodes
@@ -24,7 +21,6 @@ def nodes(ros: Stepped) -> SixNodes:
 
 
 def granted(path: str) -> Rights:
-    """Return what the policy allows an enclave."""
     (context,) = POLICY.findall(f"contexts/context[@path='{path}']")
     rights = (('topics', 'publish'), ('topics', 'subscribe'), ('services', 'reply'),
               ('services', 'request'))  # fmt: skip
@@ -32,9 +28,7 @@ def granted(path: str) -> Rights:
     return Rights(*(frozenset(item.text for item in items if item.text) for items in found))
 
 
-def test_the_policy_allows_nodes_what_they_use_and_nothing_else(
-    ros: Stepped, nodes: SixNodes
-) -> None:
+def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
     def used(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
         asks = (
@@ -63,9 +57,7 @@ def test_the_policy_allows_nodes_what_they_use_and_nothing_else(
     assert not operator.serves
 
 
-def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(
-    nodes: SixNodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(nodes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ('HOME', 'TMPDIR', 'XDG_CACHE_HOME', 'XDG_CONFIG_HOME'):
         monkeypatch.setenv(name, str(tmp_path))

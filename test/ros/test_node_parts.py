@@ -7,10 +7,9 @@ Parts of nodes over DDS: diagnostics, what is known of a tracker, answers of ser
 Services answer from a queue that computes, and answer again where the middleware gave up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import threading
+from types import SimpleNamespace
 from typing import Any
 import warnings
 
@@ -23,9 +22,8 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.service import Service
-from ros_harness import MODULES
 from std_srvs.srv import Trigger
-from stepped_ros import NodeHere, Stepped
+from stepped_ros import Stepped
 from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
@@ -41,10 +39,7 @@ from tdm_planner.tracking import PendulumTrackerParameters
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
 
 
-# Diagnostics.
-
-
-def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> None:
+def test_diagnostics_are_published_every_second_and_on_change(ros):
     for level in Level:
         assert bytes([level]) == getattr(DiagnosticStatus, level.name)
     reports = [Report(Level.OK, 'fine', {'figure': 1 / 3, 'count': 2})]
@@ -73,10 +68,9 @@ def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> N
 
 
 class Unset(MotionClock):
-    """A clock whose instants are nanoseconds, of a time of day that may be set."""
+    """A clock whose instants are nanoseconds, of a time of day that may be set; needs no node."""
 
     def __init__(self) -> None:
-        """Need no node."""
         self.step = 0
 
     def instant(self, stamp: int) -> float:
@@ -98,7 +92,7 @@ TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known o
 ]
 
 
-def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
+def test_the_mode_is_what_the_tracker_tells(ros):
     """By the status of plans, by their starts; where the clock is set a plan goes on."""
     clock = Unset()
     watch = TrackerWatch(ros.node, clock, 'told/', PendulumTrackerParameters)
@@ -130,43 +124,34 @@ def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
     assert watch.followed(9) is None
 
 
-def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Stepped) -> None:
+def test_the_parameters_are_those_that_the_tracker_has_at_present(ros):
     watch = TrackerWatch(ros.node, MotionClock(ros.node), 'tuned/', PendulumTrackerParameters)
-    values: dict[str, Any] = {'limits.torque': 0.02}
 
     def knows(weight: float) -> bool:
-        known = watch.parameters
-        assert known is None or isinstance(known, PendulumTrackerParameters)
-        return known is not None and known.weights.theta == weight
-
-    def start(**more: Any) -> NodeHere:
-        return ros.start(MODULES['tracker'], {**values, **more}, namespace='tuned')
+        return watch.parameters is not None and watch.parameters.weights.theta == weight
 
     assert not watch.inactive  # nobody is there: another controller may follow
-    tracker = start(autostart=False)
+    tracker = ros.start('tracker', {'autostart': False}, 'tuned')
     assert ros.meet(lambda: watch.inactive)
     for weight in (5.0, 9.0):
         tracker.end_cleanly()
-        tracker = start(**{'weights.theta': weight})
+        given = {'limits.torque': 0.02, 'weights.theta': weight}
+        tracker = ros.start('tracker', given, 'tuned')
         assert ros.spin_until(lambda weight=weight: knows(weight), 5.0)
-    assert watch.parameters.limits.torque == 0.02  # type: ignore[union-attr]
+    assert watch.parameters.limits.torque == 0.02
     assert ros.set_parameters('/tuned/tracker', weights__theta=7.0) == ['']
     assert ros.spin_until(lambda: knows(7.0), 1.0)
     tracker.end_cleanly()
     assert ros.meet(lambda: watch.inactive)
 
 
-# Services.
-
+DEACTIVATE = Transition(id=Transition.TRANSITION_DEACTIVATE)
 REQUESTS = {
-    'think': (Trigger, Trigger.Request()),
-    'at_once': (Trigger, Trigger.Request()),
-    'stranger/get_state': (GetState, GetState.Request()),
-    'stranger/change_state': (
-        ChangeState,
-        ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE)),
-    ),
-    'stranger/get_parameters': (GetParameters, GetParameters.Request(names=['autostart'])),
+    'think': (Trigger, {}),
+    'at_once': (Trigger, {}),
+    'stranger/get_state': (GetState, {}),
+    'stranger/change_state': (ChangeState, {'transition': DEACTIVATE}),
+    'stranger/get_parameters': (GetParameters, {'names': ['autostart']}),
 }
 
 
@@ -217,34 +202,27 @@ class Server:
         return condition()
 
 
-class Middleware:
-    """Gives up the first `lost` answers to whoever asks."""
+@pytest.fixture
+def middleware(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Let the middleware give up the first `lost` answers to whoever asks."""
+    made, really_send = SimpleNamespace(lost=0, attempts=0), Service.send_response
 
-    lost = attempts = 0
+    def send(service: Service, response: Any, header: Any) -> None:
+        made.attempts += 1
+        if made.attempts > made.lost:
+            really_send(service, response, header)
+        else:
+            told = 'failed to send response (timeout): client will not receive response'
+            warnings.warn(told, RuntimeWarning, stacklevel=1)
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        really_send = Service.send_response
-
-        def send(service: Service, response: Any, header: Any) -> None:
-            self.attempts += 1
-            if self.attempts > self.lost:
-                really_send(service, response, header)
-            else:
-                told = 'failed to send response (timeout): client will not receive response'
-                warnings.warn(told, RuntimeWarning, stacklevel=1)
-
-        monkeypatch.setattr(Service, 'send_response', send)
-        monkeypatch.setattr('tdm_planner.nodes.services.RETRY', 0.01)
-        monkeypatch.setattr('tdm_planner.nodes.clocks.Clock', Clock)  # one that runs
+    monkeypatch.setattr(Service, 'send_response', send)
+    monkeypatch.setattr('tdm_planner.nodes.services.RETRY', 0.01)
+    monkeypatch.setattr('tdm_planner.nodes.clocks.Clock', Clock)  # one that runs
+    return made
 
 
 @pytest.fixture
-def middleware(monkeypatch: pytest.MonkeyPatch) -> Middleware:
-    return Middleware(monkeypatch)
-
-
-@pytest.fixture
-def server(ros: Stepped, make: Any, middleware: Middleware) -> Iterator[Server]:
+def server(ros: Stepped, make: Any, middleware: Any) -> Iterator[Server]:
     made = Server(ros, make)
     yield made
     made.node.release.set()
@@ -257,13 +235,13 @@ def server(ros: Stepped, make: Any, middleware: Middleware) -> Iterator[Server]:
 )
 @pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
 def test_an_answer_that_the_middleware_gives_up_is_sent_again(
-    ros: Stepped, server: Server, middleware: Middleware, service: str, lost: int
-) -> None:
+    ros, server, middleware, service, lost
+):
     """As when a service does not know its client yet."""
     server.node.release.set()
     middleware.lost = lost
-    kind, request = REQUESTS[service]
-    answer = ros.request(service, kind, request)
+    kind, content = REQUESTS[service]
+    answer = ros.request(service, kind, kind.Request(**content))
     attempts = min(lost + 1, ATTEMPTS)
     assert server.serve_until(lambda: middleware.attempts == attempts)
     arrives = lost < ATTEMPTS
@@ -272,7 +250,7 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
 
 
 @pytest.mark.parametrize('make', [SingleThreadedExecutor])
-def test_every_request_of_a_burst_is_answered(ros: Stepped, server: Server) -> None:
+def test_every_request_of_a_burst_is_answered(ros, server):
     """As when many clients ask while the node is held up: none may be left waiting for ever."""
     client = ros.node.create_client(Trigger, 'think', qos_profile=SERVICE)
     assert ros.meet(client.service_is_ready)

@@ -1,31 +1,188 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A plant of one's own in closed loop: planner, tracker and plant from one class, by messages."""
+"""
+Problems and plants as another package would bring them: planned for, simulated, tracked, drawn.
+
+And what their solvers, drawings and parameters can do to the nodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from double_integrator import DoubleIntegrator
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
-from ros_harness import MODULES
+from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
+from tdm_planner.direct_method import Budget
 from tdm_planner.drawing import Box, Disc, Line, Shape
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.parameters import parameter
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.problems import PendulumSwingUp, Problem, Search, Solution, SolverParameters
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import verify
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
+
+FAILURES = {  # of a solver: the error, then code, reason and level
+    'crash': (ZeroDivisionError('a bug\nin the solver'), 'INTERNAL',
+              'ZeroDivisionError: a bug in the solver', 2),
+    'verification': (VerificationFailed('the replay\nmisses the goal'), 'VERIFICATION_FAILED',
+                     'the replay misses the goal', 1),
+    'infeasible': (Infeasible('the torque is too weak'), 'INFEASIBLE',
+                   'the torque is too weak', 1),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FailingSwingUp(PendulumSwingUp):
+    """Fails as `failure` says."""
+
+    name: ClassVar[str] = 'failing_swing_up'
+
+    failure: str = parameter('crash', 'how to fail', choices=(*FAILURES, 'not'))
+
+    def solve(self, *args: Any, **kwargs: Any) -> Solution:
+        if self.failure in FAILURES:
+            raise FAILURES[self.failure][0]
+        return super().solve(*args, **kwargs)
+
+
+@dataclass(frozen=True)
+class CartStart(Validated):
+    position: float = parameter(1.0, 'position', unit='m')
+
+
+@dataclass(frozen=True)
+class Cart(Problem, Validated):
+    """A cart to be pushed to the origin in the shortest time: half the way on, half off."""
+
+    name: ClassVar[str] = 'cart'
+
+    start: CartStart = group(CartStart)
+    force: float = parameter(1.0, 'largest force per mass', unit='m/s^2', allowed=POSITIVE)
+    solver: SolverParameters = group(SolverParameters)
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> TwoStrokes:
+        return TwoStrokes(self, budget)
+
+    def describe(self, plan: Solution) -> str:
+        return 'there in two strokes'
+
+
+class TwoStrokes(Search[float]):
+    """The only candidate is known: the time of one stroke."""
+
+    def __init__(self, cart: Cart, budget: Budget) -> None:
+        super().__init__(budget)
+        self.cart = cart
+
+    def candidates(self) -> list[float]:
+        return [float(np.sqrt(abs(self.cart.start.position) / self.cart.force))]
+
+    def plans(self, candidate: float) -> Iterator[Solution]:
+        x, half = self.cart.start.position, candidate
+        f = -np.sign(x) * self.cart.force
+        motion = Trajectory(
+            times=np.array([0.0, half, 2 * half]),
+            states=np.array([[x, 0.0], [x / 2, f * half], [0.0, 0.0]]),
+            controls=np.array([[f], [-f], [-f]]),
+            state_names=('position', 'velocity'),
+            control_names=('force',),
+        )
+        check = verify(PLANT, motion, np.zeros(2), np.full(2, 1e-9), ())
+        yield Solution({'cart': motion}, check, 2 * half, np.array([half]), 0.0)
+
+    def failure(self) -> Infeasible:
+        return Infeasible('the strokes do not end at the origin')
+
+
+PLANT = SimpleNamespace(
+    state_names=('position', 'velocity'),
+    state_units=('m', 'm/s'),
+    control_names=('force',),
+    control_units=('m/s^2',),
+    derivative=lambda x, u: np.stack([x[..., 1], u[..., 0]], axis=-1),
+)
+
+
+def start(ros: Stepped, problem: str, name: str = '', **given: Any) -> Space:
+    space = Space(ros, name)
+    space.here = space.start(
+        'planner', {'problem': problem, 'start.source': 'parameters', **given}
+    )
+    return space
+
+
+def test_failures_have_their_codes_and_show_in_the_diagnostics(ros):
+    name = '/failing/planner: planning'
+    space = start(ros, f'{__name__}:FailingSwingUp', 'failing', **{'limits.torque': 0.09})
+    for failure, (_, *expected, level) in FAILURES.items():
+        space.set('planner', failure=failure)
+        assert [*space.refusal()] == expected
+        message = ': '.join(expected)
+        assert f'no plan: {message}' in space.here.output
+        assert ros.says(name, message, level=level)
+    space.set('planner', failure='not')
+    space.plan()
+    assert ros.says(name, 'plan 1 active', level=0)
+    status = ros.statuses[name]
+    assert status.hardware_id == '/failing/planner'
+    figures = {item.key: item.value for item in status.values}
+    assert figures['requests'] == '4'
+    assert figures['failures'] == '3'
+    assert figures['age of joint_states [s]'] == 'never received'
+    assert float(figures['duration [s]']) > 0.3
+    assert figures['plan age [s]'] == '-1'
+    assert float(figures['margin of disk_angle']) > 0
+    assert figures['worst margin'].endswith(')')
+    assert space.here.output.count('Traceback') == 1  # of the one that is a fault of the program
+    assert space.here.output.count('raise FAILURES[') == 1
+    ros.log.clear()  # or it would be taken for a crash
+
+
+def test_a_problem_of_another_kind_is_served_by_names(ros):
+    space = start(ros, f'{__name__}:Cart', force=4)
+    answer = space.plan()
+    assert answer['duration'] == pytest.approx(1.0)
+    assert answer['summary'] == 'there in two strokes'
+    states = space.hear('trajectory', JointTrajectory, LATCHED)
+    assert ros.meet(lambda: bool(states))
+    assert list(states[0].joint_names) == ['position', 'velocity', 'force']
+    positions = [list(point.positions[:2]) for point in states[0].points]
+    assert positions == [[1, 0], [0.5, -2], [0, 0]]
+    assert [point.effort[2] for point in states[0].points] == [-4, 4, 0]  # at last for no time
+    assert nanoseconds_of(states[0].points[1].time_from_start) == 500_000_000
+    # Measured, it waits for its state.
+    space.set('planner', start__source='measured')
+    assert space.refusal()[0] == 'NO_STATE'
+    pending = ros.request(f'{space.space}/plan', Trigger)
+    state = JointState(name=['position'], position=[-2.0])
+    space.publisher('joint_states', JointState).publish(state)
+    assert ros.spin_until(pending.done)
+    assert pending.result().success, pending.result().message
+    ros.settle()
+    assert states[-1].points[0].positions[0] == -2.0
+
+
+def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
+    start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
+
+
+# In closed loop.
 
 LOOPS = {  # module:Class, whether its end can be held
     'acrobot:Acrobot': True,
@@ -62,29 +219,21 @@ class Blurred(Rail):
         return (x[7],)
 
 
-class Loop:
-    """The three nodes of a stated problem in a namespace, and the end of its plan."""
+class Loop(Space):
+    """The three nodes of a stated problem, and the end of its plan."""
 
     def __init__(self, ros: Stepped, problem: str, **planner: float) -> None:
-        self.ros = ros
-        own = {'problem': problem, 'mismatch': 0.02}
-        asked = {'problem': problem, 'start.source': 'parameters', **planner}
-        self.nodes = [
-            ros.start('tdm_sim.stated_plant', own, namespace='own'),
-            ros.start('tdm_planner.nodes.tracker', {'kind': problem}, namespace='own'),
-            ros.start('tdm_planner.nodes.planner', asked, namespace='own'),
-        ]
-        self.states = ros.subscribe('/own/joint_states', JointState)
-        plans = self.plans = ros.subscribe('/own/trajectory', JointTrajectory)
-        done, answer = ros.trigger('/own/plan')
-        assert done, answer
-        assert ros.spin_until(lambda: bool(plans))
+        super().__init__(ros, 'own')
+        self.start('plant', {'problem': problem, 'mismatch': 0.02})
+        self.start('tracker', {'kind': problem})
+        self.start('planner', {'problem': problem, 'start.source': 'parameters', **planner})
+        self.states = self.hear('joint_states', JointState)
+        plans = self.plans = self.hear('trajectory', JointTrajectory)
+        self.plan()
         points = plans[-1].points
         ranges = np.ptp([point.positions for point in points], axis=0)
-        self.ranges, self.goal = (
-            np.maximum(ranges, 0.01 * ranges.max()),
-            np.array(points[-1].positions),
-        )
+        self.ranges = np.maximum(ranges, 0.01 * ranges.max())
+        self.goal = np.array(points[-1].positions)
         start, last = plans[-1].header.stamp, points[-1].time_from_start
         self.end = nanoseconds_of(start) + nanoseconds_of(last)
 
@@ -95,27 +244,27 @@ class Loop:
 
 
 @pytest.mark.parametrize('problem', LOOPS)
-def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str) -> None:
+def test_a_stated_plant_is_simulated_tracked_and_held(ros, problem):
     loop = Loop(ros, problem)
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
         assert loop.away(loop.end + 5 * 10**9) < ALLOWED
 
 
-def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros: Stepped) -> None:
+def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros):
     # joined late, the lander is above its plan: planned control and feedback are zero
     loop = Loop(ros, 'moon_lander:MoonLander', **{'start.delay': 0.0})
     assert loop.away(loop.end) < 5 * ALLOWED
     assert loop.away(loop.end + 5 * 10**9) < ALLOWED
-    assert ros.call('/own/push', Trigger).success
+    loop.trigger('push')
     loop.away(ros.now + 5 * 10**9)
     assert np.abs(loop.states[-1].position).max() < 0.1
 
 
-def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
+def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
     loop = Loop(ros, f'{__name__}:Rail')
-    moving = ros.subscribe('/own/plant_markers', MarkerArray)
-    plan = ros.subscribe('/own/markers', MarkerArray, LATCHED)
+    moving = loop.hear('plant_markers', MarkerArray)
+    plan = loop.hear('markers', MarkerArray, LATCHED)
     assert max(loop.away(loop.end), loop.away(loop.end + 5 * 10**8)) < ALLOWED
     assert list(loop.states[-1].name) == list(loop.plans[-1].joint_names) == ['cart', 'u']
     for array in moving:
@@ -131,16 +280,13 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
 
 
-def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(
-    ros: Stepped, tmp_path: Path
-) -> None:
+def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(ros, tmp_path):
     viser = pytest.importorskip('viser')
     from tdm_sim.live.listener import Listener
     from tdm_sim.live.page import Page
     from tdm_sim.live.recordings import Recordings
 
-    Loop(ros, f'{__name__}:Rail')
-    listener = Listener('own', ros._context)
+    loop, listener = Loop(ros, f'{__name__}:Rail'), Listener('own', ros._context)
     ros._executor.add_node(listener.node)
     server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
     page = Page(server, listener, Recordings(tmp_path, 'own'), 'own')
@@ -149,23 +295,18 @@ def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_use
         page.frame()
         return page._rig.plan is not None and page._rig.plan.plan_id == plan_id
 
-    nodes = server.scene._handle_from_node_name
+    nodes, camera = server.scene._handle_from_node_name, server.initial_camera
     assert ros.spin_until(lambda: shown(1) and '/plan/lines' in nodes)
     user = np.array([1.0, 2.0, 3.0])
-    assert not np.allclose(server.initial_camera.position, user)
-    server.initial_camera.position = user
-    assert ros.trigger('/own/plan')[0]
+    assert not np.allclose(camera.position, user)
+    camera.position = user
+    loop.plan()
     assert ros.spin_until(lambda: shown(2))
-    assert np.allclose(server.initial_camera.position, user)
+    assert np.allclose(camera.position, user)
     page.close()
     server.stop()
     ros._executor.remove_node(listener.node)
     listener.close()
-
-
-def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
-    with pytest.raises(InvalidProblem, match='drawing of Blurred raises IndexError'):
-        ros.start('tdm_sim.stated_plant', {'problem': f'{__name__}:Blurred'}, namespace='own')
 
 
 @dataclass(frozen=True)
@@ -181,19 +322,16 @@ class Kind(Rail):
     ('node', 'problem', 'says'),
     [
         ('plant', 'crane', "'problem' = 'crane' is not allowed"),
-        (
-            'tracker',
-            'crane',
-            "'kind' = 'crane' is not allowed: must be one of pendulum",
-        ),
+        ('plant', f'{__name__}:Blurred', 'drawing of Blurred raises IndexError'),
+        ('planner', 'pendulum_swingup',
+         'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
+        ('tracker', 'crane', "'kind' = 'crane' is not allowed: must be one of pendulum"),
         ('tracker', '3', "'kind' = 3 is not allowed: must be a string"),
         ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),
     ],
-)
-def test_what_cannot_be_simulated_or_tracked_ends_the_node(
-    ros: Stepped, node: str, problem: str, says: str
-) -> None:
+)  # fmt: skip
+def test_what_cannot_be_planned_simulated_or_tracked_ends_the_node(ros, node, problem, says):
     name = 'kind' if node == 'tracker' else 'problem'
     with pytest.raises(InvalidProblem) as raised:
-        ros.start(MODULES[node], {name: problem}, namespace='fatal')
+        ros.start(node, {name: problem}, 'fatal')
     assert says in str(raised.value)

@@ -3,19 +3,16 @@
 
 """The planner of a pendulum over DDS: requests, answers, messages."""
 
-from __future__ import annotations
-
-import itertools
 import json
 import math
 from typing import Any
 
 from marker_checks import check_markers, Scene
 import numpy as np
+from pendulum_rig import measured_state
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter as Given
+from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -34,69 +31,33 @@ STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
 
 
-class Planner:
+class Planner(Space):
     """A planner in a namespace of its own, and a pendulum that the test measures."""
 
-    numbers = itertools.count()
+    def __init__(self, ros: Stepped, **given: Any) -> None:
+        super().__init__(ros)
+        named = {name.replace('__', '.'): value for name, value in given.items()}
+        self.here = self.start('planner', {**STRONG, **named})
+        self.trajectories = self.hear('trajectory', JointTrajectory, LATCHED)
+        self.states = self.publisher('joint_states', JointState)
 
-    def __init__(self, ros: Stepped, **parameters: Any) -> None:
-        self.ros, self.space = ros, f'/pendulum{next(self.numbers)}'
-        given = {name.replace('__', '.'): value for name, value in parameters.items()}
-        module = 'tdm_planner.nodes.planner'
-        self.here = ros.start(module, {**STRONG, **given}, namespace=self.space)
-        self.trajectories = ros.subscribe(f'{self.space}/trajectory', JointTrajectory, LATCHED)
-        self.states = ros.publisher(f'{self.space}/joint_states', JointState)
-
-    def set(self, values: dict[str, Any]) -> list[str]:  # noqa: A003
-        return self.ros.set_parameter_mapping(f'{self.space}/planner', values)
-
-    def plan(self) -> JointTrajectory:
-        """Return the plan that a request makes."""
-        done, answer = self.ros.trigger(f'{self.space}/plan')
-        assert done, answer
-        self.ros.settle()
+    def made(self) -> JointTrajectory:
+        self.plan()
         return self.trajectories[-1]
 
-    def ask(self, *odd: Parameter, **own: Any) -> Any:
-        """Send a request with parameters of its own (``__`` for the dot); return its future."""
-        named = {name.replace('__', '.'): value for name, value in own.items()}
-        given = [Given(name, value=value).to_parameter_msg() for name, value in named.items()]
-        request = SetParametersAtomically.Request(parameters=[*given, *odd])
-        return self.ros.request(f'{self.space}/plan_with', SetParametersAtomically, request)
-
     def plan_with(self, *odd: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
-        """Return whether there is a plan with parameters of its own, and the answer."""
-        asked = self.ask(*odd, **own)
-        assert self.ros.spin_until(asked.done)
-        result = asked.result().result
+        result = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
+        self.ros.settle()
         return result.successful, json.loads(result.reason)
 
     def summary(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.latched('plan_summary', String).data)
-        return found
-
-    def failure(self) -> tuple[str, str]:
-        """Return code and reason of a request that comes to nothing."""
-        done, answer = self.ros.trigger(f'{self.space}/plan')
-        assert not done
-        assert list(answer) == ['code', 'reason']
-        return answer['code'], answer['reason']
-
-    def latched(self, topic: str, kind: Any) -> Any:
-        """Return what a late subscriber gets."""
-        received = self.ros.subscribe(f'{self.space}/{topic}', kind, LATCHED)
-        assert self.ros.meet(lambda: bool(received))
-        (message,) = received
-        return message
+        return json.loads(self.latched('plan_summary', String).data)
 
     def state(self, state: list[float], age: float = 0.0) -> JointState:
-        message = JointState(
-            name=['arm', 'disk', 'pendulum'],
-            position=[9.0, state[1], state[0]],
-            velocity=[9.0, state[3], state[2]],
-        )
-        message.header.stamp = to_stamp(self.ros.now - round(age * 1e9))
-        return message
+        at = self.ros.now - round(age * 1e9)
+        position, velocity = [9.0, state[1], state[0]], [9.0, state[3], state[2]]
+        joints = ['arm', 'disk', 'pendulum']
+        return measured_state(at, name=joints, position=position, velocity=velocity)
 
     def measure(self, message: JointState) -> JointState:
         self.states.publish(message)
@@ -119,10 +80,9 @@ def begins(message: JointTrajectory) -> int:
     return nanoseconds_of(message.header.stamp)
 
 
-def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner) -> None:
+def test_a_plan_is_answered_published_and_told_of(ros, planner):
     before = ros.now
-    done, answer = ros.trigger(f'{planner.space}/plan')
-    assert done, answer
+    answer = planner.plan()
     message = planner.latched('trajectory', JointTrajectory)
     assert begins(message) == before + 1_000_000_000
     assert message.header.frame_id == 'world'
@@ -156,14 +116,14 @@ def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner
     assert problem.to_parameters() == summary['parameters']
 
 
-def test_a_later_plan_replaces_the_one_before_and_its_picture(planner: Planner) -> None:
-    planner.plan()
-    first = json.loads(planner.latched('plan_summary', String).data)['plan_id']
-    assert planner.set({'start.theta': 2.5, 'goal.turns': 2}) == ['', '']
-    points = planner.plan().points
+def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
+    planner.made()
+    first = planner.summary()['plan_id']
+    planner.set('planner', {'start.theta': 2.5, 'goal.turns': 2})
+    points = planner.made().points
     assert points[0].positions[0] == 2.5
     assert points[-1].positions[0] == pytest.approx(4 * math.pi, abs=1e-4)
-    assert json.loads(planner.latched('plan_summary', String).data)['plan_id'] == first + 1
+    assert planner.summary()['plan_id'] == first + 1
     array = planner.latched('markers', MarkerArray)
     check_markers(array, 'world', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
@@ -173,14 +133,14 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner: Planner) 
     start, goal = scene['planned_path', 101].points[0], scene['goal', 101].points[1]
     assert start.z == pytest.approx(0.129 * math.cos(2.5))
     assert (goal.x, goal.y, goal.z) == pytest.approx((0.085, 0.0, 0.129), abs=1e-3)
-    assert planner.set({'start.theta': math.pi, 'goal.turns': None}) == ['', '']
-    assert abs(planner.plan().points[-1].positions[0]) < 7.0
+    planner.set('planner', {'start.theta': math.pi, 'goal.turns': None})
+    assert abs(planner.made().points[-1].positions[0]) < 7.0
 
 
-def test_a_request_before_the_first_state_waits_for_it(ros: Stepped, measuring: Planner) -> None:
+def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     asked = ros.now
     reason = f'no state was received on {measuring.space}/joint_states within 0.5 s'
-    assert measuring.failure() == ('NO_STATE', f'{reason} (start.max_age)')
+    assert measuring.refusal() == ('NO_STATE', f'{reason} (start.max_age)')
     assert ros.now - asked >= 0.5e9
     pending = ros.request(f'{measuring.space}/plan', Trigger)
     ros.spin_for(0.3)
@@ -190,13 +150,13 @@ def test_a_request_before_the_first_state_waits_for_it(ros: Stepped, measuring: 
     assert pending.result().success, pending.result().message
 
 
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros: Stepped, measuring: Planner) -> None:
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
     """Here by small steps."""
-    measuring.set({'start.delay': 0.2})
+    measuring.set('planner', start__delay=0.2)
     state = [3.0, 0.2, 0.5, -0.4]
     measured = begins(measuring.measure(measuring.state(state)))
     ros.spin_for(0.1)
-    trajectory = measuring.plan()
+    trajectory = measuring.made()
     wait = 1e-9 * (begins(trajectory) - measured)
     assert 0.3 <= wait < 0.4
     pendulum, x, step = RotaryPendulum(), np.array(state), wait / 4000
@@ -207,37 +167,31 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros: Stepped, measuring
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
 
 
-def test_states_that_cannot_be_planned_from(ros: Stepped, measuring: Planner) -> None:
-    def answer_to(message: JointState, code: str = 'NO_STATE') -> str:
+def test_states_that_cannot_be_planned_from(ros, measuring):
+    state, hanging = measuring.state, [3.0, 0.0, 0.0, 0.0]
+    short = {'name': ['pendulum', 'disk'], 'position': [0.0, 0.0], 'velocity': []}
+    old = f'{measuring.space}/joint_states is 5 s old', 'not be older than 0.5 s (start.max_age)'
+    for message, *words in (
+        (state(hanging, age=5.0), *old),
+        (state(hanging, age=-5.0), 'stamped 5 s in the future'),
+        (state(hanging, age=5.0), *old),
+        (JointState(name=['wheel'], position=[0.0], velocity=[0.0]), 'pendulum, disk must be'),
+        (JointState(**short), "'velocity' has 0 values for 2 named joints"),
+        (state([math.nan, 0.0, 0.0, 0.0]), 'position of joint pendulum is nan'),
+        (state([3.0, 0.0, 1e12, 0.0]), 'velocity of joint pendulum is 1e+12 rad/s: must be in ['),
+        (state([3.0, 2.5, 0.0, 0.0]), "'start.psi' = 2.5"),
+    ):
         measuring.measure(message)
-        found, reason = measuring.failure()
-        assert found == code
-        return reason
-
-    hanging = [3.0, 0.0, 0.0, 0.0]
-    old = answer_to(measuring.state(hanging, age=5.0))
-    assert f'{measuring.space}/joint_states is 5 s old' in old
-    assert 'must not be older than 0.5 s (start.max_age)' in old
-    early = answer_to(measuring.state(hanging, age=-5.0))
-    assert 'stamped 5 s in the future' in early
-    answer_to(measuring.state(hanging, age=5.0))
-    other = JointState(name=['wheel'], position=[0.0], velocity=[0.0])
-    assert 'joint(s) pendulum, disk must be named once' in answer_to(other)
-    short = JointState(name=['pendulum', 'disk'], position=[0.0, 0.0])
-    assert "'velocity' has 0 values for 2 named joints" in answer_to(short)
-    broken = measuring.state([math.nan, 0.0, 0.0, 0.0])
-    assert 'position of joint pendulum is nan' in answer_to(broken)
-    wild = answer_to(measuring.state([3.0, 0.0, 1e12, 0.0]))
-    assert 'velocity of joint pendulum is 1e+12 rad/s: must be in [' in wild
-    beyond = answer_to(measuring.state([3.0, 2.5, 0.0, 0.0]), 'INVALID_PROBLEM')
-    assert "'start.psi' = 2.5" in beyond
-    without_stamp = measuring.state(hanging)
+        code, reason = measuring.refusal()
+        assert code == ('INVALID_PROBLEM' if 'start.psi' in words[0] else 'NO_STATE')
+        assert all(word in reason for word in words), reason
+    without_stamp = state(hanging)
     without_stamp.header.stamp = to_stamp(0)
     measuring.measure(without_stamp)
-    measuring.plan()
+    measuring.made()
 
 
-def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Planner) -> None:
+def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
     before = planner.here.node.parameter_values
     asked: list[tuple[float | str, int]] = [(0.08, 1), ('6e-2', -1)]
     for torque, turns in asked:  # text for what it says, as on the node
@@ -247,12 +201,11 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Pla
         summary = planner.summary()
         assert {name: summary[name] for name in ANSWER} == answer
         assert summary['parameters']['limits.torque'] == float(torque)
-        planner.ros.settle()
         message = planner.trajectories[-1]
         assert begins(message) >= planner.ros.now + 1.9e9
         assert message.points[-1].positions[0] == pytest.approx(turns * math.tau, abs=1e-4)
     assert planner.here.node.parameter_values == before
-    planner.plan()
+    planner.made()
     assert planner.summary()['parameters']['limits.torque'] == STRONG['limits.torque']
     assert planner.plan_with()[0]
 
@@ -270,10 +223,8 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Pla
     ],
     ids=str,
 )
-def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
-    planner: Planner, own: dict[str, Any], says: str
-) -> None:
-    active, values = planner.plan(), planner.here.node.parameter_values
+def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, own, says):
+    active, values = planner.made(), planner.here.node.parameter_values
     odd = own.pop('odd', ())
     done, answer = planner.plan_with(*odd, **own)
     assert not done
@@ -284,23 +235,9 @@ def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
     assert planner.latched('trajectory', JointTrajectory) == active
 
 
-def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(
-    ros: Stepped, planner: Planner
-) -> None:
-    turns = (1, -1, 2, 1)
-    asked = [planner.ask(goal__turns=number) for number in turns]
-    assert ros.spin_until(lambda: all(future.done() for future in asked))
-    answers = [future.result().result for future in asked]
-    met = [n for n, result in zip(turns, answers, strict=True) if result.successful]
-    refused = [json.loads(result.reason)['code'] for result in answers if not result.successful]
-    assert met
-    assert refused == ['BUSY'] * (len(turns) - len(met))
-    assert planner.summary()['parameters']['goal.turns'] == met[-1]
-
-
-def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros: Stepped) -> None:
+def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     planner = Planner(ros, start__source='parameters', use_sim_time=False)
-    start, node = begins(planner.plan()), planner.here.node
+    start, node = begins(planner.made()), planner.here.node
     plan = node._plan
     assert node._time.stamp(plan.start) == start
     ros.time_of_day = -3600.0

@@ -3,8 +3,7 @@
 
 """The planner of robots over DDS: plans for all of them, and a formation that moves."""
 
-from __future__ import annotations
-
+from functools import partial
 import json
 import math
 from typing import Any
@@ -12,13 +11,11 @@ from typing import Any
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
+from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes import other_planners
-from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_quaternion, to_stamp
+from tdm_planner.nodes.messages import LATCHED, to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
@@ -26,45 +23,29 @@ from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-MODULE = 'tdm_planner.nodes.planner'
 FORMATION = {'problem': 'robot_formation'}
 ROBOTS = ['robot1', 'robot2', 'robot3']
 MOVED = [2.3, 1.8, 0.7]
 
 
-class Fleet:
+class Fleet(Space):
     """A planner in a namespace, and robots that are where the test says."""
 
-    def __init__(self, ros: Stepped, space: str, **parameters: Any) -> None:
-        self.ros, self.space = ros, space
-        self.here = ros.start(MODULE, {**FORMATION, **parameters}, namespace=space)
-        self.motions = self.subscribe('trajectory', JointTrajectory)
-        self.paths = self.subscribe('path', Path)
-        self.odometry = self.publishers('odom', Odometry)
-        self.joints = self.publishers('joint_states', JointState)
+    def __init__(self, ros: Stepped, name: str, **parameters: Any) -> None:
+        super().__init__(ros, name)
+        self.here = self.start('planner', {**FORMATION, **parameters})
+        self.motions = {
+            name: self.hear(f'{name}/trajectory', JointTrajectory, LATCHED) for name in ROBOTS
+        }
+        self.paths = {name: self.hear(f'{name}/path', Path, LATCHED) for name in ROBOTS}
+        self.odometry = {name: self.publisher(f'{name}/odom', Odometry) for name in ROBOTS}
+        self.joints = {name: self.publisher(f'{name}/joint_states', JointState) for name in ROBOTS}
 
-    def subscribe(self, topic: str, kind: Any) -> dict[str, list[Any]]:
-        topics = {name: f'/{self.space}/{name}/{topic}' for name in ROBOTS}
-        return {name: self.ros.subscribe(full, kind, LATCHED) for name, full in topics.items()}
-
-    def publishers(self, topic: str, kind: Any) -> dict[str, Any]:
-        return {name: self.ros.publisher(f'/{self.space}/{name}/{topic}', kind) for name in ROBOTS}
-
-    def set(self, **values: Any) -> list[str]:  # noqa: A003
-        return self.ros.set_parameters(f'/{self.space}/planner', **values)
-
-    def request(self) -> tuple[bool, dict[str, Any]]:
-        made = self.ros.trigger(f'/{self.space}/plan')
-        self.ros.settle()
-        return made
-
-    def plan(self, name: str) -> tuple[Trajectory, int]:
-        """Return the newest plan of a robot and the instant it starts [ns]."""
+    def motion(self, name: str) -> tuple[Trajectory, int]:
         motion = self.motions[name][-1]
         return read_plan(ROBOT, motion), nanoseconds_of(motion.header.stamp)
 
     def count(self) -> int:
-        """Return how many plans there were for every robot."""
         return min(len(self.motions[name]) for name in ROBOTS)
 
     def measure(self, name: str, state: list[float]) -> None:
@@ -87,7 +68,6 @@ class Fleet:
         self.ros.settle()
 
     def follow(self, plans: dict[str, tuple[Trajectory, int]]) -> None:
-        """Publish where the robots are that follow these plans exactly."""
         for name, (plan, start) in plans.items():
             self.measure(name, plan.sample((self.ros.now - start) * 1e-9).state.tolist())
 
@@ -97,14 +77,11 @@ def fleet(ros: Stepped) -> Fleet:
     return Fleet(ros, 'robots', **{'start.source': 'parameters'})
 
 
-def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fleet) -> None:
-    markers = ros.subscribe('/robots/markers', MarkerArray, LATCHED)
-    summaries = ros.subscribe('/robots/plan_summary', String, LATCHED)
-    success, answer = fleet.request()
-    assert success, answer
+def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
+    answer = fleet.plan()
     task, starts = RobotFormation().task, set()
     for k, name in enumerate(ROBOTS):
-        plan, start = fleet.plan(name)
+        plan, start = fleet.motion(name)
         starts.add(start)
         np.testing.assert_allclose(plan.states[-1, :2], task.goal[k], atol=5e-3)
         np.testing.assert_allclose(plan.states[0, :2], task.start[k], atol=1e-12)
@@ -114,8 +91,9 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fl
         assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
         assert len(path.poses) == plan.times.size
     assert len(starts) == 1
-    assert {m.ns for m in markers[-1].markers} >= {'limit', 'planned_path', 'goal', 'reach'}
-    summary = json.loads(summaries[-1].data)
+    markers = fleet.latched('markers', MarkerArray).markers
+    assert {marker.ns for marker in markers} >= {'limit', 'planned_path', 'goal', 'reach'}
+    summary = json.loads(fleet.latched('plan_summary', String).data)
     assert summary['plan_id'] == answer['plan_id']
     assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
     assert list(summary['vehicles']) == ROBOTS
@@ -126,88 +104,46 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fl
     np.testing.assert_array_equal([*planned.goal, *planned.start], [*task.goal, *task.start])
 
 
-def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
-    assert fleet.set(start__source='measured') == ['']
+def test_the_measured_state_of_every_robot_is_needed(fleet):
+    fleet.set('planner', start__source='measured')
     for known in (0, 2, 3):
         for k, name in enumerate(ROBOTS[:known]):
             fleet.measure(name, [1.0 + k, 0.5, 0.0, 0.0, 0.3, 0.0, 0.0])
-        success, answer = fleet.request()
-        assert success == (known == 3)
-        if not success:
-            assert answer['code'] == 'NO_STATE'
-            told = [name for name in ROBOTS if f"'{name}'" in answer['reason']]
-            assert told == ROBOTS[known:]
+        if known < 3:
+            code, reason = fleet.refusal()
+            assert code == 'NO_STATE'
+            assert [name for name in ROBOTS if f"'{name}'" in reason] == ROBOTS[known:]
+    fleet.plan()
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
-    assert fleet.set(start__source='parameters') == ['']
+    fleet.set('planner', start__source='parameters')
 
 
-def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros: Stepped) -> None:
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
     names = ['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]']
     given = {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0]}
-    ros.start(MODULE, given, namespace='/own', arguments=names)
-    _, answer = ros.trigger('/own/plan')
-    assert answer['code'] == 'NO_STATE'
-    assert all(f"robot '{name}'" in answer['reason'] for name in ('alice', 'bob'))
+    space = Space(ros)
+    space.start('planner', given, names)
+    code, reason = space.refusal()
+    assert code == 'NO_STATE'
+    assert all(f"robot '{name}'" in reason for name in ('alice', 'bob'))
 
 
-def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> None:
+def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
     parameters = {'start.source': 'parameters', 'replan.rate': 5.0, 'replan.delay': 1.5}
     fleet = Fleet(ros, 'fleet', **parameters)
-    done, answer = fleet.request()
-    assert done, answer
-    plans = {name: fleet.plan(name) for name in ROBOTS}
+    fleet.plan()
+    plans = {name: fleet.motion(name) for name in ROBOTS}
     under_way = plans['robot1'][1] + 1_500_000_000
 
-    def follow() -> None:
-        fleet.follow(plans)
-
+    follow = partial(fleet.follow, plans)
     assert ros.publish_until(follow, lambda: ros.now >= under_way, every=0.05)
     assert fleet.count() == 1  # followed, it is kept
-    assert fleet.set(formation__anchor=MOVED) == ['']
+    fleet.set('planner', formation__anchor=MOVED)
     assert ros.publish_until(follow, lambda: fleet.count() > 1, every=0.05)
     goals = RobotFormation.from_parameters({'formation.anchor': MOVED}).task.goal
     for name, goal in zip(ROBOTS, goals, strict=True):
-        new, start = fleet.plan(name)
+        new, start = fleet.motion(name)
         np.testing.assert_allclose(new.states[-1, :2], goal, atol=5e-3)
         old, before = plans[name]
         expected = old.sample((start - before) * 1e-9).state
         np.testing.assert_allclose(new.states[0], expected, atol=0.02)
-
-
-def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
-    ros: Stepped, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pair = ('robot1', 'robot2')
-    places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
-    problem = RobotFormation.from_parameters({'robots': list(pair), **places})
-    plan = problem.solve()
-    given = problem.to_parameters()
-    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given, print)
-    monkeypatch.setattr(other_planners, 'GRACE', 0.0)
-    recovery = other_planners.Recovery(ros.node, adapter.vehicles.values())
-    publishers = {
-        robot: ros.publisher(f'{robot}/active_trajectory', JointTrajectory, LATCHED)
-        for robot in pair
-    }
-
-    def follow(robot: str, start: int) -> None:
-        trajectory = plan.trajectories[robot].with_rates(problem.plant.derivative)
-        publishers[robot].publish(plan_message(ROBOT, trajectory, to_stamp(start)))
-        ros.settle()
-
-    follow('robot1', 5)
-    follow('robot2', 4)
-    assert recovery.look(active=True) is None
-    follow('robot2', 5)
-    found = recovery.look(active=True)
-    assert found is not None
-    trajectories, start = found
-    assert start == 5
-    for robot in pair:
-        planned = plan.trajectories[robot]
-        assert np.allclose(trajectories[robot].controls, planned.controls, atol=1e-12)
-    assert problem.recognised(trajectories).cost == pytest.approx(plan.cost)
-    for publisher in publishers.values():
-        publisher.publish(JointTrajectory())
-    ros.settle()
-    assert recovery.look(active=True) is None

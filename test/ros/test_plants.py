@@ -3,39 +3,34 @@
 
 """The simulated pendulum and robot; what all plant nodes have in common is tested on the first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import math
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_harness import MODULES
+from ros_harness import Space
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
+WARN, ERROR = 1, 2
 
-class Plant:
+
+class Plant(Space):
     """A plant in a namespace of its own, and everything it publishes."""
 
-    def __init__(self, ros: Stepped, kind: str, namespace: str, given: dict[str, Any]) -> None:
-        self.ros, self.namespace = ros, namespace
-        self.node = f'/{namespace}/{kind}'
-        self.states = ros.subscribe(f'/{namespace}/joint_states', JointState, 1000)
-        self.odom = ros.subscribe(f'/{namespace}/odom', Odometry, 1000)
-        self.name = f'{self.node}: simulation'
-        given = {'command_timeout': 30.0, **given}
-        self.process = ros.start(MODULES[kind], given, namespace=namespace)
-        self.commands = ros.publisher(f'/{namespace}/joint_command', JointState)
+    def __init__(self, ros: Stepped, role: str, name: str, given: dict[str, Any]) -> None:
+        super().__init__(ros, name)
+        self.name = f'/{name}/{role}: simulation'
+        self.states = self.hear('joint_states', JointState, 1000)
+        self.odom = self.hear('odom', Odometry, 1000)
+        self.process = self.start(role, {'command_timeout': 30.0, **given})
+        self.commands = self.publisher('joint_command', JointState)
 
     def command(self, names: list[str], effort: list[float], **more: Any) -> None:
-        """Command, and listen for .1 s."""
         self.commands.publish(JointState(name=names, effort=effort, **more))
         self.listen(0.1)
 
@@ -46,16 +41,12 @@ class Plant:
         self.odom.clear()
         self.ros.spin_for(seconds)
 
-    @property
-    def status(self) -> DiagnosticStatus:
-        """Return the newest status of this node, 1 s later."""
+    def told(self, *keys: str) -> tuple[int, str, list[float]]:
+        """Return level, message and figures of the newest status, 1 s later."""
         self.listen(1.0)
-        return self.ros.statuses[self.name]
-
-    def trigger(self, service: str) -> str:
-        response = self.ros.call(f'/{self.namespace}/{service}', Trigger)
-        assert response.success
-        return str(response.message)
+        status = self.ros.statuses[self.name]
+        figures = [float(self.ros.figure(self.name, key)) for key in keys]
+        return status.level[0], status.message, figures
 
     def efforts(self, joint: int) -> list[float]:
         return [state.effort[joint] for state in self.states]
@@ -65,7 +56,7 @@ def times(messages: list[Any]) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
-def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepped) -> None:
+def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros):
     given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
     rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for name, effort in (('arm', [0.01]), ('disk', [math.nan]), ('disk', list[float]())):
@@ -74,39 +65,35 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepp
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    status = rig.status
-    assert status.level == DiagnosticStatus.ERROR
-    assert "'plant.mass' = -1.0" in status.message  # its default is kept
-    assert 'beyond limits.disk_angle' not in status.message  # but at it
-    assert ros.figure(rig.name, 'commands ignored') == '3'
-    assert ros.figure(rig.name, 'commands accepted') == '0'
+    level, message, figures = rig.told('commands ignored', 'commands accepted')
+    assert (level, figures) == (ERROR, [3, 0])
+    assert "'plant.mass' = -1.0" in message  # its default is kept
+    assert 'beyond limits.disk_angle' not in message  # but at it
 
 
-def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> None:
+def test_no_command_for_the_time_out_switches_the_torque_off(ros):
     rig = Plant(ros, 'pendulum_plant', 'hasty', {'command_timeout': 0.2})
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)
     efforts = rig.efforts(1)
-    assert efforts == sorted(efforts, reverse=True)
     assert efforts.count(0.003) == pytest.approx(40, abs=1)
-    assert efforts[-1] == 0.0
+    assert efforts == [0.003] * efforts.count(0.003) + [0.0] * efforts.count(0.0)
     assert 'no command for 0.2 s (command_timeout): actuators off' in rig.process.output
-    rig.listen(1.0)
-    assert ros.figure(rig.name, 'command time-outs') == '1'
+    assert rig.told('command time-outs')[2] == [1]
 
 
-def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Stepped) -> None:
+def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros):
     given = {'noise.theta': 0.01, 'initial.psi': 2.5, 'mismatch': 0.05, 'mismatch_seed': 3}
     rig = Plant(ros, 'pendulum_plant', 'noisy', given)
-    status = rig.status
-    assert status.level == DiagnosticStatus.WARN
-    assert 'disk at 2.500 rad, beyond limits.disk_angle = 2 rad' in status.message
+    level, message, _ = rig.told()
+    assert level == WARN
+    assert 'disk at 2.500 rad, beyond limits.disk_angle = 2 rad' in message
     thetas = np.array([state.position[0] for state in rig.states])
     assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
     assert thetas.std() == pytest.approx(0.01, rel=0.3)
 
 
-def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None:
+def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):
     """At a tenth of the speed the pendulum covers a tenth of its velocity in the clock's time."""
     given = {'real_time_factor': 0.1, 'disturbance.impulse': 1e-4}
     rig = Plant(ros, 'pendulum_plant', 'slow', given)
@@ -118,38 +105,27 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None
     ratios = np.diff(angles) / (np.diff(times(rig.states)) * 1e-9)
     assert ratios / (0.5 * (rates[1:] + rates[:-1])) == pytest.approx(0.1, rel=0.01)
     assert np.ptp([RotaryPendulum().energy(state) for state in states]) < 1e-8
-    rig.listen(1.0)
-    before = float(ros.figure(rig.name, 'simulated time [s]'))
+    _, _, (before,) = rig.told('simulated time [s]')
     ros.step_to(ros.now + 500_000_000)
-    status = rig.status
-    assert status.level == DiagnosticStatus.WARN
-    assert status.message.startswith('0.4')
-    assert ' s skipped: the process was stalled' in status.message
-    later = float(ros.figure(rig.name, 'simulated time [s]'))
+    level, message, (later,) = rig.told('simulated time [s]')
+    assert level == WARN
+    assert message.startswith('0.4')
+    assert ' s skipped: the process was stalled' in message
     assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
-
-
-# The robot.
 
 
 def position(message: Odometry) -> np.ndarray:
     return np.array([message.pose.pose.position.x, message.pose.pose.position.y])
 
 
-def yaw(message: Odometry) -> float:
-    q = message.pose.pose.orientation
-    return 2.0 * math.atan2(q.z, q.w)
-
-
 def velocity_in_arena(message: Odometry) -> np.ndarray:
     """Read the twist as every user of odometry does: it is in the child's frame."""
-    cosine, sine = math.cos(yaw(message)), math.sin(yaw(message))
-    rotation = np.array([[cosine, -sine], [sine, cosine]])
-    return rotation @ [message.twist.twist.linear.x, message.twist.twist.linear.y]
+    q, linear = message.pose.pose.orientation, message.twist.twist.linear
+    turned = complex(linear.x, linear.y) * complex(q.w, q.z) ** 2
+    return np.array([turned.real, turned.imag])
 
 
 def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> np.ndarray:
-    """Mean rate of change."""
     elapsed = np.ptp(times(messages)) * 1e-9
     return np.asarray((quantity(messages[-1]) - quantity(messages[0])) / elapsed)
 
@@ -158,7 +134,7 @@ def command(robot: Plant, thrust: float, rate: float, torque: float) -> None:
     robot.command(['reaction_wheel', 'thruster'], [torque, thrust], velocity=[0.0, rate])
 
 
-def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
+def test_a_drifting_robot_and_its_actuators(ros):
     initial = {'x': 1.0, 'y': 2.5, 'yaw': 0.6, 'u': 0.2, 'v': -0.1, 'alpha': 0.3}
     given = {'wheel_speed': 5.0, **initial}
     given = {f'initial.{name}': value for name, value in given.items()}
@@ -166,7 +142,7 @@ def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
     robot.listen(0.5)
     first = robot.odom[0]
     assert (first.header.frame_id, first.child_frame_id) == ('arena', 'drifter')
-    assert yaw(first) == pytest.approx(0.6)
+    assert first.pose.pose.orientation.z == pytest.approx(math.sin(0.3))
     np.testing.assert_allclose(velocity_in_arena(first), [0.2, -0.1], atol=1e-9)
     np.testing.assert_allclose(rate_of(robot.odom, position), [0.2, -0.1], rtol=1e-6)
     joints = robot.states[0]
@@ -191,7 +167,7 @@ def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
     assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
 
 
-def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
+def test_push_reset_and_a_command_that_names_no_wheel(ros):
     given = {'disturbance.impulse': 2.1, 'disturbance.direction': 0.0, 'rate': 100}
     robot = Plant(ros, 'robot_plant', 'arena/robot9', given)
     assert robot.trigger('push') == 'pushed robot9 with 2.1 N s towards 0.000 rad'
@@ -206,21 +182,21 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
     assert robot.states[-1].effort[0] == 0.0
 
 
-def test_walls_and_name(ros: Stepped) -> None:
+def test_walls_and_name(ros):
     given = {'robot_name': 'ball', 'arena.walls': True, 'initial.x': 3.7, 'initial.u': 1.0}
     robot = Plant(ros, 'robot_plant', 'arena/bouncer', given)
     robot.listen(0.5)
     assert robot.odom[0].child_frame_id == 'ball'
     assert 3.85 - 6e-3 <= max(position(odom)[0] for odom in robot.odom) <= 3.85 + 1e-9
     assert velocity_in_arena(robot.odom[-1])[0] == pytest.approx(-1.0)
-    assert '1 collisions with a wall' in robot.status.message
+    assert '1 collisions with a wall' in robot.told()[1]
     assert 'ball hit a wall with 1 m/s along x' in robot.process.output
     (reason,) = ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=2.0)
     assert "'arena.robot_radius' = 2 is not allowed: must be in [0, 2) m" in reason
-    assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
+    robot.set('robot_plant', arena__robot_radius=0.2)
 
 
-def test_states_stream_commands_saturate_and_parameters_act_at_once(ros: Stepped) -> None:
+def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
     rig = Plant(ros, 'pendulum_plant', 'shared', {})
     rig.listen(1.0)
     assert (np.diff(times(rig.states)) == 5_000_000).all()
@@ -233,15 +209,15 @@ def test_states_stream_commands_saturate_and_parameters_act_at_once(ros: Stepped
     assert rig.states[-1].velocity[1] > 0.1
     rig.command(['other', 'disk'], [9.0, -1.0])
     assert {tuple(state.effort) for state in rig.states} == {(0.0, -0.02)}
-    assert ros.set_parameters(rig.node, initial__theta=0.5, limits__torque=0.001) == ['', '']
+    rig.set('pendulum_plant', initial__theta=0.5, limits__torque=0.001)
     rig.trigger('reset')
     rig.command(['disk'], [0.01])
     assert set(rig.efforts(1)) == {0.001}
     assert rig.states[0].position[0] == pytest.approx(0.5, abs=0.01)
-    (reason,) = ros.set_parameters(rig.node, noise__theta=math.nan)
+    (reason,) = ros.set_parameters('/shared/pendulum_plant', noise__theta=math.nan)
     assert 'noise.theta' in reason
     # Each value is allowed, but a point mass on a massless arm leaves the equations singular.
     negligible = {'plant.inertia.disk': 1e-12, 'plant.inertia.y': 1e-12, 'plant.inertia.z': 1e-12}
-    reasons = ros.set_parameter_mapping(rig.node, {**negligible, 'plant.mass': 1.0})
+    reasons = ros.set_parameters('/shared/pendulum_plant', {**negligible, 'plant.mass': 1.0})
     assert reasons[:3] == [''] * 3
     assert 'do not make a rig' in reasons[3]

@@ -3,23 +3,15 @@
 
 """Replanning and repeated requests over DDS: planner, tracker and plant of a pendulum."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
 from typing import Any
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from pendulum_rig import PendulumRig
 import pytest
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
-from ros_harness import MODULES
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
@@ -38,16 +30,13 @@ class Rig(PendulumRig):
         ros.spin_for((10**8 - ros.now % 10**8) * 1e-9)
 
     def told(self, role: str) -> str:
-        """Return what a node has logged."""
         return str(self.processes[role].output)
 
     def push(self, impulse: float) -> None:
-        node = f'/{self.namespace}/pendulum_plant'
-        assert self.ros.set_parameters(node, disturbance__impulse=impulse) == ['']
-        assert self.ros.call(f'/{self.namespace}/push', Trigger).success
+        self.set('pendulum_plant', disturbance__impulse=impulse)
+        self.trigger('push')
 
     def upright_for(self, seconds: float) -> bool:
-        """Whether the pendulum has been upright so long."""
         for state in reversed(self.states):
             if seconds_of(state.header.stamp) < self.now - seconds:
                 return True
@@ -59,22 +48,7 @@ class Rig(PendulumRig):
         return self.ros.spin_until(lambda: self.upright_for(0.5))
 
 
-# The first plan begins .6 s after its request; the last request waits for it to begin.
-@pytest.mark.parametrize('pause', [0.2, 0.5])
-def test_the_last_of_several_requests_is_followed(ros: Stepped, pause: float) -> None:
-    namespace = f'second_{round(100 * pause)}'
-    rig = Rig(ros, namespace, planner={'start.delay': 0.6, 'start.max_age': 5.0})
-    rig.plan()
-    ros.spin_for(pause)
-    rig.plan()
-    assert rig.stands_up(), rig.told('tracker')
-    assert 'stopped' not in rig.told('tracker')
-    assert 'rejected' not in rig.told('tracker')
-
-
-def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(
-    ros: Stepped,
-) -> None:
+def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(ros):
     rig = Rig(ros, 'again', planner={'start.delay': 0.2})
     rig.plan()
     assert ros.spin_until(lambda: 'tracking' in rig.told('tracker'))
@@ -84,11 +58,9 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     assert rig.plans[1] == rig.plans[0]
     assert 'recovered active plan 1 from the trackers' in rig.told('planner')
     rig.processes['pendulum_plant'].end_cleanly()
-    given = {**STRONG, 'start.source': 'parameters'}
     own = ['-r', 'plan:=plan_of_the_second']
-    ros.start(MODULES['planner'], given, namespace='again', arguments=own)
-    assert ros.trigger('/again/plan_of_the_second')[0]
-    ros.settle()
+    ros.start('planner', {**STRONG, 'start.source': 'parameters'}, 'again', own)
+    rig.trigger('plan_of_the_second')
     assert "another planner's plan is active: plan 1 is no longer reviewed" in rig.told('planner')
     warning = '2 planners publish /again/plan_summary: trackers follow'
     assert ros.spin_until(lambda: warning in rig.told('planner'))
@@ -107,12 +79,10 @@ def rig(ros: Stepped) -> Rig:
     )
 
 
-def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) -> None:
+def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):
     """With the parameters that its plan was asked for, not the node's; so when it falls."""
-    own = [Parameter('torque_reserve', value=0.25).to_parameter_msg()]
-    request = SetParametersAtomically.Request(parameters=own)
-    asked = ros.call(f'/{rig.namespace}/plan_with', SetParametersAtomically, request)
-    assert asked.result.successful, asked.result.reason
+    result = ros.set_all(f'{rig.space}/plan_with', torque_reserve=0.25)
+    assert result.successful, result.reason
     ros.settle()
     begins = seconds_of(rig.plans[0].header.stamp)
     assert ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.15)
@@ -144,21 +114,17 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     assert rig.told('planner').count(NOT_TAKEN) <= rig.told('tracker').count(REJECTED)
 
 
-def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped, rig: Rig) -> None:
-    """
-    Upright, the tracker is offered a swing-up from hanging: it goes on holding.
-
-    On the way requests are answered though the plan is reviewed.
-    """
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros, rig):
+    """Upright, it is offered a swing-up; on the way requests are answered, reviews or not."""
     rig.plan()
     assert ros.spin_until(lambda: 'tracking' in rig.told('tracker'))
     for _ in range(3):
-        done, answer = ros.trigger(f'/{rig.namespace}/plan')
+        done, answer = ros.trigger(f'{rig.space}/plan')
         assert done or answer['code'] != 'BUSY', answer
         ros.spin_for(0.03)
     assert rig.stands_up()
     ros.spin_for(0.5)
-    assert ros.set_parameters(f'/{rig.namespace}/planner', start__source='parameters') == ['']
+    rig.set('planner', start__source='parameters')
     told, rejected = rig.told('planner').count(NOT_TAKEN), rig.told('tracker').count(REJECTED)
     rig.plan()
     number = json.loads(rig.summaries[-1].data)['plan_id']
@@ -173,12 +139,11 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped,
     assert rig.upright_for(0.5)
 
 
-def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Stepped, rig: Rig) -> None:
+def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros, rig):
     rig.plan()
     assert rig.stands_up()
     count, before = len(rig.plans), rig.told('planner').count('new plan')
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
-    assert ros.call(f'/{rig.namespace}/tracker/change_state', ChangeState, request).success
+    assert ros.change(f'{rig.space}/tracker', 'deactivate')
     said = 'no replanning: no tracker is active for pendulum'
     assert ros.spin_until(lambda: said in rig.told('planner')), rig.told('planner')
     # The pendulum falls, which would be a reason for a new plan.

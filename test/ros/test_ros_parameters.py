@@ -3,8 +3,6 @@
 
 """Declared parameters as ROS parameters, and files of them as rcl reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
@@ -12,36 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 from ros_harness import ros_arguments
 from stepped_ros import NodeHere, Stepped
+from tdm_planner import parameters as declared
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import descriptor, ParameterNode
 from tdm_planner.parameter_files import parse_yaml, ros_parameters
-from tdm_planner.parameters import (
-    parameter,
-    ParameterSpec,
-    POSITIVE,
-    Range,
-    specifications,
-    to_mapping,
-    Validated,
-)
+from tdm_planner.parameters import parameter, ParameterSpec, POSITIVE, Range, Validated
 import yaml
 
 
 @dataclass(frozen=True)
 class ExampleParameters(Validated):
-    """One of every kind."""
-
     mass: float = parameter(1.0, 'mass of the thing', unit='kg', allowed=POSITIVE)
     count: int = parameter(3, 'how many', allowed=Range(0, 8, lower_open=True))
     turns: int | None = parameter(None, 'turns, or unset')
@@ -56,7 +39,7 @@ class ExampleNode(ParameterNode):
     """A node with nothing but parameters."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('example', specifications(ExampleParameters), **options)
+        super().__init__('example', declared.specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -64,7 +47,7 @@ class ExampleNode(ParameterNode):
             raise InvalidProblem('a mass above 100 kg cannot be fast')
 
 
-DEFAULTS = to_mapping(ExampleParameters())
+DEFAULTS = declared.to_mapping(ExampleParameters())
 OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
@@ -100,14 +83,12 @@ def example(ros: Stepped) -> Any:
         ('fixed', 'here', 'here'),
     ],
 )
-def test_allowed_values_are_taken(
-    ros: Stepped, example: ExampleNode, name: str, value: Any, stored: Any
-) -> None:
-    assert ros.set_parameter_mapping('example', {name: value}) == ['']
+def test_allowed_values_are_taken(ros, example, name, value, stored):
+    assert ros.set_parameters('example', {name: value}) == ['']
     now = example.parameter_values[name]
     assert now == stored
     assert type(now) is type(stored)
-    assert ros.set_parameter_mapping('example', {name: DEFAULTS[name]}) == ['']
+    assert ros.set_parameters('example', {name: DEFAULTS[name]}) == ['']
 
 
 @pytest.mark.parametrize(
@@ -128,31 +109,22 @@ def test_allowed_values_are_taken(
         ('qos_overrides.a', None, "parameter 'qos_overrides.a' is unknown"),
     ],
 )
-def test_other_values_are_refused_with_a_sentence(
-    ros: Stepped, example: ExampleNode, name: str, value: Any, says: str
-) -> None:
-    (reason,) = ros.set_parameter_mapping('example', {name: value})
+def test_other_values_are_refused_with_a_sentence(ros, example, name, value, says):
+    (reason,) = ros.set_parameters('example', {name: value})
     assert says in reason
     assert example.parameter_values == DEFAULTS
 
 
-def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> None:
-    def set_all(**changes: Any) -> bool:
-        items = [Parameter(k, value=v).to_parameter_msg() for k, v in changes.items()]
-        made = SetParametersAtomically.Request(parameters=items)
-        answer = ros.call('example/set_parameters_atomically', SetParametersAtomically, made)
-        return bool(answer.result.successful)
-
-    assert not set_all(mass=2.0, count=-1)
+def test_all_or_none_are_set_atomically(ros, example):
+    service = 'example/set_parameters_atomically'
+    assert not ros.set_all(service, mass=2.0, count=-1).successful
     assert example.parameter_values == DEFAULTS
     for values in ({'mass': 200.0, 'kind': 'slow', 'turns': 1}, DEFAULTS):
-        assert set_all(**values)
+        assert ros.set_all(service, **values).successful
         assert example.parameter_values == {**DEFAULTS, **values}
 
 
-def test_what_breaks_down_after_values_were_set_is_logged(
-    ros: Stepped, example: ExampleNode, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_breaks_down_after_values_were_set_is_logged(ros, example, monkeypatch):
     def fail() -> None:
         raise RuntimeError('of\nmass')
 
@@ -161,26 +133,25 @@ def test_what_breaks_down_after_values_were_set_is_logged(
     assert ros.log[-1][1].endswith('parameters were set, but: RuntimeError: of mass')
 
 
-def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> None:
+def test_parameters_describe_themselves(ros, example):
     request = DescribeParameters.Request(names=['mass', 'count', 'turns', 'kind', 'fixed'])
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
-    for (allowed,), ends in (
-        (mass.floating_point_range, (1e-12, 1e12)),
-        (count.integer_range, (1, 8)),
+    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
+    for (allowed,), *ends in (
+        (mass.floating_point_range, 1e-12, 1e12),
+        (count.integer_range, 1, 8),
+        (descriptor(half_open).integer_range, -(2**63), 3),
     ):
-        assert (allowed.from_value, allowed.to_value) == ends
+        assert [allowed.from_value, allowed.to_value] == ends
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only
     assert not descriptor(ParameterSpec('angle', float, 0.0, 'an angle')).floating_point_range
-    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
-    (allowed,) = descriptor(half_open).integer_range
-    assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
 
 
-def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
+def test_values_given_at_the_start_may_be_text(ros):
     given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
     process = start(ros, 'given', given)
     taken = {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
@@ -188,9 +159,7 @@ def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
     assert not process.node.invalid_overrides
 
 
-def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
-    ros: Stepped, tmp_path: Path
-) -> None:
+def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros, tmp_path):
     """Both of `ros2 param`, as rclpy has them; every parameter is in the file."""
     given = {'mass': 1e-8, 'weights': [1e-8, 2.0], 'names': [], 'switch': True, 'fixed': 'there'}
     process = start(ros, 'dumped', given)
@@ -203,10 +172,9 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
     file = tmp_path / 'dump.yaml'
     file.write_text(yaml.dump({'/**': {'ros__parameters': dump}}))
 
-    messages = parameter_dict_from_yaml_file(str(file), use_wildcard=True).values()
-    loaded = ros.call(
-        'dumped/set_parameters', SetParameters, SetParameters.Request(parameters=list(messages))
-    )
+    messages = [*parameter_dict_from_yaml_file(str(file), use_wildcard=True).values()]
+    request = SetParameters.Request(parameters=messages)
+    loaded = ros.call('dumped/set_parameters', SetParameters, request)
     assert [result.reason for result in loaded.results] == [''] * len(names)
     assert process.node.parameter_values == before
 
@@ -241,25 +209,17 @@ DOCUMENTS: list[dict[str, Any]] = [
 
 
 def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
-    """Return the parameters that a node `planner` gets from a file."""
-    node = Node(
-        'planner',
-        namespace=namespace,
-        context=ros.node.context,
-        cli_args=['--ros-args', '--params-file', str(file)],
-        automatically_declare_parameters_from_overrides=True,
-        start_parameter_services=False,
-        enable_rosout=False,
-    )
-    found: dict[str, Any] = node.get_parameters_by_prefix('')
+    words = ['--ros-args', '--params-file', str(file)]
+    options = {'automatically_declare_parameters_from_overrides': True,
+               'start_parameter_services': False, 'enable_rosout': False}  # fmt: skip
+    node = Node('planner', namespace=namespace, context=ros._context, cli_args=words, **options)
+    found = node.get_parameters_by_prefix('')
     node.destroy_node()
     return {name: item.value for name, item in found.items() if name not in OF_RCLPY}
 
 
 @pytest.mark.parametrize('document', DOCUMENTS, ids=str)
-def test_sections_are_matched_as_rcl_does(
-    document: dict[str, Any], ros: Stepped, tmp_path: Path
-) -> None:
+def test_sections_are_matched_as_rcl_does(document, ros, tmp_path):
     file = tmp_path / 'some.yaml'
     file.write_text(yaml.safe_dump(document, sort_keys=False))
     for namespace in ('/pendulum', '/', '/hall/pendulum'):
@@ -268,7 +228,7 @@ def test_sections_are_matched_as_rcl_does(
         assert taken == taken_by_rcl(ros, file, namespace), namespace
 
 
-def test_who_has_no_section_is_told_the_full_names() -> None:
+def test_who_has_no_section_is_told_the_full_names():
     document = {'/other/planner': section(1), 'tracker': section(1)}
     for space, name in (('pendulum', '/pendulum'), ('/a/b/', '/a/b'), ('', '')):
         with pytest.raises(InvalidProblem) as refused:

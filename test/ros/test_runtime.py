@@ -3,9 +3,7 @@
 
 """The life of a node's process, lived in this one: how it ends, with which code, what it says."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import gc
 import os
@@ -43,10 +41,9 @@ def left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
     rclpy.try_shutdown()
 
 
-def run(make: Callable[[], Node], left: list[int], args: list[str] | None = None) -> int:
-    """Return the code with which the process of a node ends."""
+def run(make: Callable[[], Node], left: list[int], args: Sequence[str] = ()) -> int:
     try:
-        return runtime.run(make, args or [])
+        return runtime.run(make, [*args])
     except Left:
         return left[-1]
 
@@ -96,9 +93,7 @@ def fail() -> None:
         (ask, fail),  # an interrupted conversion raises before the context is down
     ],
 )
-def test_the_end_of_a_node_that_runs(
-    left: list[int], capfd: pytest.CaptureFixture[str], acts: tuple[Callable[[], None], ...]
-) -> None:
+def test_the_end_of_a_node_that_runs(left, capfd, acts):
     broken = acts == (fail,)
     assert run(node_that(lambda: [act() for act in acts]), left) == broken
     assert told(capfd) == ['fatal: RuntimeError: something broke'] * broken
@@ -129,23 +124,14 @@ def invalid() -> Node:
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
     ],
 )
-def test_the_end_of_a_node_that_is_made(
-    left: list[int],
-    capfd: pytest.CaptureFixture[str],
-    make: Callable[[], Node],
-    args: list[str],
-    code: int,
-    says: str,
-) -> None:
+def test_the_end_of_a_node_that_is_made(left, capfd, make, args, code, says):
     assert run(make, left, args) == code
     lines = told(capfd)
     assert len(lines) == bool(says)
     assert says in ''.join(lines)
 
 
-def test_signals_while_it_leaves_are_let_pass(
-    left: list[int], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_signals_while_it_leaves_are_let_pass(left, monkeypatch, capfd):
     def ask_and_ignore() -> None:
         ask_twice()
         ignore_signals()
@@ -156,7 +142,7 @@ def test_signals_while_it_leaves_are_let_pass(
     assert told(capfd) == []
 
 
-def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros: Stepped) -> None:
+def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros):
     end = runtime.StopSignal()
     assert not end.asked
     end._on_signal(signal.SIGINT, None)
@@ -168,13 +154,9 @@ def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros: Stepped) 
         end._on_signal(signal.SIGINT, None)
 
 
-def test_others_see_at_once_that_it_has_gone(ros: Stepped, left: list[int]) -> None:
-    """
-    Not when the middleware gives it up, 20 s later.
-
-    The observer is new: to one that has not yet heard of the end of the participant before, which
-    may have had the same identifier, this one would never begin.
-    """
+def test_others_see_at_once_that_it_has_gone(ros, left):
+    """Not when the middleware gives it up, 20 s later."""
+    # To an observer that has not heard of the end of one with the same identifier it never begins.
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=ros.domain)
     observer = rclpy.create_node('observer', context=context)
@@ -194,7 +176,7 @@ def test_others_see_at_once_that_it_has_gone(ros: Stepped, left: list[int]) -> N
         rclpy.shutdown(context=context)
 
 
-def test_what_was_loaded_is_not_looked_through_for_garbage(left: list[int]) -> None:
+def test_what_was_loaded_is_not_looked_through_for_garbage(left):
     """That takes .1 s with what a tracker loads, in which it sends no command."""
     before, frozen = gc.get_freeze_count(), list[int]()
     loaded = [list[int]() for _ in range(1000)]

@@ -3,21 +3,19 @@
 
 """The tracker: with scripted states, with the simulated pendulum, with a simulated robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
-import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
+from pendulum_rig import measured_state
 import pytest
-from ros_harness import MODULES
+from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from stepped_ros import NodeHere, Stepped
+from stepped_ros import Stepped
 from tdm_planner.nodes import plan_intake
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
@@ -39,35 +37,22 @@ def plan() -> Trajectory:
     return problem.solve().trajectory.with_rates(problem.plant.derivative)
 
 
-class Bench:
+class Bench(Space):
     """A tracker in a namespace of its own, and what it says; states come while `theta` is set."""
 
-    def __init__(self, ros: Stepped, namespace: str, **parameters: Any) -> None:
-        self.ros, self.namespace = ros, namespace
-        dotted = {name.replace('__', '.'): value for name, value in parameters.items()}
-        self.parameters = dotted if 'kind' in dotted else {**STRONG, **dotted}
-        self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
-        self.errors = ros.subscribe(f'/{namespace}/tracking_error', JointState)
-        self.name = f'/{namespace}/tracker: tracking'
-        self.tracker = self.start()
-        self.theta: float | None = None
+    theta: float | None = None
 
-    def start(self) -> NodeHere:
-        return self.ros.start(MODULES['tracker'], self.parameters, namespace=self.namespace)
+    def __init__(self, ros: Stepped, name: str = '', **given: Any) -> None:
+        super().__init__(ros, name)
+        self.given = given or STRONG
+        self.commands = self.hear('joint_command', JointState)
+        self.errors = self.hear('tracking_error', JointState)
+        self.name = f'{self.space}/tracker: tracking'
+        self.tracker = self.start('tracker', self.given)
 
     def state(self, after: float = 0.0, **changes: Any) -> None:
-        content = {
-            'name': ['disk', 'pendulum'],
-            'position': [0.0, self.theta or math.pi],
-            'velocity': [0.0, 0.0],
-            **changes,
-        }
-        state = JointState(**content)
-        state.header.stamp = to_stamp(self.ros.now + round(after * 1e9))
-        self.states.publish(state)
-
-    def publisher(self, topic: str, kind: Any, qos: Any = LATCHED) -> Any:
-        return self.ros.publisher(f'/{self.namespace}/{topic}', kind, qos)
+        at = self.ros.now + round(after * 1e9)
+        self.states.publish(measured_state(at, self.theta or math.pi, **changes))
 
     @property
     def status(self) -> Any:
@@ -81,16 +66,10 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
     return plan_message(PENDULUM, plan, to_stamp(ros.now + round(delay * 1e9)))
 
 
-# Scripted states.
-
-
-numbers = itertools.count()
-
-
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
-    made = Bench(ros, f'scripted{next(numbers)}')
-    made.states = made.publisher('joint_states', JointState, 10)
+    made = Bench(ros)
+    made.states = made.publisher('joint_states', JointState)
     said = lambda: None if made.theta is None else made.state()  # noqa: E731
     timer = ros.node.create_timer(EVERY, said)
     yield made
@@ -99,7 +78,6 @@ def bench(ros: Stepped) -> Iterator[Bench]:
 
 @pytest.fixture
 def idle(bench: Bench) -> Bench:
-    """Return the tracker with states that come."""
     bench.theta = math.pi
     assert bench.says('idle', level=OK)
     return bench
@@ -107,12 +85,12 @@ def idle(bench: Bench) -> Bench:
 
 @pytest.fixture
 def plans(bench: Bench) -> Iterator[Any]:
-    made = bench.publisher('trajectory', JointTrajectory)
+    made = bench.publisher('trajectory', JointTrajectory, LATCHED)
     yield made
     bench.ros.node.destroy_publisher(made)
 
 
-def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros: Stepped, bench: Bench) -> None:
+def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros, bench):
     """After the first second: the middleware takes its time, and the plant may start later."""
     ros.spin_for(0.9)
     assert 'waiting for the first state' in bench.tracker.output
@@ -148,10 +126,7 @@ def begin_elsewhere(plan: JointTrajectory) -> None:
         point.positions[0] = 2.0
 
 
-def test_what_cannot_be_followed_is_refused_with_a_reason(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
-) -> None:
-    """Whatever a faulty node sends, the tracker stays."""
+def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan):
     for spoil, reason in (
         (lambda m: m.points.clear(), 'at least two'),
         (lambda m: setattr(m.header.stamp, 'sec', m.header.stamp.sec - 100), 'past'),
@@ -172,10 +147,9 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(
     assert idle.tracker.node.tracker.current is None
 
 
-def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
-) -> None:
-    topic, other = f'/{idle.namespace}/trajectory', idle.publisher('trajectory', JointTrajectory)
+def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):
+    topic = f'{idle.space}/trajectory'
+    other = idle.publisher('trajectory', JointTrajectory, LATCHED)
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
     assert idle.says(f'2 planners publish {topic}')
     plans.publish(message(ros, plan, 0.5))
@@ -209,11 +183,9 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
 
 
 @pytest.mark.usefixtures('laborious')
-def test_of_a_flood_of_plans_the_newest_is_followed(
-    ros: Stepped, bench: Bench, plans: Any, plan: Trajectory
-) -> None:
+def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     """All of them would take more time than the commands leave; the last must not be lost."""
-    followed = ros.subscribe(f'/{bench.namespace}/active_trajectory', JointTrajectory, LATCHED)
+    followed = bench.hear('active_trajectory', JointTrajectory, LATCHED)
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)
@@ -235,29 +207,25 @@ class Rig(Bench):
     """The tracker and its plant."""
 
     def __init__(self, ros: Stepped) -> None:
-        noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
-        given = {f'noise.{name}': value for name, value in noise.items()}
-        self.plant = ros.start(
-            MODULES['pendulum_plant'], {**STRONG, **given, 'mismatch': 0.05}, namespace='rig'
-        )
-        self.measured = ros.subscribe('/rig/joint_states', JointState)
-        super().__init__(ros, 'rig', replan__on_deviation=True, replan__interval=0.2)
-        self.plans = self.publisher('trajectory', JointTrajectory)
+        given = {**dict.fromkeys(('noise.theta', 'noise.psi'), 0.0015),
+                 **dict.fromkeys(('noise.theta_dot', 'noise.psi_dot'), 0.1)}  # fmt: skip
+        ros.start('pendulum_plant', {**STRONG, **given, 'mismatch': 0.05}, 'rig')
+        again = {'replan.on_deviation': True, 'replan.interval': 0.2}
+        super().__init__(ros, 'rig', **STRONG, **again)
+        self.measured = self.hear('joint_states', JointState)
+        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
 
     def follow(self, plan: Trajectory, delay: float = SOON) -> None:
         self.plans.publish(message(self.ros, plan, delay))
         self.ros.spin_for(0.02)
 
     def put(self, theta: float) -> None:
-        """Put the pendulum elsewhere."""
-        assert self.ros.set_parameters('/rig/pendulum_plant', initial__theta=theta) == ['']
-        self.ros.call('/rig/reset', Trigger)
+        self.set('pendulum_plant', initial__theta=theta)
+        self.trigger('reset')
         self.ros.spin_for(0.02)
 
 
-def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
-    ros: Stepped, plan: Trajectory
-) -> None:
+def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, plan):
     """Afterwards the next plan is tracked, also by a tracker that joins late."""
     rig = Rig(ros)
     assert rig.says('idle', level=OK)
@@ -299,12 +267,10 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
     rig.tracker.end_cleanly()
     rig.put(math.pi)
     rig.follow(plan, 0.5)
-    rig.tracker = rig.start()
+    rig.tracker = rig.start('tracker', rig.given)
     assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
     assert rig.says('holding', level=OK)
 
-
-# A robot.
 
 START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
 GOAL = 1.2, 1.1, 2.5
@@ -321,20 +287,17 @@ class Scout(Bench):
     """Tracker and plant of one robot."""
 
     def __init__(self, ros: Stepped) -> None:
-        problem = RobotFormation.from_parameters(ALONE)
-        made = problem.solve().trajectories['scout']
+        made = RobotFormation.from_parameters(ALONE).solve().trajectories['scout']
         self.way = made.with_rates(FloatingRobot().derivative)
         noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
         given = {
             **{f'initial.{name}': value for name, value in {**START, 'alpha': 1.0}.items()},
             **{f'noise.{name}': value for name, value in noise.items()},
         }
-        self.plant = ros.start(
-            MODULES['robot_plant'], {**given, 'mismatch': 0.05}, namespace='fleet/scout'
-        )
+        ros.start('robot_plant', {**given, 'mismatch': 0.05}, 'fleet/scout')
         super().__init__(ros, 'fleet/scout', kind='robot')
-        self.odom = ros.subscribe('/fleet/scout/odom', Odometry)
-        self.plans = self.publisher('trajectory', JointTrajectory)
+        self.odom = self.hear('odom', Odometry)
+        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
 
     def offer(self, spoil: Callable[[Any], Any], delay: float = 1.0) -> None:
         plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))
@@ -344,7 +307,7 @@ class Scout(Bench):
 
 
 @pytest.mark.usefixtures('laborious')
-def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Stepped) -> None:
+def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     """However many were looked at before, a plan is looked at while there is time to turn."""
     scout = Scout(ros)
     assert scout.says('idle', level=OK)
@@ -370,8 +333,8 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Ste
 
 
 def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    ros, idle, plans, plan, monkeypatch
+):
     def broken(*arguments: Any) -> Any:
         raise KeyError('a bug')
 

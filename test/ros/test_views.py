@@ -1,25 +1,261 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Views for RViz and Foxglove: nothing in them that the nodes do not have."""
+"""Markers and goal tools of the nodes as RViz shows and uses them, and views that are shipped."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
+import cmath
+from collections.abc import Callable, Iterator
 from importlib import import_module
 import json
-from pathlib import Path
+import math
 import re
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped
+from marker_checks import check_markers, Scene
+from nav_msgs.msg import Odometry
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from ros_harness import MODULES
+from ros_harness import ENOUGH, SOURCE, Space
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from stepped_ros import Stepped
+from tdm_planner.nodes.markers import LIFETIME, to_quaternion
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.views.pendulum_urdf import pendulum_urdf
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 import yaml
 
-CONFIG = Path(__file__).resolve().parents[2] / 'config'
+RIG = {'body', 'force', 'trail'}
+ROBOT = {'body', 'reach', 'force', 'name', 'trail'}
+HASTY = {'limits__thruster_rate': 0.01, 'solver__deadline': 1e-6}
+LIFETIMES = {**dict.fromkeys(ROBOT, LIFETIME), 'rejected': 8.0}
+
+
+class Viewer:
+    """Subscribes like RViz and remembers what it shows."""
+
+    def __init__(self, ros: Stepped, topic: str, qos: Any = 10) -> None:
+        self.ros = ros
+        self.arrays: list[MarkerArray] = ros.subscribe(topic, MarkerArray, qos)
+
+    @property
+    def scene(self) -> Scene:
+        return Scene(*self.arrays)
+
+    def shows(self, condition: Callable[[Scene], bool], publish: Any = None) -> bool:
+        showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
+        return self.ros.publish_until(publish or (lambda: None), showing)
+
+    def shows_nothing(self) -> bool:
+        self.ros.settle()
+        self.arrays.clear()
+        self.ros.spin_for(0.3)
+        return not self.arrays
+
+    def stamps(self) -> list[int]:
+        return [nanoseconds_of(array.markers[0].header.stamp) for array in self.arrays]
+
+
+def jet(scene: Scene) -> complex:
+    """Return a robot's jet in the plane [m]."""
+    begin, end = scene['force', 3].points
+    return complex(end.x - begin.x, end.y - begin.y)
+
+
+def test_the_simulated_pendulum_draws_itself(ros):
+    space = Space(ros, 'sim')
+    plant = space.start('pendulum_plant', {'initial.theta': 0.5})
+    description = space.hear('robot_description', String, LATCHED)
+    assert ros.meet(lambda: bool(description))
+    viewer = Viewer(ros, '/sim/plant_markers')
+    assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
+    viewer.arrays.clear()
+    assert viewer.shows(lambda scene: len(scene['trail', 1].points) > 30)
+    for array in viewer.arrays:
+        check_markers(array, 'world', LIFETIME)
+    assert (np.diff(viewer.stamps()) > 0).all()
+    # A reset begins a new trail.
+    space.trigger('reset')
+    viewer.arrays.clear()
+    assert viewer.shows(lambda scene: 0 < len(scene['trail', 1].points) < 20)
+    # The description follows the parameters, as do the markers.
+    assert description[-1].data == pendulum_urdf(RotaryPendulum())
+    space.set('pendulum_plant', plant__arm_length=0.2)
+    ros.settle()
+    assert description[-1].data == pendulum_urdf(RotaryPendulum(arm_length=0.2))
+    arm = lambda scene: scene['body', 0].points[-1]  # noqa: E731
+    assert viewer.shows(lambda scene: math.hypot(arm(scene).x, arm(scene).y) > 0.19)
+    space.set('pendulum_plant', markers__rate=0.0)
+    assert viewer.shows_nothing()
+
+
+# The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
+
+
+class Robots(Space):
+    """The robots' planner, what it publishes, and goal poses for robot1."""
+
+    def __init__(self, ros: Stepped, name: str = 'hall') -> None:
+        super().__init__(ros, name)
+        given = {'problem': 'robot_formation', 'start.source': 'parameters'}
+        self.here = self.start('planner', given)
+        self.picture = Viewer(ros, f'/{name}/markers', LATCHED)
+        self.trajectories = self.hear('robot1/trajectory', JointTrajectory, LATCHED)
+        self.live = Viewer(ros, f'/{name}/robot1/plant_markers')
+        self._goals = self.publisher('robot1/goal_pose', PoseStamped)
+        assert ros.meet(lambda: bool(self.picture.arrays))
+
+    @property
+    def place(self) -> list[float]:
+        return list(self.here.node.get_parameter('formation.robot1').value)
+
+    @property
+    def end(self) -> tuple[float, float]:
+        x, y, *_ = self.trajectories[-1].points[-1].positions
+        return x, y
+
+    def clear(self) -> None:
+        self.ros.settle()
+        for received in (self.trajectories, self.picture.arrays, self.live.arrays):
+            received.clear()
+
+    def goal(
+        self, x: float, y: float, yaw: float = 0.0, frame: str = 'arena', w: float = 0.0
+    ) -> None:
+        message = PoseStamped()
+        message.header.frame_id = frame
+        message.pose.position.x, message.pose.position.y = x, y
+        message.pose.orientation = to_quaternion(yaw)
+        message.pose.orientation.w += w
+        self._goals.publish(message)
+
+
+@pytest.fixture(scope='module')
+def robots(ros: Stepped) -> Robots:
+    made = Robots(ros)
+    made.plan()
+    return made
+
+
+def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
+    robots = Robots(ros, 'shown')
+    array = robots.picture.arrays[-1]
+    check_markers(array, 'arena', 0.0)
+    assert Scene(array).namespaces == {'body', 'limit', 'goal', 'reach'}
+    for length in (6.0, 4.0):
+        robots.set('planner', arena__length=length)
+        wide = lambda scene, x=length: max(p.x for p in scene['body', 0].points) == x  # noqa: E731
+        assert robots.picture.shows(wide)
+    answer = robots.plan()
+    # Trackers and plants that are missing are named.
+    names = ['robot1', 'robot2', 'robot3']
+    assert all(f"'{name}'" in ' '.join(answer['warnings']) for name in names)
+    assert robots.picture.shows(lambda scene: 'planned_path' in scene.namespaces)
+    array = robots.picture.arrays[-1]
+    check_markers(array, 'arena', 0.0)
+    assert array.markers[0].action == Marker.DELETEALL
+    each = {('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)}
+    robots_own = {(name, 100 * k + place) for k in (1, 2, 3) for name, place in each}
+    assert Scene(array).names == {('body', 0), ('limit', 1)} | robots_own
+    robots.clear()
+    robots.goal(3.2, 3.1, yaw=2.0)
+    assert ros.spin_until(lambda: bool(robots.trajectories)), robots.here.output
+    assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
+    # Anchor [2, 2, 0.5]
+    c, s = math.cos(0.5), math.sin(0.5)
+    expected = [c * 1.2 + s * 1.1, c * 1.1 - s * 1.2, 1.5]
+    np.testing.assert_allclose(robots.place, expected, atol=1e-9)
+    assert robots.picture.shows(lambda scene: abs(scene['goal', 100].pose.position.x - 3.2) < 5e-3)
+    path = robots.picture.scene['planned_path', 100].points
+    assert (path[-1].x, path[-1].y) == pytest.approx((3.2, 3.1), abs=5e-3)
+    # The service goes on from there.
+    robots.clear()
+    robots.plan()
+    assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ('goal', 'settings', 'words'),
+    [
+        ({'x': 9.0, 'y': 1.0}, {}, ['INVALID_PROBLEM', 'robot1', 'outside the arena']),
+        ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
+        ({'x': 1.0, 'y': 1.0, 'w': math.nan}, {}, ['unit quaternion']),
+        ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
+        ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no plan within']),
+    ],
+    ids=str,
+)
+def test_a_refused_goal_changes_nothing_and_says_why(ros, robots, goal, settings, words):
+    before, logged = robots.place, len(robots.here.output)
+    robots.clear()
+    robots.set('planner', **settings)
+    robots.goal(**goal)
+    ros.settle()
+    robots.set('planner', solver__deadline=ENOUGH, limits__thruster_rate=2.0)
+    for array in robots.live.arrays:
+        check_markers(array, 'arena', LIFETIMES)
+    text = ' '.join(robots.live.scene['rejected'].text.split())
+    assert all(word in text for word in words), text
+    (line,) = (line for line in robots.here.output[logged:].splitlines() if 'rejected' in line)
+    assert text.removeprefix('robot1: ') in line
+    assert robots.place == before
+    assert not robots.trajectories
+    assert not robots.picture.arrays
+
+
+def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
+    initial = {'initial.x': 1.0, 'initial.yaw': 0.5, 'initial.alpha': 1.0}
+    plant = ros.start('robot_plant', {**initial, 'command_timeout': 30.0}, 'hall/robot1')
+    robots.clear()
+    assert robots.live.shows(lambda scene: scene.namespaces >= ROBOT), plant.output
+    assert abs(jet(robots.live.scene)) < 1e-6
+    names = ['thruster', 'reaction_wheel']
+    command = JointState(name=names, velocity=[0.0, 0.0], effort=[0.5, 0.0])
+    robots.clear()
+    ros.publisher('/hall/robot1/joint_command', JointState).publish(command)
+    assert robots.live.shows(lambda scene: abs(jet(scene)) > 0.01)
+    for array in robots.live.arrays:
+        check_markers(array, 'arena', LIFETIMES)
+    assert cmath.phase(jet(robots.live.scene)) == pytest.approx(1.5 - math.pi)
+    # Both the plant and the planner could publish here: the planner leaves it to the plant.
+    robots.clear()
+    assert ros.spin_until(lambda: len(robots.live.arrays) > 10)
+    assert np.median(np.diff(robots.live.stamps())) > 0.035e9
+
+
+def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
+    viewer = Viewer(ros, '/hall/robot2/plant_markers')
+    assert viewer.shows_nothing()  # nothing is measured yet
+    odometry = ros.publisher('/hall/robot2/odom', Odometry)
+    joints = ros.publisher('/hall/robot2/joint_states', JointState)
+    message = Odometry()
+    message.header.frame_id = 'arena'
+    message.pose.pose.position.x, message.pose.pose.position.y = 1.5, 2.5
+    message.pose.pose.orientation = to_quaternion(0.3)
+    state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
+
+    drawn = lambda scene: scene.namespaces >= ROBOT and abs(jet(scene)) > 0.01  # noqa: E731
+    publish = lambda: (odometry.publish(message), joints.publish(state))  # noqa: E731
+    assert viewer.shows(drawn, publish), robots.here.output
+    for array in viewer.arrays:
+        check_markers(array, 'arena', LIFETIMES)
+    scene = viewer.scene
+    where = scene['body', 0].pose.position
+    assert (where.x, where.y) == (1.5, 2.5)
+    assert cmath.phase(jet(scene)) == pytest.approx(0.7 - math.pi)
+    assert scene['name'].text == 'robot2'
+    ros.spin_for(0.5)
+    assert viewer.shows_nothing()  # what is too old is drawn no more
+
+
+# Views for RViz and Foxglove: nothing in them that the nodes do not have.
+
+CONFIG = SOURCE / 'config'
 PLANTS = ('pendulum', 'robots')
 TYPES = {  # of what a display or a tool of RViz handles
     'MarkerArray': 'visualization_msgs/msg/MarkerArray',
@@ -53,23 +289,19 @@ def of_robot1(topic: str) -> str:
 
 @pytest.fixture(scope='module')
 def running(ros: Stepped) -> Stepped:
-    """Every node that the views are for."""
-    for name, plant, namespace in (
-        ('planner', 'pendulum', '/pendulum'),
-        ('tracker', 'pendulum', '/pendulum'),
-        ('pendulum_plant', 'pendulum', '/pendulum'),
-        ('planner', 'robots', '/robots'),
-        ('robot_plant', 'robots', '/robots/robot1'),
+    for namespace, *names in (
+        ('/pendulum', 'planner', 'tracker', 'pendulum_plant'),
+        ('/robots', 'planner'),
+        ('/robots/robot1', 'robot_plant'),
     ):
-        file = str(CONFIG / f'{plant}.yaml')
-        ros.start(MODULES[name], namespace=namespace, arguments=['--params-file', file])
+        file = str(CONFIG / f'{namespace.split("/")[1]}.yaml')
+        for name in names:
+            ros.start(name, None, namespace, ['--params-file', file])
     return ros
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_rviz_shows_topics_with_their_type_and_quality_of_service(
-    running: Stepped, plant: str
-) -> None:
+def test_rviz_shows_topics_with_their_type_and_quality_of_service(running, plant):
     shown = [item for item in within(rviz(plant)) if isinstance(item, dict) and 'Class' in item]
     found = set()
     for item in shown:
@@ -95,7 +327,7 @@ def test_rviz_shows_topics_with_their_type_and_quality_of_service(
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_foxglove_shows_and_calls_what_is_there(running: Stepped, plant: str) -> None:
+def test_foxglove_shows_and_calls_what_is_there(running, plant):
     node, document = running.node, foxglove(plant)
     names = {of_robot1(text) for text in within(document) if str(text).startswith('/')}
     topics, services = map(
@@ -116,7 +348,7 @@ def test_foxglove_shows_and_calls_what_is_there(running: Stepped, plant: str) ->
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_what_is_plotted_is_what_the_label_says(running: Stepped, plant: str) -> None:
+def test_what_is_plotted_is_what_the_label_says(running, plant):
     """Indices into the joints, against the names in messages."""
     wanted = {
         'pendulum': {'theta': 'pendulum', 'psi': 'disk', 'theta_dot': 'pendulum',

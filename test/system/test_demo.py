@@ -7,8 +7,6 @@ The demo as users run it: real processes, real DDS, a bag that others can read.
 Simulated time waits for the tracker: a busy machine makes a mission longer, and no other.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 import os
 from pathlib import Path
@@ -41,7 +39,6 @@ def parameters(folder: Path, file: str, without: str = '') -> list[str]:
 
 
 def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> NodeProcess:
-    """Start a demo; what it writes is below `folder`/out."""
     arguments = ['demo', *words, '-o', str(folder / 'out')]
     return ros.run('tdm_planner.cli', arguments, environment)
 
@@ -56,7 +53,7 @@ def messages(bag: Path, *topics: str) -> list[Any]:
     return list(reader.read_ros2_messages(file, topics=topics or None))
 
 
-def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
+def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
     folder = tmp_path / 'out'
     process = demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
     successful(process)
@@ -76,7 +73,7 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     assert np.abs((last + np.pi) % (2 * np.pi) - np.pi).max() < 0.05
 
 
-def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
+def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
     """Two of them: each has two processes."""
     two = parameters(tmp_path, 'robots', without='robot3')
     successful(demo(ros, tmp_path, 'robots', '--speed=2', *two))
@@ -86,7 +83,7 @@ def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
         assert counts[f'/robots/robot{k}/odom'] > 100
 
 
-def test_a_plant_of_one_s_own_flies(ros: Ros, tmp_path: Path) -> None:
+def test_a_plant_of_one_s_own_flies(ros, tmp_path):
     """From a module that Python finds: planned, tracked, held, recorded, reported."""
     path = os.pathsep.join([str(SOURCE / 'docs' / 'plants'), ros.environment['PYTHONPATH']])
     successful(demo(ros, tmp_path, 'moon_lander:MoonLander', '--speed=0.9', PYTHONPATH=path))

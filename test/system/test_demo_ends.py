@@ -3,18 +3,15 @@
 
 """A demo that has no plan, or that is interrupted: its exit code, and what it leaves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from bag_contents import read_with_mcap
-from ros_harness import Ros
 from signal_scenes import SCENES, survivors
 from tdm_planner.nodes.messages import LATCHED
 
 
-def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
+def test_a_goal_that_cannot_be_planned_is_no_success(ros, tmp_path):
     file = tmp_path / 'p.yaml'
     file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
     words = ['demo', 'pendulum', '-o', str(tmp_path / 'out'), '--quiet', '--params', str(file)]
@@ -25,9 +22,7 @@ def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
     assert not survivors(f'ROS_DOMAIN_ID={ros.domain}')
 
 
-def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(
-    ros: Ros, tmp_path: Path
-):
+def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(ros, tmp_path):
     bag = tmp_path / 'bag'
     recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
     assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
@@ -35,7 +30,6 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     demo = SCENES['demo executing'](ros)
 
     def moves() -> bool:
-        """Whether the plan is being executed."""
         plans = (plan for message in followed for plan in message.status_list)
         return any(plan.status == GoalStatus.STATUS_EXECUTING for plan in plans)
 

@@ -3,15 +3,12 @@
 
 """Processes that are killed, and such that are asked to end: each kind once."""
 
-from __future__ import annotations
-
-from killing import held_rig, SCENARIOS
+from pendulum_rig import held_rig, SCENARIOS
 import pytest
-from ros_harness import Ros
 from signal_scenes import SCENES
 
 
-def test_nodes_are_killed_and_the_pendulum_comes_back(ros: Ros) -> None:
+def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
     rig = held_rig(ros)
     for name in ('plant killed while holding', 'tracker killed in mid-swing',
                  'planner killed while planning'):  # fmt: skip
@@ -28,6 +25,6 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros: Ros) -> None:
         ('following tracker', 'SIGTERM'),
     ],
 )
-def test_a_node_is_ended_by_signals(ros: Ros, scene: str, way: str) -> None:
+def test_a_node_is_ended_by_signals(ros, scene, way):
     """The demo and a recording beside it are ended in test_demo.py; all others by night."""
     SCENES[scene](ros).end(way)

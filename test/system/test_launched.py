@@ -3,8 +3,6 @@
 
 """What the launch files describe, started as launch_ros starts it, and ended by one Ctrl-C."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 from typing import Any
@@ -40,7 +38,7 @@ def start(ros: Ros, folder: Path, items: list[Any]) -> dict[str, NodeProcess]:
     return started
 
 
-def test_two_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_path: Path):
+def test_two_robots_are_launched_planned_for_recorded_and_ended(ros, tmp_path):
     bag = tmp_path / 'bag'
     items = described('robots').started(
         number_of_robots='2', namespace='hall', record='true', bag=str(bag)

@@ -10,8 +10,6 @@ Of ROS come the definitions of messages only, which `dds_type` turns into those 
 service: Cyclone's binding does not show the parameter by which clients of ROS know their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 import functools
@@ -86,14 +84,8 @@ def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
 
 
 def one(reader: DataReader, timeout: float = 60.0) -> Any:
-    """Return the next message."""
     taken: list[Any] = []
-
-    def take() -> bool:
-        taken.extend(reader.take(N=1))
-        return bool(taken)
-
-    wait_until(take, timeout)
+    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
     return taken[0]
 
 
@@ -139,7 +131,6 @@ class Client:
         self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
 
     def reply(self, timeout: float = 60.0) -> tuple[bool, dict[str, Any]]:
-        """Return the next reply that the service gives to anybody, whose message is JSON."""
         reply = one(self._replies, timeout)
         return bool(reply.success), json.loads(reply.message)
 
@@ -150,7 +141,7 @@ class Client:
 
 @pytest.fixture(scope='module')
 def outsider(ros: Ros) -> Outsider:
-    ros.start('tdm_planner.nodes.planner', STRONG, namespace='pendulum')
+    ros.start('planner', STRONG, 'pendulum')
     return Outsider(ros.domain)
 
 
@@ -159,9 +150,7 @@ def client(outsider: Outsider) -> Client:
     return Client(outsider, '/pendulum/plan')
 
 
-def test_an_outsider_asks_for_plans_and_reads_them(
-    ros: Ros, outsider: Outsider, client: Client
-) -> None:
+def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     success, answer = client.call()
     assert not success
     assert answer['code'] == 'NO_STATE'
@@ -182,12 +171,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(
     reader = outsider.reader('rt/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
     _, answer = client.call()
 
-    def told() -> bool:
-        statuses = [status for array in reader.take(N=10) for status in array.status]
-        figures = [{pair.key: pair.value for pair in status.values} for status in statuses]
-        return any(item.get('plan id') == str(answer['plan_id']) for item in figures)
-
-    wait_until(told)
+    wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan', Trigger)
     client.ask()
@@ -198,9 +182,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(
     assert client.reply() == (True, answer)
 
 
-def test_a_rig_of_another_make_is_planned_for_and_commanded(
-    ros: Ros, outsider: Outsider, client: Client
-) -> None:
+def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, client):
     """Its driver publishes joint_states by another DDS; the plan starts from there."""
     assert ros.set_parameters('/pendulum/planner', start__source='measured') == ['']
     writer = outsider.writer('rt/pendulum/joint_states', STATE)
@@ -215,7 +197,7 @@ def test_a_rig_of_another_make_is_planned_for_and_commanded(
     wait_until(planned)
     plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
     assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
-    ros.start('tdm_planner.nodes.tracker', namespace='pendulum')
+    ros.start('tracker', namespace='pendulum')
     command = one(outsider.reader('rt/pendulum/joint_command', STATE))
     assert command.name == ['disk']
     assert command.effort == [0.0]  # no state is measured any more

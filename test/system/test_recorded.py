@@ -3,8 +3,7 @@
 
 """The recorder as a process: what comes over the wire is in the bag, what was lost is counted."""
 
-from __future__ import annotations
-
+import itertools
 import os
 from pathlib import Path
 import re
@@ -27,8 +26,7 @@ def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
     return process
 
 
-def test_every_message_is_in_the_bag(ros: Ros, tmp_path: Path) -> None:
-    """By the command, ended by a signal."""
+def test_every_message_is_in_the_bag(ros, tmp_path):
     bag = tmp_path / 'bag'
     names = [f'/told/{name}' for name in ('latched', 'states', 'late', 'hasty')]
     latched = ros.node.create_publisher(String, names[0], LATCHED)
@@ -56,10 +54,9 @@ def test_every_message_is_in_the_bag(ros: Ros, tmp_path: Path) -> None:
     assert [m.data for m in messages[names[2]]] == ['a late topic']
     assert {m.data for m in messages[names[3]]} == {'best effort'}
     document = metadata(bag)  # what rosbag2's own file says is what the wire says
-    topics = {
-        entry['topic_metadata']['name']: entry for entry in document['topics_with_message_count']
-    }
-    assert document['message_count'] == sum(item['message_count'] for item in topics.values())
+    counted = document['topics_with_message_count']
+    topics = {item['topic_metadata']['name']: item for item in counted}
+    assert document['message_count'] == sum(item['message_count'] for item in counted)
     for name in names:
         assert topics[name]['message_count'] == len(messages[name])
         about = topics[name]['topic_metadata']
@@ -71,8 +68,7 @@ def test_every_message_is_in_the_bag(ros: Ros, tmp_path: Path) -> None:
             assert offered[policy] == getattr(endpoint.qos_profile, policy).name.lower()
 
 
-def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path) -> None:
-    """A flood that a recorder, stopped for a while, cannot take up."""
+def test_messages_that_were_lost_on_the_way_are_counted(ros, tmp_path):
     bag = tmp_path / 'bag'
     publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
     recorder = start(ros, bag, '/lost')
@@ -82,17 +78,12 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
     for _ in range(1000):
         publisher.publish(String(data='x' * 60_000))
     os.kill(recorder.process.pid, signal.SIGCONT)
-    sent = [1000]
-
-    def publish() -> None:
-        publisher.publish(String(data='after the flood'))
-        sent[0] += 1
-
-    file = bag / 'bag.mcap'
-    assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), every=0.05)
+    sent, file = itertools.count(1000), bag / 'bag.mcap'
+    after = lambda: publisher.publish(String(data='after the flood')) or next(sent)  # noqa: E731
+    assert ros.publish_until(after, lambda: b'after the flood' in file.read_bytes(), every=0.05)
     assert recorder.end() == 0
     assert RECORDING in recorder.output
     received = len(read_with_mcap(bag)['/lost'])
     lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
     assert lost is not None, recorder.output
-    assert 0 < int(lost.group(1)) <= sent[0] - received
+    assert 0 < int(lost.group(1)) <= next(sent) - received

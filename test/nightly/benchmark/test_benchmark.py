@@ -3,8 +3,6 @@
 
 """The benchmark runs for real, and the peers solve the same problems as this package."""
 
-from __future__ import annotations
-
 from benchmark import runner
 from benchmark.peers.attempts import judge_formation, judge_pendulum
 from benchmark.peers.pendulum_collocation import energy_swing, HARD
@@ -16,7 +14,7 @@ import pytest
 from tdm_planner.problems import RobotFormation
 
 
-def test_collocation_finds_the_time_this_package_finds() -> None:
+def test_collocation_finds_the_time_this_package_finds():
     pytest.importorskip('casadi')
     from benchmark.peers.pendulum_collocation import PendulumCollocation
 
@@ -31,7 +29,7 @@ def test_collocation_finds_the_time_this_package_finds() -> None:
     assert motion.duration == pytest.approx(cost, rel=0.03)
 
 
-def test_collocation_of_the_robots_lands_within_the_limits() -> None:
+def test_collocation_of_the_robots_lands_within_the_limits():
     pytest.importorskip('casadi')
     from benchmark.peers.robots_collocation import FormationCollocation
 
@@ -43,11 +41,10 @@ def test_collocation_of_the_robots_lands_within_the_limits() -> None:
     assert judge_formation(task, motions) == ()
 
 
-def test_sections_for_real() -> None:
+def test_sections_for_real():
     settings = {'scenarios': 1, 'teams': False, 'variants': False}
     outcome = runner.run(SECTIONS['robots'], settings, lambda _: None)
     assert not outcome.failure
-    assert outcome.figures is not None
     assert outcome.figures['3 robots']['verified'] == 1
     assert '1/1' in SECTIONS['robots'].table(outcome.figures)
     assert pendulum(0.3, seeds=1)['runs'] == 1

@@ -8,8 +8,6 @@ Commands of this package are run, `ros2 run` of a node as a process. What needs 
 is started by other tests (demo, recordings), or builds is checked against what is declared.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from configparser import ConfigParser
 import itertools
@@ -24,7 +22,7 @@ import sys
 from xml.etree import ElementTree
 
 import pytest
-from ros_harness import MODULES, NodeProcess, Ros, SOURCE
+from ros_harness import MODULES, NodeProcess, SOURCE
 from tdm_planner import cli
 from tdm_planner.plan_files import load_plan
 from tdm_planner.problems.problem import Problem
@@ -74,7 +72,7 @@ def install_own_plant(folder: Path) -> dict[str, str]:
 
 
 @EVERY_PAGE
-def test_examples_run_or_can_be_parsed(page: Path) -> None:
+def test_examples_run_or_can_be_parsed(page):
     for block in blocks(page, 'python'):
         exec(compile(block, str(page), 'exec'), {})
     for block in blocks(page, 'yaml'):
@@ -86,9 +84,7 @@ def test_examples_run_or_can_be_parsed(page: Path) -> None:
 
 
 @EVERY_PAGE
-def test_commands_do_what_they_say(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_do_what_they_say(page, tmp_path, monkeypatch):
     """In order, in a folder that has the package's parameter files."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
@@ -138,9 +134,7 @@ def check_ros2(verb: str, *words: str) -> None:
         assert verb in ('run', 'bag', 'lifecycle', 'security'), words
 
 
-def test_nodes_run_as_the_pages_say(
-    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_run_as_the_pages_say(ros, tmp_path, monkeypatch):
     """All at once, to save time: planners and plants that share a namespace only warn."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
@@ -176,7 +170,7 @@ def test_nodes_run_as_the_pages_say(
         assert all('tracker]: idle: ' in line for line in found), process.output
 
 
-def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path: Path) -> None:
+def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path):
     words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
     subprocess.run(
         [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],

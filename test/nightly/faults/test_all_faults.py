@@ -7,16 +7,12 @@ Nodes that are ended, killed and restarted, over real DDS, over and over; all of
 The figures are those of docs/reliability.md; with TDM_FAULT_FIGURES=FILE they are kept there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 import time
-from typing import Any
 
 from data_faults import FAULTS, misled_rig
-from killing import held_rig, SCENARIOS
-from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig, STATE_TIMEOUT
+from pendulum_rig import COMMAND_TIMEOUT, held_rig, note, PendulumRig, SCENARIOS, STATE_TIMEOUT
 import pytest
 from ros_harness import Ros
 from signal_scenes import SCENES, WAYS
@@ -27,7 +23,7 @@ again = pytest.mark.parametrize('repetition', range(5))
 
 @pytest.mark.parametrize('way', WAYS)
 @pytest.mark.parametrize('scene', SCENES)
-def test_signals_end_a_process_in_every_phase(ros: Ros, scene: str, way: str) -> None:
+def test_signals_end_a_process_in_every_phase(ros, scene, way):
     for k in range(40 if scene.startswith('starting') else 1):
         subject = SCENES[scene](ros)
         time.sleep(0.05 * k)  # to meet it at another line
@@ -53,12 +49,12 @@ def rig(held: PendulumRig) -> Iterator[PendulumRig]:
 
 @again
 @pytest.mark.parametrize('scenario', SCENARIOS)
-def test_a_node_is_killed_and_restarted(rig: PendulumRig, scenario: str, repetition: int) -> None:
+def test_a_node_is_killed_and_restarted(rig, scenario, repetition):
     figures = SCENARIOS[scenario](rig)
     note(scenario, **figures)
     assert figures['safe'] < STATE_TIMEOUT + ON_THE_WAY
 
 
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_mission_under_a_fault_of_data(stepped: Any, fault: str) -> None:
+def test_a_mission_under_a_fault_of_data(stepped, fault):
     note(fault, **FAULTS[fault](misled_rig(stepped, fault)))

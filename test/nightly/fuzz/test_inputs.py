@@ -3,8 +3,6 @@
 
 """Thousands of new cases of bad input, a thousand plans of sabotaged solvers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fuzz_inputs import SPECIFICATIONS
@@ -15,7 +13,6 @@ from node_fuzzing import SixNodes
 import pytest
 from random_statements import random_statements
 import saboteurs
-from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.problems.solution import Solution
 
@@ -27,11 +24,11 @@ BITES = 0.05  # least share that violates, unchecked: 43 of 150 pendulums did, 3
 
 
 @pytest.mark.parametrize('name', PROPERTIES)
-def test_bad_input_is_met_with_a_result_or_a_reason(name: str) -> None:
+def test_bad_input_is_met_with_a_result_or_a_reason(name):
     try_out(name, FACTOR)
 
 
-def test_a_thousand_random_statements_are_planned_for_or_refused() -> None:
+def test_a_thousand_random_statements_are_planned_for_or_refused():
     random_statements(1000, new=True)
 
 
@@ -53,7 +50,7 @@ def moderate_pendulums(draw: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def test_what_is_valid_is_never_refused_and_often_planned_for() -> None:
+def test_what_is_valid_is_never_refused_and_often_planned_for():
     """Whoever refuses everything would pass all other tests here."""
     found: list[Solution | TdmError] = []
 
@@ -67,21 +64,20 @@ def test_what_is_valid_is_never_refused_and_often_planned_for() -> None:
     assert sum(isinstance(answer, Solution) for answer in found) >= len(found) / 4
 
 
-def test_nodes_survive_whatever_comes_and_serve_as_before(stepped: Stepped) -> None:
-    """Six nodes under a rain of messages, parameters and requests."""
+def test_nodes_survive_whatever_comes_and_serve_as_before(stepped):
     nodes = SixNodes(stepped)
     for _ in range(5):
         nodes.endure(400, new=True)
 
 
 @pytest.mark.parametrize(('kind', 'wanted'), [('pendulum', 600), ('robots', 400)])
-def test_no_plan_that_leaves_a_sabotaged_solver_violates_a_limit(kind: str, wanted: int) -> None:
+def test_no_plan_that_leaves_a_sabotaged_solver_violates_a_limit(kind, wanted):
     bad, _ = saboteurs.replayed_faults(kind, 2006, wanted)
     assert not bad, f'{len(bad)} of {wanted} plans: {bad[:3]}'
 
 
 @pytest.mark.parametrize('kind', sorted(saboteurs.PROBLEMS))
-def test_without_the_check_many_would_and_the_check_sees_every_one(kind: str) -> None:
+def test_without_the_check_many_would_and_the_check_sees_every_one(kind):
     """The same sabotage of a solver whose check lets everything pass: the suite bites."""
     with pytest.MonkeyPatch.context() as patch:
         saboteurs.blind_verification(patch)

@@ -3,18 +3,24 @@
 
 """The live page in a headless browser: drag, reason, push, record, two pages, dead nodes."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+import json
 import math
 import os
 from pathlib import Path
+import re
 import signal
+from typing import Any
 
-from live_page import browser, DESKTOP, Live, open_page, OWN, PHONE  # noqa: F401
 import numpy as np
 import pytest
-from ros_harness import Ros
+from ros_harness import ENOUGH, Ros, SOURCE
+
+if find_spec('selenium') is None or find_spec('viser') is None:
+    pytest.skip('needs selenium and viser', allow_module_level=True)
+
+from selenium.webdriver.common.action_chains import ActionChains
 from sensor_msgs.msg import JointState
 from signal_scenes import survivors
 from tdm_planner.nodes.messages import LATCHED
@@ -22,14 +28,164 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
 from tdm_sim.live.geometry import axes_of, view_on
 from tdm_sim.live.scene import drag_handles_of
-from tools.browser import set_window
+from tools.browser import chromium, open_browser, set_window
 from trajectory_msgs.msg import JointTrajectory
+import yaml
+
+if chromium() is None:
+    pytest.skip('no headless Chromium: apt-get install chromium', allow_module_level=True)
 
 FOV = math.radians(75.0)  # of the camera, upright
+LONG = 180.0  # s that anything may take: drawing in space by software is slow
+DESKTOP, PHONE, SMALL = (800, 500), (390, 700), (480, 320)  # px; drawing takes time by pixels
+LOCAL = ('http://127.0.0.1', 'ws://127.0.0.1', 'blob:', 'data:', 'chrome:')
+RELAXED: dict[str, dict[str, Any]] = {  # for a machine that draws by software beside
+    'planner': {'start': {'max_age': 2.0}, 'solver': {'deadline': ENOUGH}},
+    'tracker': {'rate': 50.0, 'state_timeout': 1.0},
+    'robot_plant': {'rate': 50.0, 'command_timeout': 1.0},
+    'plant': {'rate': 50.0, 'command_timeout': 1.0},
+}
+OWN = 'double_integrator:DoubleIntegrator'
+
+
+def relaxed(plant: str, folder: Path) -> Path:
+    file = SOURCE / 'config' / f'{plant}.yaml'
+    document = yaml.safe_load(file.read_text(encoding='utf-8')) if file.exists() else {}
+    for name, values in RELAXED.items():
+        parameters = document.setdefault(f'/**/{name}', {'ros__parameters': {}})['ros__parameters']
+        for key, value in values.items():
+            more = isinstance(value, dict)
+            parameters[key] = parameters.get(key, {}) | value if more else value
+    written = folder / 'relaxed.yaml'
+    written.write_text(yaml.safe_dump(document))
+    return written
+
+
+class Live:
+    """A page on the nodes of a plant, or on those in a namespace, open in a tab of a browser."""
+
+    def __init__(
+        self, ros: Ros, driver: Any, nodes: str, folder: Path, size: tuple[int, int]
+    ) -> None:
+        self.ros, self.driver, self.folder = ros, driver, folder / nodes.strip('/')
+        words = ['live', '--no-browser', '--port', '0', '-o', str(self.folder)]
+        if nodes.startswith('/'):
+            words += ['--attach', nodes]
+        else:
+            words += [nodes, '--params', str(relaxed(nodes, folder))]
+        self.mark = f'TDM_TEST_MARK={self.folder}'  # of all that it starts
+        path = os.pathsep.join([str(SOURCE), str(SOURCE / 'docs' / 'plants')])
+        variables = dict([self.mark.split('=')]) | {'PYTHONPATH': path}
+        self.process = ros.run('tdm_planner.cli', words, variables)
+        assert ros.spin_until(lambda: 'Ctrl-C ends it' in self.process.output), self.output
+        (self.address,) = re.findall(r'http://\S+', self.process.output)
+        for log in ('browser', 'performance'):
+            driver.get_log(log)
+        set_window(driver, size)
+        driver.get(self.address)
+        self.wait_for('.tdm-status', 'ready')
+
+    def click(self, name: str) -> None:
+        script = (
+            'const found = [...document.querySelectorAll("button")]'
+            '.find(b => b.innerText.trim() === arguments[0] && !b.disabled);'
+            'found?.click(); return Boolean(found)'
+        )
+        found = self.until(lambda: bool(self.driver.execute_script(script, name)))
+        assert found, f'no button {name!r}\n{self.output}'
+
+    def wait_until_gone(self, selector: str, word: str) -> None:
+        assert self.until(lambda: word not in self.text(selector)), self.text(selector)
+
+    @property
+    def output(self) -> str:
+        return self.process.output
+
+    def text(self, selector: str) -> str:
+        script = 'return [...document.querySelectorAll(arguments[0])].map(e => e.innerText).join()'
+        return str(self.driver.execute_script(script, selector))
+
+    def wait_for(self, selector: str, *words: str) -> str:
+
+        def said() -> bool:
+            return all(word in self.text(selector) for word in words)
+
+        assert self.until(said), f'{words} not in {self.text(selector)!r}\n{self.output}'
+        return self.text(selector)
+
+    def until(self, condition: Callable[[], bool]) -> bool:
+        return self.ros.spin_until(condition, LONG)
+
+    def wait_until_drawn(self, node: str) -> None:
+        """Wait until something is in the scene, and has been drawn some times."""
+
+        def frames() -> int:
+            script = 'return window.__viserTestpoints.rendererInfo.render.frame'
+            return int(self.driver.execute_script(script))
+
+        assert self.until(lambda: self.shows(node)), f'no {node}\n{self.output}'
+        first = frames()
+        assert self.until(lambda: frames() > first + 20), f'not drawn\n{self.output}'
+
+    def shows(self, node: str) -> bool:
+        script = (
+            'const tree = window.__viserSceneTree;'
+            'return Boolean(tree && window.__viserTestpoints && arguments[0] in tree.getState())'
+        )
+        return bool(self.driver.execute_script(script, node))
+
+    def complaints(self) -> list[str]:
+        """Return errors of the page, and what it asked of anybody but its own server."""
+        found = [e['message'] for e in self.driver.get_log('browser') if e['level'] == 'SEVERE']
+        events = [json.loads(e['message'])['message'] for e in self.driver.get_log('performance')]
+        sent = [e for e in events if e['method'] == 'Network.requestWillBeSent']
+        asked = [e['params']['request']['url'] for e in sent]
+        assert asked
+        return found + [url for url in asked if not url.startswith(LOCAL)]
+
+    def drag(self, start: tuple[int, int], way: tuple[int, int]) -> None:
+        mouse = ActionChains(self.driver, duration=100)
+        pointer = mouse.w3c_actions.pointer_action
+        pointer.move_to_location(*start)
+        mouse.pause(1.0).click_and_hold().pause(0.3)
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            x, y = (round(at + share * by) for at, by in zip(start, way, strict=True))
+            pointer.move_to_location(x, y)
+            mouse.pause(0.2)
+        mouse.pause(0.5).release().perform()
+
+    def end(self) -> None:
+        assert self.process.end(signal.SIGINT) == 0, self.output
+        assert 'Traceback' not in self.output
+        assert not survivors(self.mark)
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with open_browser(tmp_path_factory.mktemp('chromium'), in_space=True) as driver:
+        driver.set_script_timeout(LONG)
+        yield driver
+
+
+@pytest.fixture
+def open_page(ros: Ros, browser: Any, tmp_path: Path) -> Iterator[Callable[..., Live]]:
+    opened: list[Live] = []
+
+    def opens(nodes: str, size: tuple[int, int] = SMALL) -> Live:
+        opened.append(Live(ros, browser, nodes, tmp_path, size))
+        return opened[-1]
+
+    yield opens
+    for tab in browser.window_handles[1:]:
+        browser.switch_to.window(tab)
+        browser.close()
+    browser.switch_to.window(browser.window_handles[0])
+    browser.get('about:blank')
+    for page in opened:
+        page.end()
 
 
 def is_node(process: int, name: str) -> bool:
-    """Whether a process is that of a node's executable."""
     return f'tdm_planner.nodes.{name}' in Path(f'/proc/{process}/cmdline').read_text()
 
 
@@ -59,10 +215,7 @@ def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
 
 
 @pytest.mark.timeout(900)
-def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
-    ros: Ros,
-    open_page: Callable[..., Live],  # noqa: F811
-) -> None:
+def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
     plans = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
     page = open_page('robots', DESKTOP)
     handle = drag_handles_of(RobotFormation())[0]
@@ -97,10 +250,7 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
 
 
 @pytest.mark.timeout(900)
-def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(
-    ros: Ros,
-    open_page: Callable[..., Live],  # noqa: F811
-) -> None:
+def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_page):
     space = '/double_integrator'
     states = ros.subscribe(f'{space}/joint_states', JointState)
     page = open_page(OWN)

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twenty clients at once; processors that are taken; a tracker behind a bad link."""
 
-from __future__ import annotations
-
 import math
 import os
-from pathlib import Path
 import subprocess
 import sys
 
@@ -24,7 +21,7 @@ from tools.soak import soak
 GROWTH = 5.0  # MB in half a minute, while the planner answers thousands of requests
 
 
-def test_every_call_of_many_clients_is_answered(ros: Ros, tmp_path: Path) -> None:
+def test_every_call_of_many_clients_is_answered(ros, tmp_path):
     found = soak(60.0, 20, tmp_path)
     assert '' not in found['answers'], 'a call had no answer'
     assert 'INTERNAL' not in found['answers']
@@ -43,7 +40,7 @@ def rig(ros: Ros) -> PendulumRig:
 
 
 @pytest.mark.parametrize('repetition', range(5))
-def test_busy_processes_take_the_processors(rig: PendulumRig, repetition: int) -> None:
+def test_busy_processes_take_the_processors(rig, repetition):
     """Two for every core: in real time, the motion follows the clock all the same."""
     rig.held_since(rig.plan()[0])
     count = 2 * (os.cpu_count() or 1)
@@ -113,7 +110,7 @@ def worst_angle_while_held(plan: Trajectory, seed: int, command_delay: float) ->
     return worst
 
 
-def test_told_of_a_links_delay_the_tracker_mostly_catches_and_holds() -> None:
+def test_told_of_a_links_delay_the_tracker_mostly_catches_and_holds():
     """Of ten links tried, nine, with half of the torque in reserve; not told of it, none."""
     problem = build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': 0.5})
     plan = problem.solve(deadline=20.0).trajectory

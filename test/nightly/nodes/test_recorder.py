@@ -3,11 +3,8 @@
 
 """How a recording ends, and nodes whose executor is interrupted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 import os
-from pathlib import Path
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -16,15 +13,12 @@ from typing import Any
 from bag_contents import fill, numbers, read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_harness import Ros
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, record
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
 
 
@@ -58,7 +52,7 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     return prepare
 
 
-def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> None:
+def test_ends_by_itself_after_its_duration(publish, tmp_path):
     publish(())
     done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
     assert done.elapsed == pytest.approx(0.2, abs=0.011)
@@ -66,8 +60,8 @@ def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> 
 
 
 def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
-    publish: Publish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    publish, tmp_path, monkeypatch
+):
     enter = BagWriter.__enter__
     monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
     publish(f'{k:06d}' + 'x' * 40_000 for k in range(10_000))
@@ -89,9 +83,7 @@ def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
         ("raise RuntimeError('something broke')", 1),
     ],
 )
-def test_an_end_while_the_executor_takes_up_a_new_publisher(
-    ros: Ros, ending: str, code: int
-) -> None:
+def test_an_end_while_the_executor_takes_up_a_new_publisher(ros, ending, code):
     """An executor interrupted there is left with half of its callbacks, and aborts when freed."""
     program = f"""
 import os, rclpy, signal, sys

@@ -3,8 +3,6 @@
 
 """A worker that dies, and Ctrl-C, lose nothing of a study."""
 
-from __future__ import annotations
-
 from functools import partial
 import os
 from pathlib import Path
@@ -30,14 +28,14 @@ def squared(folder: Path, number: int) -> int:
     return number * number
 
 
-def test_what_a_dead_worker_had_is_done_by_another(tmp_path: Path) -> None:
+def test_what_a_dead_worker_had_is_done_by_another(tmp_path):
     work = partial(squared, tmp_path)
     with workers(count=2) as client:
         found = dict(each(client, work, range(8), lost=lambda number: -number))
     assert found == {number: -5 if number == 5 else number * number for number in range(8)}
 
 
-def test_the_workers_of_a_cluster_do_it_as_well() -> None:
+def test_the_workers_of_a_cluster_do_it_as_well():
     with workers(count=1) as client:
         address = client.scheduler.address.removeprefix('tcp://')
         table = run('pendulum_swing_up', {'start.theta': [1.0, 2.0]}, scheduler=address)
@@ -45,7 +43,7 @@ def test_the_workers_of_a_cluster_do_it_as_well() -> None:
     assert table['cost'].to_pylist() == [trial({'start.theta': x})['cost'] for x in (1.0, 2.0)]
 
 
-def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path: Path) -> None:
+def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     """The table is saved every ten seconds, and when the study ends."""
     values = tuple(-3.0 + 6.0 * k / 799 for k in range(800))
     words = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
