@@ -48,22 +48,25 @@ def corrected(
         return (at_ends[:-1] + 4.0 * in_middles + at_ends[1:]) / 6.0
 
     # The state, controls, their rates, and a disturbance that lasts: by the first term of Magnus.
-    system = np.zeros((n, nx + 2 * nu + 1, nx + 2 * nu + 1))
+    nw = nx + nu  # of states and controls
+    system = np.zeros((n, nw + nu + 1, nw + nu + 1))
     slopes_of = zip(plant.jacobians(x, u), plant.jacobians(m, middle_u), strict=True)
-    system[:, :nx, :nx], system[:, :nx, nx : nx + nu] = (mean(*pair) for pair in slopes_of)
+    system[:, :nx, :nx], system[:, :nx, nx:nw] = (mean(*pair) for pair in slopes_of)
     system[:, :nx, -1] = mean(plant.derivative(x, u), plant.derivative(m, middle_u))
-    system[:, nx : nx + nu, nx + nu : -1] = np.eye(nu)
-    grown = expm(system * h)[:, :nx]
-    transition, by_last = grown[..., :nx], grown[..., nx + nu : -1] / h
-    by_first = grown[..., nx : nx + nu] - by_last
+    system[:, nx:nw, nw:-1] = np.eye(nu)
+    grown = expm(np.nan_to_num(system * h, posinf=0.0, neginf=0.0))[:, :nx]  # at rest, 0 / 0
+    transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
+    by_first = grown[..., nx:nw] - by_last
     by_duration = grown[..., -1:] / motion.duration
     defects = plant.stepped(x[:-1], u[:-1], u[1:], h[:, 0]) - x[1:]
 
-    slopes, miss, rest = np.zeros((nx, u.size + 1)), np.zeros(nx), np.eye(nx)
+    # Slopes of the end by every control and by the duration, and what the end is missed by.
+    of_controls, of_duration = np.zeros((nx, n + 1, nu)), np.zeros((nx, 1))
+    miss, rest = np.zeros(nx), np.eye(nx)
     for k in reversed(range(n)):
-        slopes[:, k * nu : (k + 1) * nu] += rest @ by_first[k]
-        slopes[:, (k + 1) * nu : (k + 2) * nu] += rest @ by_last[k]
-        slopes[:, -1:] += rest @ by_duration[k]
+        of_controls[:, k] += rest @ by_first[k]
+        of_controls[:, k + 1] += rest @ by_last[k]
+        of_duration += rest @ by_duration[k]
         miss += rest @ defects[k]
         rest = rest @ transition[k]
 
@@ -71,8 +74,8 @@ def corrected(
     for side in (0, -1):
         room[side, np.isfinite(ends.controls[side])] = 0.0
     pace = min(_PACE * motion.duration, longer)
-    by_room = slopes[:, :-1].reshape(nx, n + 1, nu).swapaxes(0, 1) @ room
-    slopes = np.hstack([by_room.swapaxes(0, 1).reshape(nx, -1), pace * slopes[:, -1:]])
+    of_room = (of_controls[:, :, None] @ room).reshape(nx, -1)
+    slopes = np.hstack([of_room, pace * of_duration])
     given = np.isfinite(ends.states[1])
     rows, missed = (slopes / tolerance[:, None])[given], (-miss / tolerance)[given]
     if not (np.isfinite(rows).all() and np.isfinite(missed).all()):
@@ -100,8 +103,8 @@ def _room(margins: Array, slopes: Array, sizes: Array) -> Array:
     they are the axes of Dikin's ellipsoid, within which limits are kept.
     """
     sizes = sizes + _TINY
-    slopes = np.nan_to_num(slopes * sizes)
-    left = np.maximum(margins, _LEAST * np.linalg.norm(slopes, axis=2) + _TINY)
+    slopes = np.nan_to_num(slopes * sizes, posinf=0.0, neginf=0.0)
+    left = np.maximum(np.nan_to_num(margins), _LEAST * np.linalg.norm(slopes, axis=2) + _TINY)
     scaled = slopes / left[..., None]
     axes = np.linalg.cholesky(np.eye(sizes.size) + np.swapaxes(scaled, 1, 2) @ scaled)
     return np.asarray(sizes[:, None] * np.swapaxes(np.linalg.inv(axes), 1, 2))
