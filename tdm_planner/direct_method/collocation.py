@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
+_LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
 _HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
@@ -54,8 +55,8 @@ class Settings:
     How a program is solved: most `iterations` of Ipopt, its first barrier parameter `barrier`.
 
     `smoothing` is the share of J that is charged for the controls' changes: where they do not
-    matter they rest. `rounding` is the share of what stands in a kink of the running cost by which
-    that is rounded, see `rounding.Rounded`.
+    matter they rest. `rounding` is the share of what stands in a kink of the running cost, or of
+    the rates, by which that is rounded, see `graphs.Rounded`.
     """
 
     iterations: int
@@ -191,23 +192,26 @@ class Collocation:
         sizes = {'p': trace.rates.size1_in(2), 'sx': nx, 'su': nu}
         p, sx, su = (ca.SX.sym(*one) for one in sizes.items())
         st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
-        self._rounded = Rounded(trace.running)
-        e = ca.SX.sym('e', self._rounded.count)
+        parts = trace.running, trace.rates, trace.rows
+        self._rounded = running, motion, stated = [Rounded(part) for part in parts]
+        e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self._rounded)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
         u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
         h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
         times = ca.DM(np.linspace(0.0, 1.0, n + 1)[None])
 
-        def at(function: Any, *arguments: Any) -> Any:
+        def at(function: Any, *arguments: Any, rounding: Any = None) -> Any:
             count = arguments[0].shape[1]
-            return function.map(count)(*arguments, ca.repmat(p, 1, count))
+            same = [p] if rounding is None else [p, rounding]
+            return function.map(count)(*arguments, *(ca.repmat(one, 1, count) for one in same))
 
-        rates, middle_rates = at(trace.rates, x, u), at(trace.rates, m, middle_u)
+        rates = at(motion.value, x, u, rounding=e_motion)
+        middle_rates = at(motion.value, m, middle_u, rounding=e_motion)
         a, b, fa, fb = x[:, :-1], x[:, 1:], rates[:, :-1], rates[:, 1:]
         unit = ca.repmat(1.0 / sx, 1, n)
         simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
         hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
-        limits = at(trace.rows, duration * times, x, u)
+        limits = at(stated.value, duration * times, x, u, rounding=e_limits)
         self.inner_limits = np.flatnonzero(trace.between[trace.limit_of_row])
         inner = []
         if self.inner_limits.size:
@@ -217,29 +221,27 @@ class Collocation:
                 state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb) if share != 0.5 else m
                 control = (1 - share) * u[:, :-1] + share * u[:, 1:]
                 instants = duration * (times[:, :-1] + share / n)
-                all_limits = at(trace.rows, instants, state, control)
-                inner.append(all_limits[self.inner_limits.tolist(), :])
+                every = at(stated.value, instants, state, control, rounding=e_limits)
+                inner.append(every[self.inner_limits.tolist(), :])
         cost = trace.final(duration, x[:, -1], p)
         rounded = cost
         if trace.has_running_cost:
-            ends = duration * times, x, u, ca.repmat(p, 1, n + 1)
-            middles = duration * (times[:, :-1] + 0.5 / n), m, middle_u, ca.repmat(p, 1, n)
 
-            def integral(function: Any, *more: Any) -> Any:
-                q = function.map(n + 1)(*ends, *(ca.repmat(one, 1, n + 1) for one in more))
-                qm = function.map(n)(*middles, *(ca.repmat(one, 1, n) for one in more))
+            def integral(function: Any, rounding: Any = None) -> Any:
+                q = at(function, duration * times, x, u, rounding=rounding)
+                halves = duration * (times[:, :-1] + 0.5 / n)
+                qm = at(function, halves, m, middle_u, rounding=rounding)
                 return h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
 
-            rounded = cost + integral(self._rounded.value, e)
+            rounded = cost + integral(running.value, e_running)
             cost += integral(trace.running)
-        conditions = ca.vertcat(
-            trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
-        )
+        ends = trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
+        conditions = ca.vertcat(*ends)
         rows = ca.vertcat(
             ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
         )
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, e, st, charged)
+        given = ca.vertcat(p, sx, su, e_running, e_motion, e_limits, st, charged)
         self._equalities = 2 * n * nx + conditions.numel()
         self._sizes, self._rows = (nx, nu), rows.numel()
         smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
@@ -262,13 +264,18 @@ class Collocation:
         self.seconds = time.thread_time() - began
 
     def _rounding(self, guess: Motion, numbers: Array) -> Array:
-        """Return how far the kinks of the running cost are rounded, (k,)."""
-        if not self._rounded.count:
-            return np.zeros(0)
+        """Return how far the kinks of the running cost, the rates and the limits are rounded."""
         times = np.linspace(0.0, guess.duration, len(guess.states))[:, None]
-        call = Call(self._rounded.sizes, times.size)
-        sizes = np.abs(np.nan_to_num(call(times, guess.states, guess.controls, numbers)[0]))
-        return np.asarray(self._settings.rounding * sizes.max(axis=0) + _LEAST_SCALE[1])
+        along = guess.states, guess.controls, numbers
+        running, motion, limits = (Call(one.sizes, times.size) for one in self._rounded)
+        inside = running(times, *along)[0], motion(*along)[0], limits(times, *along)[0]
+        shares = self._settings.rounding, self._settings.rounding, _LIMITS_ROUNDING
+        return np.concatenate(
+            [
+                share * np.abs(np.nan_to_num(sizes)).max(axis=0, initial=0.0) + _LEAST_SCALE[1]
+                for share, sizes in zip(shares, inside, strict=True)
+            ]
+        )
 
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
@@ -298,14 +305,8 @@ class Collocation:
             for values, given in ((guess.states, ends.states), (guess.controls, ends.controls))
         )
         st = guess.duration
-        z = np.concatenate(
-            [
-                (guess.states / sx).ravel(),
-                (guess.middles / sx).ravel(),
-                (guess.controls / su).ravel(),
-                [1.0],
-            ]
-        )
+        parts = guess.states / sx, guess.middles / sx, guess.controls / su
+        z = np.concatenate([*map(np.ravel, parts), [1.0]])
         lower, upper = np.full(z.size, -np.inf), np.full(z.size, np.inf)
         first = (2 * n + 1) * nx
         for values, scale, at in (

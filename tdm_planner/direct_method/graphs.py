@@ -102,7 +102,8 @@ class Rounded:
         self.count = len(radius)
         e = ca.vertcat(ca.SX(0, 1), *radius)
         self.value = ca.Function('rounded', [*given, e], results)
-        self.sizes = ca.Function('kinks', given, [ca.vertcat(ca.SX(0, 1), *inside)])
+        sizes = ca.substitute(ca.vertcat(ca.SX(0, 1), *inside), e, 0.0)  # of kinks in kinks, too
+        self.sizes = ca.Function('kinks', given, [sizes])
 
 
 def _rewritten(

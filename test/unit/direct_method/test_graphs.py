@@ -1,14 +1,14 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Graphs of limits without the kinks that only fold them."""
+"""Graphs of limits without the kinks that only fold them, and of rates with rounded kinks."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 import pytest
-from tdm_planner.direct_method.graphs import unfolded
+from tdm_planner.direct_method.graphs import Rounded, unfolded
 
 NUMBERS = np.array([2.0])  # p: a limit
 
@@ -50,3 +50,20 @@ def test_many_kinks_do_not_multiply_without_end() -> None:
     assert of.size <= 64
     at = 0.0, np.linspace(-0.1, 0.1, 20), 0.0, NUMBERS
     assert float(np.min(parts(*at))) == pytest.approx(float(margins(*at)))
+
+
+def test_kinks_within_kinks_are_rounded_and_measured() -> None:
+    x, p = ca.SX.sym('x', 2), ca.SX.sym('p')
+    stated = ca.sqrt(ca.fmax(x[0] - p, ca.fabs(x[1])))
+    rounded = Rounded(ca.Function('stated', [x, p], [stated]))
+    assert rounded.count == 3
+    at = [3.0, -0.5], 2.0
+    sizes = np.array(rounded.sizes(*at)).ravel()
+    assert sorted(np.abs(sizes)) == pytest.approx(
+        [0.5, 0.5, 1.0]
+    )  # |x1|, the difference, the root
+    exact, near = (float(rounded.value(*at, e)) for e in (np.zeros(3), np.full(3, 1e-3)))
+    assert exact == pytest.approx(1.0)
+    assert near == pytest.approx(exact, abs=1e-4)
+    slopes = ca.Function('slopes', [x, p], [ca.jacobian(rounded.value(x, p, np.full(3, 1e-3)), x)])
+    assert np.isfinite(np.array(slopes([2.0, 0.0], 2.0))).all()

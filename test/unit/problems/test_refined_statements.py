@@ -66,6 +66,70 @@ def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
 
 
 @dataclass(frozen=True)
+class Boat(DirectProblem):
+    """A boat with drag by its speed squared, from rest to rest in least time."""
+
+    name = 'boat'
+    state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
+    control_names, control_units = ('fx', 'fy'), ('m/s^2', 'm/s^2')
+    slow: float = parameter(0.0, 'speed below which the drag is linear', unit='m/s')
+
+    def outputs(self):
+        ends = {'x': 30.0, 'y': 10.0}
+        return {n: Output(start=(0.0, 0.0), end=(e, 0.0), free=6) for n, e in ends.items()}
+
+    def duration(self):
+        return Duration(guess=30.0)
+
+    def drag(self, vx, vy):
+        return 0.5 * np.sqrt(vx**2 + vy**2 + self.slow**2)
+
+    def invert(self, y, z):
+        (x, vx, ax), (p, vy, ay) = y['x'], y['y']
+        k = self.drag(vx, vy)
+        return (x, p, vx, vy), (ax + k * (vx - 0.5), ay + k * vy)
+
+    def derivative(self, x, u):
+        k = self.drag(x[2], x[3])
+        return x[2], x[3], u[0] - k * (x[2] - 0.5), u[1] - k * x[3]
+
+    def margins(self, t, x, u):
+        return {'force': 1.0 - np.hypot(u[0], u[1])}
+
+    def final_cost(self, t, x):
+        return t
+
+
+def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum() -> None:
+    """Ipopt meets 0 / 0 there: plans were those of the direct method, 5 % above, or none."""
+    singular, smooth = (Boat(slow=slow).solve() for slow in (0.0, 0.01))
+    assert singular.trajectory.interpolation == 'linear'
+    assert singular.cost == pytest.approx(smooth.cost, rel=1e-3)
+
+
+@dataclass(frozen=True)
+class Softly(Boat):
+    """The same without drag, and without force at either end."""
+
+    def outputs(self):
+        ends = {'x': 30.0, 'y': 10.0}
+        return {n: Output(start=(0.0, 0.0, 0.0), end=(e, 0.0, 0.0)) for n, e in ends.items()}
+
+    def drag(self, vx, vy):
+        return 0.0
+
+    def margins(self, t, x, u):
+        return {'force': 1.0 - np.hypot(u[0], u[1]), 'fast': 4.0 - np.hypot(x[2], x[3])}
+
+
+def test_limits_without_a_slope_at_rest_are_kept_by_collocation() -> None:
+    """Straight on, speeding up, at the limit, braking; a force of nothing has no direction."""
+    plan = Softly().solve()
+    assert plan.trajectory.interpolation == 'linear'
+    assert plan.cost == pytest.approx(np.hypot(30.0, 10.0) / 4.0 + 4.0, rel=0.02)
+
+
+@dataclass(frozen=True)
 class Balanced(DirectProblem):
     """A rod upright on a cart, moved by 3 m in least time: e^15 times what it is off at first."""
 
