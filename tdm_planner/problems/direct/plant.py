@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
@@ -22,6 +22,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+_REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 _SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
 
 
@@ -89,7 +90,9 @@ class DirectPlant:
 
         def make() -> Any:
             x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))
-            slopes = ca.jacobian(rates(x, u, p), ca.vertcat(x, u))
+            rounded = Rounded(rates)  # drag such as v sqrt(vx^2 + vy^2) has a slope at rest, too
+            smooth = rounded.value(x, u, p, np.full(rounded.count, _REST))
+            slopes = ca.jacobian(smooth, ca.vertcat(x, u))
             return ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
 
         return self._trace.once('slopes', make)

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem
+from tdm_planner.problems.direct.plant import DirectPlant
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,13 @@ def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum() -> None:
     singular, smooth = (Boat(slow=slow).solve() for slow in (0.0, 0.01))
     assert singular.trajectory.interpolation == 'linear'
     assert singular.cost == pytest.approx(smooth.cost, rel=1e-3)
+
+
+def test_the_tracker_knows_the_slopes_of_drag_at_rest() -> None:
+    by_state, by_control = DirectPlant(Boat()).jacobians(np.zeros((2, 4)), np.zeros((2, 2)))
+    assert by_state[0, :2, 2:] == pytest.approx(np.eye(2))
+    assert by_state[1, 2:, 2:] == pytest.approx(np.zeros((2, 2)), abs=1e-6)
+    assert by_control[1, 2:] == pytest.approx(np.eye(2))
 
 
 @dataclass(frozen=True)
