@@ -77,7 +77,8 @@ def corrected(
     of_room = (of_controls[:, :, None] @ room).reshape(nx, -1)
     slopes = np.hstack([of_room, pace * of_duration])
     given = np.isfinite(ends.states[1])
-    rows, missed = (slopes / tolerance[:, None])[given], (-miss / tolerance)[given]
+    missed = ((ends.states[1] - x[-1] - miss) / tolerance)[given]
+    rows = (slopes / tolerance[:, None])[given]
     if not (np.isfinite(rows).all() and np.isfinite(missed).all()):
         return None
     # Another duration moves all instants, by up to a nanosecond: only where it must be.

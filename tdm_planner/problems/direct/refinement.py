@@ -5,8 +5,8 @@
 The refinement of a motion until its replay confirms it: the part of the search that collocates.
 
 A solution on few intervals is solved again on more; it is replayed and repaired: by a correction
-where it ends beside the goal, by a reserve at a limit that the replay violates, or by more
-intervals.
+where it ends beside the goal, or a shifted end if limits are in the way, by a reserve at a limit
+that the replay violates, or by more intervals.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
 _REPAIRS, _CORRECTIONS = 7, 5
-_SHARE = 0.1  # of the end's tolerance: to be content
+_SHARE, _NEAR, _SHIFTS = 0.1, 10.0, 3  # of the end's tolerance: to be content, to shift the end
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
@@ -198,7 +198,7 @@ class Refinement:
 
     def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
         """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
-        reserve = np.zeros(self._reserve.size)
+        reserve, ends, shifts = np.zeros(self._reserve.size), self.ends, 0
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
             near = abs(flown.cost - expected) <= _COARSE * abs(flown.cost)
@@ -209,11 +209,17 @@ class Refinement:
                 more = 1e-5 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
                 guess = motion
+            elif near and flown.gap <= _NEAR and shifts < _SHIFTS:
+                ends, shifts = (
+                    replace(ends, states=ends.states - [0.0 * flown.miss, flown.miss]),
+                    1 + shifts,
+                )
+                guess = motion
             elif self.affords(2 * motion.intervals):
-                guess = self._on(motion, 2 * motion.intervals)
+                guess, ends, shifts = self._on(motion, 2 * motion.intervals), self.ends, 0
             else:
                 break
-            again = self._solve(guess.intervals, guess, WARM, self.ends, reserve, self._budget)
+            again = self._solve(guess.intervals, guess, WARM, ends, reserve, self._budget)
             if again is None:
                 break
             motion = again
