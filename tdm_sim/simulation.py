@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -202,14 +202,13 @@ class SimulatedPlant:
         if self.held:
             self.time = until
             return
-        state = integrate(
-            self.setup.plant,
-            self._state,
-            self.control,
-            until - self.time,
-            self.setup.largest_step,
-            self.setup.contact,
-        )
+        setup, span = self.setup, until - self.time
+        try:
+            state = integrate(
+                setup.plant, self._state, self.control, span, setup.largest_step, setup.contact
+            )
+        except NotFinite:  # as a stated plant says itself
+            state = np.full_like(self._state, np.nan)
         self.time = until
         if np.isfinite(state).all():
             self._state = state

@@ -15,11 +15,13 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from stated import Car
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim.simulation import (
     Disturbances,
     mismatched,
@@ -37,6 +39,7 @@ PLANT, WHEELED = RotaryPendulum(), WheeledRobot(FloatingRobot())
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
 MOVING, TORQUE = np.array([2.0, 0.3, -4.0, 3.0]), np.array([0.01])
 LIMIT = np.array([0.02])
+LIMITLESS = np.full(2, -1e9), np.full(2, 1e9)
 SETUP = PlantSetup(PLANT, initial=HANGING, lower=-LIMIT, upper=LIMIT, noise=np.zeros(4))
 SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 
@@ -130,6 +133,14 @@ def test_reset_goes_back_and_forgets_the_command() -> None:
         plant.step(0.01)
     assert plant.breakdowns == 1
     assert np.isfinite(plant.state).all()
+    # a stated plant says so itself: its rates are too quick for the steps
+    stiff = DirectPlant(Car(drag=1e9))
+    setup = PlantSetup(stiff, np.array([0.0, 0.0, 9.0, 9.0]), *LIMITLESS, noise=np.zeros(4))
+    plant = simulation(setup)
+    with np.errstate(all='ignore'):
+        plant.step(0.1)
+    assert plant.breakdowns == 1
+    np.testing.assert_array_equal(plant.state, setup.initial)
 
 
 def test_wrong_setups_are_refused() -> None:
