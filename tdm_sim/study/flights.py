@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
@@ -187,8 +187,8 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
     for seed in range(how.seeds):
         try:
             mission = fly(problem, solution, how, seed)
-        except TrajectoryRejected as rejection:
-            lost = lost or str(rejection)
+        except (TrajectoryRejected, NotFinite) as reason:  # too quick a plant for steps of 1 ms
+            lost = lost or str(reason)
             continue
         verdict = judge(mission)
         caught += all(map(_at_goal, mission.vehicles))
