@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
+_SMALL_LIMIT = 1e-2  # size of a limit along the guess below which it is scaled
 _LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
 _HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
@@ -191,7 +192,7 @@ class Collocation:
         u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
         sizes = {'p': trace.rates.size1_in(2), 'sx': nx, 'su': nu}
         p, sx, su = (ca.SX.sym(*one) for one in sizes.items())
-        st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
+        st, sl, charged = ca.SX.sym('st'), ca.SX.sym('sl', trace.limit_of_row.size), ca.SX.sym('q')
         parts = trace.running, trace.rates, trace.rows
         self._rounded = running, motion, stated = [Rounded(part) for part in parts]
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self._rounded)
@@ -211,7 +212,11 @@ class Collocation:
         unit = ca.repmat(1.0 / sx, 1, n)
         simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
         hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
-        limits = at(stated.value, duration * times, x, u, rounding=e_limits)
+
+        def kept(t: Any, x: Any, u: Any) -> Any:
+            return at(stated.value, t, x, u, rounding=e_limits) / ca.repmat(sl, 1, t.shape[1])
+
+        limits = kept(duration * times, x, u)
         self.inner_limits = np.flatnonzero(trace.between[trace.limit_of_row])
         inner = []
         if self.inner_limits.size:
@@ -221,8 +226,7 @@ class Collocation:
                 state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb) if share != 0.5 else m
                 control = (1 - share) * u[:, :-1] + share * u[:, 1:]
                 instants = duration * (times[:, :-1] + share / n)
-                every = at(stated.value, instants, state, control, rounding=e_limits)
-                inner.append(every[self.inner_limits.tolist(), :])
+                inner.append(kept(instants, state, control)[self.inner_limits.tolist(), :])
         cost = trace.final(duration, x[:, -1], p)
         rounded = cost
         if trace.has_running_cost:
@@ -241,9 +245,9 @@ class Collocation:
             ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
         )
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, e_running, e_motion, e_limits, st, charged)
+        given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged)
         self._equalities = 2 * n * nx + conditions.numel()
-        self._sizes, self._rows = (nx, nu), rows.numel()
+        self._sizes = nx, nu
         smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
         self._cost = ca.Function('cost', [z, given], [cost])
         ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
@@ -263,12 +267,10 @@ class Collocation:
         )
         self.seconds = time.thread_time() - began
 
-    def _rounding(self, guess: Motion, numbers: Array) -> Array:
+    def _rounding(self, along: tuple[Array, ...]) -> Array:
         """Return how far the kinks of the running cost, the rates and the limits are rounded."""
-        times = np.linspace(0.0, guess.duration, len(guess.states))[:, None]
-        along = guess.states, guess.controls, numbers
-        running, motion, limits = (Call(one.sizes, times.size) for one in self._rounded)
-        inside = running(times, *along)[0], motion(*along)[0], limits(times, *along)[0]
+        running, motion, limits = (Call(one.sizes, self.intervals + 1) for one in self._rounded)
+        inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
         shares = self._settings.rounding, self._settings.rounding, _LIMITS_ROUNDING
         return np.concatenate(
             [
@@ -298,7 +300,12 @@ class Collocation:
         to every limit at the nodes, and between them.
         """
         n, (nx, nu) = self.intervals, self._sizes
-        kept = kept[:, self.trace.limit_of_row]
+        times = np.linspace(0.0, guess.duration, n + 1)[:, None]
+        along = times, guess.states, guess.controls, numbers
+        rows = Call(self.trace.rows, n + 1)(*along)[0]
+        sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
+        sl[(sl > _SMALL_LIMIT) | (sl == 0.0)] = 1.0  # Ipopt itself scales what is large
+        kept = kept[:, self.trace.limit_of_row] / sl
         # A guess may be no motion at all: what the ends ask for counts as well.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))
@@ -319,13 +326,11 @@ class Collocation:
             lower[at + index] = upper[at + index] = values[index] / scale[index]
         lower[-1], upper[-1] = durations[0] / st, durations[1] / st
         z = np.clip(z, lower, upper)
-        rows = self._equalities
-        least, most = np.zeros(self._rows), np.full(self._rows, np.inf)
-        most[:rows] = 0.0
         between = kept[1] if n > 1 else kept[0]
         inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
-        least[rows:] = np.concatenate([kept.ravel(), inside])
-        given = np.concatenate([numbers, sx, su, self._rounding(guess, numbers), [st, 1.0]])
+        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), inside])
+        most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
+        given = np.concatenate([numbers, sx, su, sl, self._rounding(along), [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
@@ -341,13 +346,7 @@ class Collocation:
         states, controls = states.reshape(n + 1, nx) * sx, controls.reshape(n + 1, nu) * su
         for values, wanted in ((states, ends.states), (controls, ends.controls)):
             values[[0, -1]] = np.where(np.isfinite(wanted), wanted, values[[0, -1]])  # unscaled
-        return Motion(
-            states=states,
-            middles=middles.reshape(n, nx) * sx,
-            controls=controls,
-            duration=float(last[0] * st),
-            cost=cost,
-        )
+        return Motion(states, middles.reshape(n, nx) * sx, controls, float(last[0] * st), cost)
 
 
 def _scales(values: Array) -> Array:
@@ -366,14 +365,10 @@ class _Clock(ca.Callback):
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         ca.Callback.__init__(self)
-        self._sizes = {
-            'x': variables,
-            'lam_x': variables,
-            'g': rows,
-            'lam_g': rows,
-            'f': 1,
-            'lam_p': parameters,
-        }
+        self._sizes = dict.fromkeys(('x', 'lam_x'), variables) | dict.fromkeys(
+            ('g', 'lam_g'), rows
+        )
+        self._sizes |= {'f': 1, 'lam_p': parameters}
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.begin(None)
         self.construct('clock', {})

@@ -31,6 +31,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems.direct.correction import corrected
 from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.statement import margin_tolerance
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
@@ -39,7 +40,8 @@ Array = NDArray[np.float64]
 COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
 _REPAIRS, _CORRECTIONS = 7, 5
 _SHARE, _NEAR, _SHIFTS = 0.1, 10.0, 3  # of the end's tolerance: to be content, to shift the end
-_TOUCHED = 5e-6  # violation of a limit that needs no repair
+_TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
+_NOTHING = 1e-300  # for a limit that is 0 throughout
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _MAKING = 1.5  # times what making a program should take: it cannot be stopped
@@ -51,14 +53,16 @@ _LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked a
 
 class _Flown(NamedTuple):
     """
-    A replay: states (m, nx) and controls (m, nu) at m looks, least margins (nm,), J.
+    A replay: states (m, nx) and controls (m, nu) at m looks, J.
 
-    `miss` (nx,) is what the end is off by, `gap` that in tolerances; all NaN where it fails.
+    `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `miss`
+    (nx,) is what the end is off by, `gap` that in tolerances; all NaN where it fails.
     """
 
     states: Array
     controls: Array
     least: Array
+    unit: Array
     cost: float
     miss: Array
     gap: float
@@ -206,7 +210,7 @@ class Refinement:
             if (flown.gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
                 break
             if flown.gap <= _SHARE and near:
-                more = 1e-5 - (1.1 if turn < 2 else 2.0) * flown.least
+                more = flown.unit * (1.0 - (1.1 if turn < 2 else 2.0) * flown.least)
                 reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
                 guess = motion
             elif near and flown.gap <= _NEAR and shifts < _SHIFTS:
@@ -252,7 +256,7 @@ class Refinement:
         if flown is None:
             nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
             unknown = np.full(margins.numel_out(), np.nan)
-            return _Flown(nowhere, controls, unknown, np.nan, nowhere[0], np.inf)
+            return _Flown(nowhere, controls, unknown, unknown, np.nan, nowhere[0], np.inf)
         states = flown.states(times)
         seen = Call(margins, times.size)(times[:, None], states, controls, self.numbers)[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
@@ -260,7 +264,8 @@ class Refinement:
         miss = states[-1] - self.goal(states)
         gap = float(np.abs(miss / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
-        return _Flown(states, controls, seen.min(axis=0, initial=np.inf), cost, miss, gap)
+        unit = margin_tolerance(np.abs(seen).max(axis=0, initial=0.0)) + _NOTHING
+        return _Flown(states, controls, seen.min(axis=0) / unit, unit, cost, miss, gap)
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""

@@ -36,7 +36,7 @@ from tdm_planner.problems.direct.statement import (
     check_ends,
     check_limits,
     constraints_of,
-    MARGIN_TOLERANCE,
+    limits_of,
     short_of_reserve,
 )
 from tdm_planner.problems.search import Search
@@ -332,7 +332,8 @@ class DirectSearch(Search[Candidate]):
             yield plan
             check, xi = plan.verification, plan.parameters
             samples *= 2
-            violated = {k: -v for k, v in check.worst.items() if v < -MARGIN_TOLERANCE}
+            allowed = {one.name: one.tolerance for one in limits_of(self._stated, plan.trajectory)}
+            violated = {k: -check.worst[k] for k, v in allowed.items() if check.worst[k] < -v}
             if not violated and not program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.

@@ -24,7 +24,8 @@ from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
-MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit
+MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit, in the limit's unit or
+_SHARES = 1e-6, 1e-4  # as a share of its largest value: at least, at most
 _END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
 _JUMP, _HALVINGS = 0.05, 40  # of the range of a cost between two looks; to find where it is
@@ -229,16 +230,28 @@ def short_of_reserve(stated: CheckedFormulation, left: Mapping[str, float | None
     ]
 
 
-def limits_of(
-    stated: CheckedFormulation, trajectory: Trajectory, tolerance: float = 0.0
-) -> tuple[Constraint, ...]:
-    """Return the limits on a trajectory, one constraint each."""
+def margin_tolerance(sizes: Array) -> Array:
+    """
+    Return by how much limits may be violated that are at most as large as `sizes` along a plan.
+
+    Whoever states a thrust in micronewtons or a height in kilometres gets as true a plan.
+    """
+    least, most = (share * np.abs(sizes) for share in _SHARES)
+    return np.asarray(np.clip(MARGIN_TOLERANCE, least, most))
+
+
+def limits_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
+    """Return the limits on a trajectory, one constraint each, and what they may be violated by."""
 
     def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
         return stated.margins(times, states, controls)[name]
 
-    names = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
-    return tuple(Constraint(name, partial(margin, name), tolerance) for name in names)
+    along = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
+    sizes = (np.abs(values).max() for values in along.values())
+    return tuple(
+        Constraint(name, partial(margin, name), float(margin_tolerance(size)))
+        for name, size in zip(along, sizes, strict=True)
+    )
 
 
 def constraints_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
@@ -251,7 +264,7 @@ def constraints_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[
         left[at] -= np.abs(conditions(times[at], states[at])[index])
         return left
 
-    found = list(limits_of(stated, trajectory, MARGIN_TOLERANCE))
+    found = list(limits_of(stated, trajectory))
     for side, function in enumerate(('start_conditions', 'end_conditions')):
         conditions: Sequence[Any] = getattr(stated, function)(
             trajectory.times[:1], trajectory.states[:1]

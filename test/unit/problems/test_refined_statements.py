@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -185,3 +185,44 @@ def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
         found = solve_ivp(rates, (begin, end), state, method='DOP853', rtol=1e-11, atol=1e-13)
         state = found.y[:, -1]
     assert np.abs(state).max() < 2e-3
+
+
+@dataclass(frozen=True)
+class Pushed(DirectProblem):
+    """A body pushed by 1 m in least time, 2 s; its force is counted in any `unit`."""
+
+    name = 'pushed'
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('force',), ('N',)
+    unit: float = parameter(1.0, 'largest force, which is also the mass', unit='N')
+
+    def outputs(self):
+        return {'x': Output(start=(-1.0, 0.0), end=(0.0, 0.0), free=6)}
+
+    def duration(self):
+        return Duration(guess=3.0)
+
+    def invert(self, y, z):
+        x, v, a = y['x']
+        return (x, v), (self.unit * a,)
+
+    def derivative(self, x, u):
+        return x[1], u[0] / self.unit
+
+    def margins(self, t, x, u):
+        return {'force': self.unit - np.abs(u[0])}
+
+    def final_cost(self, t, x):
+        return t
+
+
+@pytest.mark.parametrize('unit', [1e-8, 1e-3, 1.0, 1e5])
+def test_a_limit_in_any_unit_is_kept_to_the_same_share(unit: float) -> None:
+    """In small units a violation was within the tolerance, however many times the limit."""
+    plan = Pushed(unit=unit).solve()
+    assert np.abs(plan.trajectory.controls).max() <= (1.0 + 2e-4) * unit
+    assert plan.cost == pytest.approx(2.0, rel=2e-3)
+    loose = replace(plan.trajectory, controls=1.5 * plan.trajectory.controls)
+    (limit,) = Pushed(unit=unit).constraints_on(loose)
+    least = limit.margin(loose.times, loose.states, loose.controls).min()
+    assert least < -limit.tolerance
