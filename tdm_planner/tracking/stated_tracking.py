@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 _FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
-_TOUCHED, _HALVINGS = 1e-3, 8  # of a limit that feedback may touch; to the share it allows
+_TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
 _LEAST_RANGE = 1e-2  # of the largest range of a state of the same unit
@@ -74,7 +74,8 @@ class StatedTracker(TrajectoryTracker):
         estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
-        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
+        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last,
+        self._touched: Array | float = _TOUCHED  # and what feedback may use up of its limits
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
         """Compute the gains along the plan."""
@@ -87,6 +88,9 @@ class StatedTracker(TrajectoryTracker):
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
         law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
         self.ranges = ranges
+        samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
+        left = np.array([plant.control_margins(*sample) for sample in samples])
+        self._touched = _TOUCHED * np.minimum(np.abs(left).max(axis=0), 1.0)
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.quickest = float(growths.max(initial=0.0))
@@ -204,7 +208,7 @@ class StatedTracker(TrajectoryTracker):
         error = self.error(state, reference)
         control = np.clip(planned - gain @ error, self._lower, self._upper)
         margins = self._plant.control_margins
-        least = np.minimum(margins(elapsed, reference, planned), 0.0) - _TOUCHED
+        least = np.minimum(margins(elapsed, reference, planned), 0.0) - self._touched
         if not (margins(elapsed, state, control) >= least).all():
             low, high = 0.0, 1.0
             for _ in range(_HALVINGS):

@@ -14,6 +14,7 @@ from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem
 from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_sim.study.flights import tracked, tracker_of
 
 
 @dataclass(frozen=True)
@@ -226,3 +227,19 @@ def test_a_limit_in_any_unit_is_kept_to_the_same_share(unit: float) -> None:
     (limit,) = Pushed(unit=unit).constraints_on(loose)
     least = limit.margin(loose.times, loose.states, loose.controls).min()
     assert least < -limit.tolerance
+
+
+def test_feedback_keeps_a_limit_in_any_unit() -> None:
+    problem = Pushed(unit=1e-8)
+    plan = problem.solve().trajectory
+    tracker = tracker_of(problem)
+    tick, plant = tracker.parameters.interval, tracked(tracker, plan.states[0], 0.1, 1.0, 0).plant
+    tracker.observe(plant.measure(), -tick)
+    tracker.accept(plan, 0.0, -tick)
+    for k in range(800):
+        tracker.observe(plant.measure(), k * tick)
+        control = tracker.command(k * tick).control
+        assert np.abs(control) <= 1.002 * problem.unit
+        plant.command(control)
+        plant.step(tick)
+    assert np.abs(plant.state).max() < 0.01
