@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit, in the limit's unit or
 _SHARES = 1e-6, 1e-4  # as a share of its largest value: at least, at most
-_END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
+_END_TOLERANCE, _NOTHING = 1e-3, 1e-9  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
 _JUMP, _HALVINGS = 0.05, 40  # of the range of a cost between two looks; to find where it is
 _NODES = 5, 10_000
@@ -257,20 +257,20 @@ def limits_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Const
 def constraints_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
     """Return what a plan is checked for: its limits, and the conditions at both ends."""
 
-    def missed(side: int, index: int, times: Array, states: Array, controls: Array) -> Array:
+    def left(
+        side: int, index: int, allowed: float, times: Array, states: Array, controls: Array
+    ) -> Array:
         conditions = stated.end_conditions if side else stated.start_conditions
         at = slice(-1, None) if side else slice(0, 1)
-        left = np.full(times.size, _END_TOLERANCE)
-        left[at] -= np.abs(conditions(times[at], states[at])[index])
-        return left
+        rest = np.full(times.size, allowed)
+        rest[at] -= np.abs(conditions(times[at], states[at])[index])
+        return rest
 
     found = list(limits_of(stated, trajectory))
     for side, function in enumerate(('start_conditions', 'end_conditions')):
-        conditions: Sequence[Any] = getattr(stated, function)(
-            trajectory.times[:1], trajectory.states[:1]
-        )
-        found += [
-            Constraint(f'{function} {index}', partial(missed, side, index))
-            for index in range(len(conditions))
-        ]
+        along = getattr(stated, function)(trajectory.times, trajectory.states)
+        for index, values in enumerate(along):
+            # In small units a share of what the condition runs through along the plan.
+            allowed = _END_TOLERANCE * min(float(np.abs(values).max()), 1.0) + _NOTHING
+            found.append(Constraint(f'{function} {index}', partial(left, side, index, allowed)))
     return tuple(found)
