@@ -178,7 +178,8 @@ class Collocation:
     """
     The program of a traced statement on n `intervals`; made once a kind, for any numbers.
 
-    `seconds` of processor time is what making it took: in proportion to the intervals.
+    `seconds` of processor time is what making it took: in proportion to the intervals;
+    `has_kinks` whether the running cost or the rates have any.
     """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
@@ -195,6 +196,7 @@ class Collocation:
         st, sl, charged = ca.SX.sym('st'), ca.SX.sym('sl', trace.limit_of_row.size), ca.SX.sym('q')
         parts = trace.running, trace.rates, trace.rows
         self._rounded = running, motion, stated = [Rounded(part) for part in parts]
+        self.has_kinks = running.count + motion.count > 0
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self._rounded)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
         u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
@@ -267,17 +269,14 @@ class Collocation:
         )
         self.seconds = time.thread_time() - began
 
-    def _rounding(self, along: tuple[Array, ...]) -> Array:
+    def _rounding(self, along: tuple[Array, ...], share: float) -> Array:
         """Return how far the kinks of the running cost, the rates and the limits are rounded."""
         running, motion, limits = (Call(one.sizes, self.intervals + 1) for one in self._rounded)
         inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
-        shares = self._settings.rounding, self._settings.rounding, _LIMITS_ROUNDING
-        return np.concatenate(
-            [
-                share * np.abs(np.nan_to_num(sizes)).max(axis=0, initial=0.0) + _LEAST_SCALE[1]
-                for share, sizes in zip(shares, inside, strict=True)
-            ]
-        )
+        shares = share, share, _LIMITS_ROUNDING
+        largest = (np.abs(np.nan_to_num(sizes)).max(axis=0, initial=0.0) for sizes in inside)
+        rounding = [part * size for part, size in zip(shares, largest, strict=True)]
+        return np.concatenate(rounding) + _LEAST_SCALE[1]
 
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
@@ -292,12 +291,14 @@ class Collocation:
         durations: tuple[float, float],
         kept: Array,
         budget: Budget,
+        *,
+        roughly: bool = False,
     ) -> Motion | None:
         """
         Return the optimum near `guess`; None if Ipopt does not converge to one in time.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
-        to every limit at the nodes, and between them.
+        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
         """
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
@@ -330,10 +331,12 @@ class Collocation:
         inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
         least = np.concatenate([np.zeros(self._equalities), kept.ravel(), inside])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, self._rounding(along), [st, 1.0]])
+        charge = COLD if roughly else self._settings
+        rounding = self._rounding(along, charge.rounding)
+        given = np.concatenate([numbers, sx, su, sl, rounding, [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
-            given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
+            given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
             self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = bool(self._solver.stats()['success'])

@@ -127,7 +127,11 @@ class Refinement:
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
-        return program.solve(self.numbers, guess, ends, self._durations, kept, until)
+        given = self.numbers, guess, ends, self._durations, kept, until
+        found = program.solve(*given)
+        if found is None and settings is WARM and program.has_kinks and not until.spent:
+            found = program.solve(*given, roughly=True)
+        return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
         """
