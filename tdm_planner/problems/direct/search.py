@@ -49,11 +49,11 @@ Array = NDArray[np.float64]
 _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
-_PLAIN, _BENDS = 4, (0.1, 0.25)  # attempt with boundary conditions alone; of lines in state space
+_PLAIN = 4  # attempt with boundary conditions alone
+_BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines, by turns
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
-
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
@@ -209,7 +209,7 @@ class DirectSearch(Search[Candidate]):
                 break
             if attempt % 2 or minima is None:  # to either side of what may be in the way
                 pair, side = divmod(next(lines) if attempt else 0, 2)
-                bend = (-1.0) ** side * _BENDS[pair % 2] if attempt else 0.0
+                bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
                 rng = np.random.default_rng([self._seed, pair])
                 yield self._refinement.straight(COARSE, bend, rng)
             elif attempt == _PLAIN:
