@@ -32,7 +32,10 @@ Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
-_SMALL_LIMIT = 1e-2  # size of a limit along the guess below which it is scaled
+_SMALL_LIMIT, _NO_LIMIT = (
+    1e-2,
+    1e-13,
+)  # sizes of a limit along the guess between which it is scaled
 _LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
 _HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
@@ -191,10 +194,9 @@ class Collocation:
         nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
         x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
         u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
-        sizes = {'p': trace.rates.size1_in(2), 'sx': nx, 'su': nu}
-        p, sx, su = (ca.SX.sym(*one) for one in sizes.items())
-        st, sl, charged = ca.SX.sym('st'), ca.SX.sym('sl', trace.limit_of_row.size), ca.SX.sym('q')
-        parts = trace.running, trace.rates, trace.rows
+        sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1
+        p, sx, su, sl, st, charged = (ca.SX.sym('s', size) for size in sizes)
+        parts = trace.running, trace.rates, trace.unfolded.rows
         self._rounded = running, motion, stated = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self._rounded)
@@ -219,7 +221,7 @@ class Collocation:
             return at(stated.value, t, x, u, rounding=e_limits) / ca.repmat(sl, 1, t.shape[1])
 
         limits = kept(duration * times, x, u)
-        self.inner_limits = np.flatnonzero(trace.between[trace.limit_of_row])
+        self.inner_limits = np.flatnonzero(trace.between[trace.unfolded.limit])
         inner = []
         if self.inner_limits.size:
             for share in (0.5, *INNER):
@@ -303,11 +305,11 @@ class Collocation:
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         along = times, guess.states, guess.controls, numbers
-        rows = Call(self.trace.rows, n + 1)(*along)[0]
+        rows = Call(self.trace.unfolded.rows, n + 1)(*along)[0]
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
-        sl[(sl > _SMALL_LIMIT) | (sl == 0.0)] = 1.0  # Ipopt itself scales what is large
-        kept = kept[:, self.trace.limit_of_row] / sl
-        # A guess may be no motion at all: what the ends ask for counts as well.
+        sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
+        kept = kept[:, self.trace.unfolded.limit] / sl
+        # A guess may be no motion at all: what the ends ask for counts, too.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))
             for values, given in ((guess.states, ends.states), (guess.controls, ends.controls))

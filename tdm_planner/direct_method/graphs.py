@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
-_MOST_ROWS = 64  # of limits without kinks, whose number each kink may double
+_MOST_ROWS = 16  # of one limit without kinks, whose number each kink may double
 
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
@@ -137,43 +138,58 @@ def _rewritten(
     return given, results
 
 
-def unfolded(margins: Any, numbers: Array) -> tuple[Any, NDArray[np.intp]]:
+class Unfolded:
     """
-    Return limits without the kinks that only fold them, and to which limit each row belongs (m,).
+    Limits f(t, x, u, p) as `rows` without the kinks that only fold them; `limit` (m,) of each row.
 
     L - |a| is the lesser of L - a and L + a, which have no kink at a = 0: both must be kept, as
     the branches of a minimum, and of a maximum that is subtracted. Where the greater branch
     would do, or the slope with respect to the kink is not constant, the kink stays. Ipopt needs
-    several times the iterations where it stands, and often does not converge.
+    several times the iterations where it stands, and often does not converge. It was decided by
+    the `numbers` p; `decides_alike` tells for which others it holds.
     """
-    kinks: list[tuple[Any, Any, tuple[Any, Any], float]] = []  # symbol, whole, branches, sign
 
-    def cut(operation: int, a: Any, b: Any) -> Any:
-        if operation not in (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN):
-            return None
-        alone = operation == ca.OP_FABS
-        whole = ca.SX.unary(operation, a) if alone else ca.SX.binary(operation, a, b)
-        sign = 1.0 if operation == ca.OP_FMIN else -1.0
-        kinks.append((ca.SX.sym('k'), whole, (a, -a if alone else b), sign))
-        return kinks[-1][0]
+    def __init__(self, margins: Any, numbers: Array) -> None:
+        kinks: list[tuple[Any, Any, tuple[Any, Any], float]] = []  # symbol, whole, branches, sign
 
-    given, (limits,) = _rewritten(margins, cut)
-    varied, p = [*given[:-1], *(kink[0] for kink in kinks)], given[-1]
-    rows = [(row, limit) for limit, row in enumerate(ca.vertsplit(limits))]
-    for symbol, whole, branches, sign in reversed(kinks):  # those that hold others come first
-        slopes = [ca.jacobian(row, symbol) for row, _ in rows]
-        parts = []
-        for (row, limit), slope in zip(rows, slopes, strict=True):
-            lesser = not ca.depends_on(slope, ca.vertcat(*varied))
-            lesser = lesser and sign * float(ca.Function('slope', [p], [slope])(numbers)) > 0.0
-            ways = branches if lesser and len(rows) < _MOST_ROWS else (whole,)
-            if ca.depends_on(row, symbol):
+        def cut(operation: int, a: Any, b: Any) -> Any:
+            if operation not in (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN):
+                return None
+            alone = operation == ca.OP_FABS
+            whole = ca.SX.unary(operation, a) if alone else ca.SX.binary(operation, a, b)
+            sign = 1.0 if operation == ca.OP_FMIN else -1.0
+            kinks.append((ca.SX.sym('k'), whole, (a, -a if alone else b), sign))
+            return kinks[-1][0]
+
+        given, (limits,) = _rewritten(margins, cut)
+        varied, p = ca.vertcat(*given[:-1], *(kink[0] for kink in kinks)), given[-1]
+        rows = [(row, limit) for limit, row in enumerate(ca.vertsplit(limits))]
+        slopes = [ca.SX(0, 1)]  # that decided
+        for symbol, whole, branches, sign in reversed(kinks):  # those that hold others come first
+            counts, parts = Counter(limit for _, limit in rows), []
+            for row, limit in rows:
+                slope, ways = sign * ca.jacobian(row, symbol), (whole,)
+                if not ca.depends_on(row, symbol):
+                    parts.append((row, limit))
+                    continue
+                if not ca.depends_on(slope, varied):
+                    slopes.append(slope)
+                    lesser = float(ca.Function('slope', [p], [slope])(numbers)) > 0.0
+                    ways = branches if lesser and counts[limit] < _MOST_ROWS else ways
                 parts += [(ca.substitute(row, symbol, way), limit) for way in ways]
-            else:
-                parts.append((row, limit))
-        rows = parts
-    every = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
-    return ca.Function('limits', given, [every]), np.array([limit for _, limit in rows], np.intp)
+            rows = parts
+        every = ca.vertcat(ca.SX(0, 1), *(row for row, _ in rows))
+        self.rows = ca.Function('limits', given, [every])
+        self.limit = np.array([limit for _, limit in rows], np.intp)
+        self._slopes = ca.Function('slopes', [p], [ca.densify(ca.vertcat(*slopes))])
+        self._signs = self._decided(numbers)
+
+    def _decided(self, numbers: Array) -> Array:
+        return np.asarray(np.sign(np.array(self._slopes(numbers)).ravel()))
+
+    def decides_alike(self, numbers: Array) -> bool:
+        """Whether the limits unfold in the same way for other numbers p."""
+        return bool(np.array_equal(self._decided(numbers), self._signs))
 
 
 def bent(margins: Any, numbers: Array, of: str) -> NDArray[np.bool_]:

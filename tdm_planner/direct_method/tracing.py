@@ -25,7 +25,7 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.checks import refusal, suspect
 from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.graphs import bent, Call, unfolded
+from tdm_planner.direct_method.graphs import bent, Call, Unfolded
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ class Trace:
         everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
         of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
         self.of_states, self.of_controls = of  # limits on more than controls; with a part of them
-        self.rows, self.limit_of_row = unfolded(self.margins, values)
+        self.unfolded = Unfolded(self.margins, values)
         self.between = self.of_states | bent(self.margins, values, 'u')
         self.obstacles = bool(bent(self.margins, values, 'x').any())
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
@@ -149,7 +149,7 @@ class Trace:
             key = _kind(stated, found)
             for trace in cls._made.get(key, []):
                 same = (np.array_equal(found[n], v) for n, v in trace.fixed.items())
-                if all(same):
+                if all(same) and trace.unfolded.decides_alike(trace.values(stated.formulation)):
                     return trace
             trace = _make(stated, samples, expected, list(found))
             if len(cls._made) >= _KEPT:

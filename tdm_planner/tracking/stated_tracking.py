@@ -50,11 +50,16 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class StatedLaw:
-    """What is prepared of a plan: its law, and how both ends are held."""
+    """
+    What is prepared of a plan: its law, and how both ends are held.
+
+    `touched` is what feedback may violate limits by in which controls have a part.
+    """
 
     law: PlanLaw
     begin: Hold | None
     end: Hold | None
+    touched: Array
 
 
 class StatedTracker(TrajectoryTracker):
@@ -74,8 +79,7 @@ class StatedTracker(TrajectoryTracker):
         estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
-        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last,
-        self._touched: Array | float = _TOUCHED  # and what feedback may use up of its limits
+        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
         """Compute the gains along the plan."""
@@ -90,11 +94,11 @@ class StatedTracker(TrajectoryTracker):
         self.ranges = ranges
         samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
         left = np.array([plant.control_margins(*sample) for sample in samples])
-        self._touched = _TOUCHED * np.minimum(np.abs(left).max(axis=0), 1.0)
+        touched = _TOUCHED * np.minimum(np.abs(np.nan_to_num(left)).max(axis=0), 1.0)
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.quickest = float(growths.max(initial=0.0))
-        return StatedLaw(law, begin, hold)
+        return StatedLaw(law, begin, hold, touched)
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """
@@ -173,7 +177,7 @@ class StatedTracker(TrajectoryTracker):
         if until > elapsed:
             planned = law.feedforward.mean(first + elapsed, first + until)
         reference = law.trajectory.sample(first + elapsed).state
-        return self._action(planned, law.gain(elapsed), state, reference, elapsed)
+        return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""
@@ -181,7 +185,7 @@ class StatedTracker(TrajectoryTracker):
         if hold is None:
             nothing = self.nothing
             return Action(nothing, nothing, np.zeros(state.size), state)
-        return self._action(hold.control, hold.gain, state, hold.state)
+        return self._action(motion, hold.control, hold.gain, state, hold.state)
 
     def _check_start(self, motion: Motion, now: float) -> None:
         """Compare the state with the planned one; a start ahead is compared when it has come."""
@@ -199,22 +203,28 @@ class StatedTracker(TrajectoryTracker):
         begin: Hold | None = motion.law.begin
         if begin is None:
             return self.nothing
-        return self._action(begin.control, begin.gain, state, begin.state).control
+        return self._action(motion, begin.control, begin.gain, state, begin.state).control
 
     def _action(
-        self, planned: Array, gain: Array, state: Array, reference: Array, elapsed: float = 0.0
+        self,
+        motion: Motion,
+        planned: Array,
+        gain: Array,
+        state: Array,
+        reference: Array,
+        elapsed: float = 0.0,
     ) -> Action:
         """Return planned control and feedback, as much of it as the limits allow."""
         error = self.error(state, reference)
         control = np.clip(planned - gain @ error, self._lower, self._upper)
         margins = self._plant.control_margins
-        least = np.minimum(margins(elapsed, reference, planned), 0.0) - self._touched
-        if not (margins(elapsed, state, control) >= least).all():
+        least = np.minimum(margins(elapsed, reference, planned), 0.0) - motion.law.touched
+        if (margins(elapsed, state, control) < least).any():
             low, high = 0.0, 1.0
             for _ in range(_HALVINGS):
                 share = 0.5 * (low + high)
                 between = planned + share * (control - planned)
-                kept = (margins(elapsed, state, between) >= least).all()
-                low, high = (share, high) if kept else (low, share)
+                violated = (margins(elapsed, state, between) < least).any()
+                low, high = (low, share) if violated else (share, high)
             control = planned + low * (control - planned)
         return Action(control, control - planned, error, reference)

@@ -18,6 +18,8 @@ Bock and Plitt, *A multiple shooting algorithm for direct solution of optimal co
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -32,14 +34,30 @@ _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is;
 
 
 def corrected(
-    plant: DirectPlant, motion: Motion, ends: Ends, longer: float, tolerance: Array
+    plant: DirectPlant,
+    motion: Motion,
+    ends: Ends,
+    durations: tuple[float, float],
+    tolerance: Array,
 ) -> Motion | None:
     """
     Return the motion with its defects removed, to first order; None where limits are in the way.
 
-    The duration may change by as much as `longer` [s] allows; `tolerance` (nx,) is the unit of
-    errors at the end.
+    `durations` are the shortest and the longest [s]; `tolerance` (nx,) is the unit of errors at
+    the end.
     """
+    with np.errstate(all='ignore'), suppress(np.linalg.LinAlgError):
+        return _corrected(plant, motion, ends, durations, tolerance)
+    return None
+
+
+def _corrected(
+    plant: DirectPlant,
+    motion: Motion,
+    ends: Ends,
+    durations: tuple[float, float],
+    tolerance: Array,
+) -> Motion | None:
     x, u, m = motion.states, motion.controls, motion.middles
     n, nx, nu = motion.intervals, x.shape[1], u.shape[1]
     h, middle_u = np.diff(motion.times)[:, None, None], 0.5 * (u[:-1] + u[1:])
@@ -52,7 +70,7 @@ def corrected(
     system = np.zeros((n, nw + nu + 1, nw + nu + 1))
     slopes_of = zip(plant.jacobians(x, u), plant.jacobians(m, middle_u), strict=True)
     system[:, :nx, :nx], system[:, :nx, nx:nw] = (mean(*pair) for pair in slopes_of)
-    system[:, :nx, -1] = mean(plant.derivative(x, u), plant.derivative(m, middle_u))
+    system[:, :nx, -1] = mean(plant.rates(x, u), plant.rates(m, middle_u))
     system[:, nx:nw, nw:-1] = np.eye(nu)
     grown = expm(np.nan_to_num(system * h, posinf=0.0, neginf=0.0))[:, :nx]  # at rest, 0 / 0
     transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
@@ -70,10 +88,12 @@ def corrected(
         miss += rest @ defects[k]
         rest = rest @ transition[k]
 
-    room = _room(*plant.limits_by_controls(motion.times, x, u), np.abs(u).max(axis=0))
+    left, _, by_control = plant.linear_limits(motion.times, x, u)
+    room = _room(left, by_control, np.abs(u).max(axis=0))
     for side in (0, -1):
         room[side, np.isfinite(ends.controls[side])] = 0.0
-    pace = min(_PACE * motion.duration, longer)
+    shortest, longest = durations
+    pace = min(_PACE * motion.duration, motion.duration - shortest, longest - motion.duration)
     of_room = (of_controls[:, :, None] @ room).reshape(nx, -1)
     slopes = np.hstack([of_room, pace * of_duration])
     given = np.isfinite(ends.states[1])

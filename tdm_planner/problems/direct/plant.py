@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Motion
 from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
@@ -23,6 +24,8 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
+# Violation of a limit: in its unit, share of its size at least and at most, and by rounding.
+_ALLOWED = 1e-5, 1e-6, 1e-4, 1e-14
 _SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
 
 
@@ -119,25 +122,49 @@ class DirectPlant:
         found: Array = margins[self._trace.of_controls]
         return found
 
-    def limits_by_controls(
+    def linear_limits(
         self, times: Array, states: Array, controls: Array
-    ) -> tuple[Array, Array]:
-        """Return what is left to every limit at N instants (N, nm), by controls (N, nm, nu)."""
-        margins = self._trace.margins
+    ) -> tuple[Array, Array, Array]:
+        """Return what is left to the limits at N instants (N, nm), and its slopes (N, nm, n)."""
+        margins, nx, nu = self._trace.margins, states.shape[1], controls.shape[1]
 
         def make() -> Any:
             given = [ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txup')]
-            slopes = ca.jacobian(margins(*given), given[2])
+            slopes = ca.jacobian(margins(*given), ca.vertcat(*given[1:3]))
             return ca.Function('limits', given, [margins(*given), ca.vec(ca.densify(slopes))])
 
-        call = Call(self._trace.once('limits by controls', make), times.size)
+        call = Call(self._trace.once('linear limits', make), times.size)
         left, slopes = call(times[:, None], states, controls, self._numbers)
-        shape = times.size, controls.shape[1], left.shape[1]
-        return left, np.swapaxes(slopes.reshape(shape), 1, 2)
+        slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
+        return left, slopes[..., :nx], slopes[..., nx:]
+
+    def limit_tolerances(self, plan: Trajectory | Motion) -> Array:
+        """
+        Return by how much a plan may violate every limit, (nm,).
+
+        Whoever states a thrust in micronewtons or a height in kilometres gets as true a plan: the
+        size of a limit is what it changes by, where it is least, if all states change by the
+        largest range of their unit and all controls by their size. Its own values are no measure:
+        they may have a pole elsewhere, or be 0 throughout.
+        """
+        states, controls, units = plan.states, plan.controls, np.array(self.state_units)
+        left, by_state, by_control = self.linear_limits(plan.times, states, controls)
+        at = np.argmin(np.nan_to_num(left, nan=np.inf), axis=0), np.arange(left.shape[1])
+        changes = np.nan_to_num(np.hstack([by_state[at], by_control[at]]), posinf=0.0, neginf=0.0)
+        spans = np.ptp(states, axis=0)
+        alike = [spans[units == unit].max() for unit in units]
+        sizes = np.abs(changes) @ np.concatenate([alike, np.abs(controls).max(axis=0)])
+        sizes[sizes == 0.0] = 1.0
+        usual, least, most, rounding = _ALLOWED
+        return np.asarray(np.clip(usual, least * sizes, most * sizes) + rounding)
+
+    def rates(self, states: Array, controls: Array) -> Array:
+        """Return the rates of states (N, nx) by the trace, NaN where they are no numbers."""
+        return Call(self._trace.rates, len(states))(states, controls, self._numbers)[0]
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""
         stated = self.stated.derivative(states, controls)
-        traced = Call(self._trace.rates, len(states))(states, controls, self._numbers)[0]
+        traced = self.rates(states, controls)
         size = 1.0 + np.abs(stated).max(axis=0)
         return bool((np.abs(stated - traced) <= _SAME * size).all())

@@ -31,7 +31,6 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems.direct.correction import corrected
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.statement import margin_tolerance
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
@@ -41,7 +40,6 @@ COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
 _REPAIRS, _CORRECTIONS = 7, 5
 _SHARE, _NEAR, _SHIFTS = 0.1, 10.0, 3  # of the end's tolerance: to be content, to shift the end
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
-_NOTHING = 1e-300  # for a limit that is 0 throughout
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _MAKING = 1.5  # times what making a program should take: it cannot be stopped
@@ -236,12 +234,11 @@ class Refinement:
     def _landed(self, motion: Motion) -> tuple[Motion, _Flown]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
         flown = self._replayed(motion)
-        shortest, longest = self._durations
         for _ in range(_CORRECTIONS):
             if flown.gap <= _SHARE or self._late:
                 break
             tolerance = self.tolerance(motion.states)
-            other = corrected(self._plant, motion, self.ends, longest - shortest, tolerance)
+            other = corrected(self._plant, motion, self.ends, self._durations, tolerance)
             if other is None:
                 break
             again = self._replayed(other)
@@ -268,7 +265,7 @@ class Refinement:
         miss = states[-1] - self.goal(states)
         gap = float(np.abs(miss / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
-        unit = margin_tolerance(np.abs(seen).max(axis=0, initial=0.0)) + _NOTHING
+        unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
         return _Flown(states, controls, seen.min(axis=0) / unit, unit, cost, miss, gap)
 
     def affords(self, intervals: int) -> bool:

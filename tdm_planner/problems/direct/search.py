@@ -36,7 +36,6 @@ from tdm_planner.problems.direct.statement import (
     check_ends,
     check_limits,
     constraints_of,
-    limits_of,
     short_of_reserve,
 )
 from tdm_planner.problems.search import Search
@@ -49,8 +48,7 @@ Array = NDArray[np.float64]
 _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
-_PLAIN = 4  # attempt with boundary conditions alone
-_BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines, by turns
+_PLAIN, _BENDS = 4, (0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0)  # attempt without; of lines
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
@@ -92,10 +90,10 @@ class DirectSearch(Search[Candidate]):
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._warm = self._as_it_is = False
-        self._coarse_error = 0.0  # of J on few intervals, as far as that is known
-        self._solved_cost = self._verified_cost = np.inf  # on more: the last, the verified plan's
-        self._closest = np.inf
-        self._nearest_miss = ''
+        self._coarse_error = 0.0  # of J on few intervals, if known
+        # J of the last motion; of the one that was verified, and of its plan.
+        self._solved, self._accepted = np.inf, (np.inf, np.inf)
+        self._closest, self._nearest_miss = np.inf, ''
 
     def candidates(self) -> Iterator[Candidate]:
         """
@@ -122,7 +120,7 @@ class DirectSearch(Search[Candidate]):
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
-        self._verified_cost = min(self._verified_cost, self._solved_cost)
+        self._accepted = min(self._accepted, (self._solved, plan.cost), key=lambda both: both[1])
         return self._warm
 
     def widen(self) -> bool:
@@ -234,13 +232,14 @@ class DirectSearch(Search[Candidate]):
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
         motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
-        if motion.cost > self._verified_cost - _WORTHWHILE * abs(motion.cost):
+        solved, planned = self._accepted
+        if motion.cost >= planned or abs(motion.cost - solved) <= _WORTHWHILE * abs(motion.cost):
             return  # on more intervals it is the motion that was verified, or a dearer one
-        self._solved_cost = motion.cost
+        self._solved = motion.cost
         for found, states in self._refinement.refined(motion):
-            parameters = np.concatenate([[found.duration], found.controls.ravel()])
+            xi = np.concatenate([[found.duration], found.controls.ravel()])
             written = found.times, states, found.controls
-            plan = self._planned(*written, 'linear', found.cost, parameters)
+            plan = self._planned(*written, 'linear', found.cost, xi)
             if plan is None:
                 return
             yield plan
@@ -321,7 +320,7 @@ class DirectSearch(Search[Candidate]):
 
     def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
-        minima, minimum = self._minima, candidate
+        self._solved, minima, minimum = np.inf, self._minima, candidate
         program, nodes = minima.program, minima.program.nodes.size
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
@@ -332,8 +331,9 @@ class DirectSearch(Search[Candidate]):
             yield plan
             check, xi = plan.verification, plan.parameters
             samples *= 2
-            allowed = {one.name: one.tolerance for one in limits_of(self._stated, plan.trajectory)}
-            violated = {k: -check.worst[k] for k, v in allowed.items() if check.worst[k] < -v}
+            tolerances = self._plant.limit_tolerances(plan.trajectory)
+            allowed = zip(self._trace.margin_names, tolerances, strict=True)
+            violated = {k: -check.worst[k] for k, v in allowed if check.worst[k] < -v}
             if not violated and not program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
@@ -386,7 +386,7 @@ class DirectSearch(Search[Candidate]):
                 trajectory,
                 self._refinement.goal(states),
                 self._refinement.tolerance(states),
-                constraints_of(self._stated, trajectory),
+                constraints_of(self._stated, trajectory, self._plant.limit_tolerances(trajectory)),
                 start=self._refinement.ends.states[0],
                 until=self.budget.part(max(self.budget.remaining, _LEAST_CHECK)),
             )

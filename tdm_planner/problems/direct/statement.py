@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,9 +24,8 @@ from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
-MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit, in the limit's unit or
-_SHARES = 1e-6, 1e-4  # as a share of its largest value: at least, at most
-_END_TOLERANCE, _NOTHING = 1e-3, 1e-9  # of the conditions that are stated at the ends
+MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
+_END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
 _JUMP, _HALVINGS = 0.05, 40  # of the range of a cost between two looks; to find where it is
 _NODES = 5, 10_000
@@ -230,47 +229,39 @@ def short_of_reserve(stated: CheckedFormulation, left: Mapping[str, float | None
     ]
 
 
-def margin_tolerance(sizes: Array) -> Array:
-    """
-    Return by how much limits may be violated that are at most as large as `sizes` along a plan.
-
-    Whoever states a thrust in micronewtons or a height in kilometres gets as true a plan.
-    """
-    least, most = (share * np.abs(sizes) for share in _SHARES)
-    return np.asarray(np.clip(MARGIN_TOLERANCE, least, most))
-
-
-def limits_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
+def limits_of(
+    stated: CheckedFormulation, trajectory: Trajectory, tolerances: Array | float = 0.0
+) -> tuple[Constraint, ...]:
     """Return the limits on a trajectory, one constraint each, and what they may be violated by."""
 
     def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
         return stated.margins(times, states, controls)[name]
 
-    along = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
-    sizes = (np.abs(values).max() for values in along.values())
-    return tuple(
-        Constraint(name, partial(margin, name), float(margin_tolerance(size)))
-        for name, size in zip(along, sizes, strict=True)
-    )
+    names = list(stated.margins(trajectory.times, trajectory.states, trajectory.controls))
+    allowed = np.broadcast_to(tolerances, len(names)).tolist()
+    pairs = zip(names, allowed, strict=True)
+    return tuple(Constraint(name, partial(margin, name), least) for name, least in pairs)
 
 
-def constraints_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
+def constraints_of(
+    stated: CheckedFormulation, trajectory: Trajectory, tolerances: Array
+) -> tuple[Constraint, ...]:
     """Return what a plan is checked for: its limits, and the conditions at both ends."""
 
-    def left(
-        side: int, index: int, allowed: float, times: Array, states: Array, controls: Array
-    ) -> Array:
+    def missed(side: int, index: int, times: Array, states: Array, controls: Array) -> Array:
         conditions = stated.end_conditions if side else stated.start_conditions
         at = slice(-1, None) if side else slice(0, 1)
-        rest = np.full(times.size, allowed)
-        rest[at] -= np.abs(conditions(times[at], states[at])[index])
-        return rest
+        left = np.full(times.size, _END_TOLERANCE)
+        left[at] -= np.abs(conditions(times[at], states[at])[index])
+        return left
 
-    found = list(limits_of(stated, trajectory))
+    found = list(limits_of(stated, trajectory, tolerances))
     for side, function in enumerate(('start_conditions', 'end_conditions')):
-        along = getattr(stated, function)(trajectory.times, trajectory.states)
-        for index, values in enumerate(along):
-            # In small units a share of what the condition runs through along the plan.
-            allowed = _END_TOLERANCE * min(float(np.abs(values).max()), 1.0) + _NOTHING
-            found.append(Constraint(f'{function} {index}', partial(left, side, index, allowed)))
+        conditions: Sequence[Any] = getattr(stated, function)(
+            trajectory.times[:1], trajectory.states[:1]
+        )
+        found += [
+            Constraint(f'{function} {index}', partial(missed, side, index))
+            for index in range(len(conditions))
+        ]
     return tuple(found)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from tdm_planner.direct_method.graphs import Rounded, unfolded
+from tdm_planner.direct_method.graphs import Rounded, Unfolded
 
 NUMBERS = np.array([2.0])  # p: a limit
 
@@ -33,23 +33,35 @@ def test_the_least_row_is_the_limit(limit, rows) -> None:
     t, x, u, p = (ca.SX.sym(name, size) for name, size in (('t', 1), ('x', 2), ('u', 2), ('p', 1)))
     both = ca.vertcat(1.0 + x[1], limit(t, ca.vertsplit(x), ca.vertsplit(u), p))
     margins = ca.Function('margins', [t, x, u, p], [both])
-    parts, of = unfolded(margins, NUMBERS)
+    found = Unfolded(margins, NUMBERS)
+    parts, of = found.rows, found.limit
     assert of.tolist() == [0] + [1] * rows
     rng = np.random.default_rng(3)
     for _ in range(50):
         at = rng.normal(), rng.normal(size=2), 2.0 * rng.normal(size=2), NUMBERS
-        found, wanted = (np.array(function(*at)).ravel() for function in (parts, margins))
-        assert [found[of == k].min() for k in (0, 1)] == pytest.approx(wanted)
+        least, wanted = (np.array(function(*at)).ravel() for function in (parts, margins))
+        assert [least[of == k].min() for k in (0, 1)] == pytest.approx(wanted)
 
 
 def test_many_kinks_do_not_multiply_without_end() -> None:
     x = ca.SX.sym('x', 20)
     one = [ca.SX.sym('t'), x, ca.SX.sym('u'), ca.SX.sym('p')]
     margins = ca.Function('margins', one, [1.0 - ca.sum1(ca.fabs(x))])
-    parts, of = unfolded(margins, NUMBERS)
+    found = Unfolded(margins, NUMBERS)
+    parts, of = found.rows, found.limit
     assert of.size <= 64
     at = 0.0, np.linspace(-0.1, 0.1, 20), 0.0, NUMBERS
     assert float(np.min(parts(*at))) == pytest.approx(float(margins(*at)))
+
+
+def test_numbers_that_turn_a_fold_round_unfold_anew() -> None:
+    t, x, u, p = (ca.SX.sym(name) for name in 'txup')
+    margins = ca.Function('margins', [t, x, u, p], [x + p * (1.0 - ca.fabs(u))])
+    found = Unfolded(margins, np.array([2.0]))
+    assert found.limit.tolist() == [0, 0]
+    assert found.decides_alike(np.array([0.1]))
+    assert not found.decides_alike(np.array([-2.0]))
+    assert Unfolded(margins, np.array([-2.0])).limit.tolist() == [0]
 
 
 def test_kinks_within_kinks_are_rounded_and_measured() -> None:
