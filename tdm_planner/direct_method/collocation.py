@@ -309,7 +309,7 @@ class Collocation:
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
-        # A guess may be no motion at all: what the ends ask for counts, too.
+        # A guess may be no motion at all: the ends count, too.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))
             for values, given in ((guess.states, ends.states), (guess.controls, ends.controls))

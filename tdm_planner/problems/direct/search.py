@@ -49,6 +49,7 @@ _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer wh
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
 _PLAIN, _BENDS = 4, (0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0)  # attempt without; of lines
+_HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
@@ -107,7 +108,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if not self._found:
+        if np.isinf(self._accepted[1]):
             yield from self._direct()
 
     def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
@@ -152,8 +153,6 @@ class DirectSearch(Search[Candidate]):
             yield from self._collocated(candidate)
         else:
             yield from self._minimised(candidate)
-
-    # Collocation.
 
     def _refined(self) -> Iterator[Motion]:
         """Yield solutions on few intervals: of a warm start, else of a few first guesses."""
@@ -226,7 +225,9 @@ class DirectSearch(Search[Candidate]):
             for values in (motion.states, motion.controls)
         )
         found = Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
-        if found.finite:
+        given = self._stated.duration()
+        bounded = given.fixed or given.shortest is not None
+        if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
@@ -257,8 +258,6 @@ class DirectSearch(Search[Candidate]):
                 break
         self._coarse_error = abs(coarse - motion.cost)
         return motion
-
-    # The direct method by itself.
 
     def _direct(self) -> Iterator[Candidate]:
         """Minimise from a round of first guesses while there is time."""

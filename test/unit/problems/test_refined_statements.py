@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from brachistochrone import Brachistochrone, cycloid_time
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -287,3 +288,11 @@ def test_limits_that_turn_round_have_a_pole_or_vanish_are_kept_as_others() -> No
     assert slowed.verification.worst['pole'] > -2e-5
     fast = replace(slowed.trajectory, controls=2.0 * slowed.trajectory.controls)
     assert DirectPlant(Between(kind='pole')).limit_tolerances(fast).max() < 1e-4
+
+
+@pytest.mark.parametrize('free', [2, 3, 6])
+def test_what_collocation_does_not_find_the_direct_method_does(free: int) -> None:
+    """A slope that nothing holds, no speed at first: one of three ended at the straight line."""
+    problem = Brachistochrone(free=free)
+    best = cycloid_time(problem.across, problem.down, problem.gravity)
+    assert problem.solve().cost == pytest.approx(best, rel=1e-4)
