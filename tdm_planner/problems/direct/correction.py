@@ -18,8 +18,6 @@ Bock and Plitt, *A multiple shooting algorithm for direct solution of optimal co
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -33,6 +31,7 @@ _FAR = 0.5  # units of room that controls may use up while the duration stays
 _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is; at least
 
 
+@np.errstate(all='ignore')
 def corrected(
     plant: DirectPlant,
     motion: Motion,
@@ -44,20 +43,8 @@ def corrected(
     Return the motion with its defects removed, to first order; None where limits are in the way.
 
     `durations` are the shortest and the longest [s]; `tolerance` (nx,) is the unit of errors at
-    the end.
+    the end. Raises numpy's LinAlgError where the limits' slopes are out of all proportion.
     """
-    with np.errstate(all='ignore'), suppress(np.linalg.LinAlgError):
-        return _corrected(plant, motion, ends, durations, tolerance)
-    return None
-
-
-def _corrected(
-    plant: DirectPlant,
-    motion: Motion,
-    ends: Ends,
-    durations: tuple[float, float],
-    tolerance: Array,
-) -> Motion | None:
     x, u, m = motion.states, motion.controls, motion.middles
     n, nx, nu = motion.intervals, x.shape[1], u.shape[1]
     h, middle_u = np.diff(motion.times)[:, None, None], 0.5 * (u[:-1] + u[1:])

@@ -12,6 +12,7 @@ that the replay violates, or by more intervals.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -51,14 +52,13 @@ _LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked a
 
 class _Flown(NamedTuple):
     """
-    A replay: states (m, nx) and controls (m, nu) at m looks, J.
+    A replay: states (m, nx) at m looks, J.
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `miss`
     (nx,) is what the end is off by, `gap` that in tolerances; all NaN where it fails.
     """
 
     states: Array
-    controls: Array
     least: Array
     unit: Array
     cost: float
@@ -238,7 +238,9 @@ class Refinement:
             if flown.gap <= _SHARE or self._late:
                 break
             tolerance = self.tolerance(motion.states)
-            other = corrected(self._plant, motion, self.ends, self._durations, tolerance)
+            other = None
+            with suppress(np.linalg.LinAlgError):
+                other = corrected(self._plant, motion, self.ends, self._durations, tolerance)
             if other is None:
                 break
             again = self._replayed(other)
@@ -257,7 +259,7 @@ class Refinement:
         if flown is None:
             nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
             unknown = np.full(margins.numel_out(), np.nan)
-            return _Flown(nowhere, controls, unknown, unknown, np.nan, nowhere[0], np.inf)
+            return _Flown(nowhere, unknown, unknown, np.nan, nowhere[0], np.inf)
         states = flown.states(times)
         seen = Call(margins, times.size)(times[:, None], states, controls, self.numbers)[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
@@ -266,7 +268,7 @@ class Refinement:
         gap = float(np.abs(miss / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
-        return _Flown(states, controls, seen.min(axis=0) / unit, unit, cost, miss, gap)
+        return _Flown(states, seen.min(axis=0) / unit, unit, cost, miss, gap)
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""
