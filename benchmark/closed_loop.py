@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+import itertools
 from typing import Any
 
 from benchmark.progress import report
@@ -77,19 +78,25 @@ def pendulum(
     }
 
 
-def formation(name: str, interval: float, mismatch: float, seed: int) -> dict[str, Any]:
+def formation(
+    name: str, method: str, interval: float, mismatch: float, seed: int
+) -> dict[str, Any]:
     """Plan the crossing of a seed for the rig `name` and track it; returns what was reached."""
-    problem = crossing_of(name, seed)
+    problem = crossing_of(name, seed, method=method)
     solution = problem.solve(deadline=2.0)
     mission = fly(problem, solution, ClosedLoop(mismatch=mismatch, rate=1.0 / interval), seed)
-    held, path = [], []
+    held, path, gas = [], [], []
     for vehicle, plan in zip(mission.vehicles, solution.trajectories.values(), strict=True):
         assert vehicle.states is not None
+        assert vehicle.controls is not None
+        thrust = vehicle.controls.between(0.0, solution.duration + HELD).column('thrust')
+        gas.append(float(thrust.sum()) * interval / problem.plant.mass)  # held between commands
         seen = vehicle.states.between(0.0, solution.duration + HELD)
         offset = seen.select('x', 'y').values - plan.sample(seen.times).state[:, :2]
         error, moving = np.hypot(*offset.T), seen.times < plan.duration
         held.append(error[~moving])
         path.append(error[moving])
+    arrivals = np.array([plan.duration for plan in solution.trajectories.values()])
     apart = separations(mission)
     assert apart.planned is not None
     assert apart.measured is not None
@@ -98,16 +105,18 @@ def formation(name: str, interval: float, mismatch: float, seed: int) -> dict[st
         'arrival': max(float(error[0]) for error in held),
         'held': max(float(error.max()) for error in held),
         'path': path,
+        'cost': sum(problem.task.cost_terms(arrivals, np.array(gas)).values()),
         'separation': float(gaps.min()),
         'approach': float(max(planned - gaps)),
     }
 
 
 def robots(
-    client: Client, name: str, interval: float, seeds: int, mismatch: float
+    client: Client, name: str, method: str, interval: float, seeds: int, mismatch: float
 ) -> dict[str, Any]:
     """Return how many crossings of three robots end in formation, without a collision."""
-    found = runs(client, partial(formation, name, interval, mismatch), seeds, name)
+    work = partial(formation, name, method, interval, mismatch)
+    found = runs(client, work, seeds, f'{name}, {method}')
     path = np.concatenate([error for run in found for error in run['path']])
     return {
         'runs': seeds,
@@ -117,6 +126,7 @@ def robots(
         'held_worst': max(run['held'] for run in found),
         'path_rms': float(np.sqrt(np.mean(path**2))),
         'path_worst': float(path.max()),
+        'cost_mean': float(np.mean([run['cost'] for run in found])),
         'separation_least': min(run['separation'] for run in found),
         'margin_needed': max(run['approach'] for run in found),
     }
@@ -131,9 +141,9 @@ def run(seeds: int = 40, mismatch: float = MISMATCH) -> dict[str, Any]:
                 key = f'{limit:g} N m, reserve {reserve:g}, {interval * 1e3:g} ms'
                 found = pendulum(client, limit, reserve, interval, seeds, mismatch)
                 figures['pendulum'][key] = found
-        for name in RIGS:
-            found = robots(client, name, 0.01, seeds, mismatch)
-            figures['robots'][f'{name}, 10 ms'] = found
+        for name, method in itertools.product(RIGS, ('thrust_arcs', 'polynomials')):
+            found = robots(client, name, method, 0.01, seeds, mismatch)
+            figures['robots'][f'{name}, {method}'] = found
     return figures
 
 
@@ -149,8 +159,8 @@ def table(figures: dict[str, Any]) -> str:
         )
         lines.append(f'{name:34}{held:>8}{f["duration"]:10.3f}{angles:>20}{f["disk_worst"]:11.3f}')
     lines.append(
-        f'\n{"robots [mm]":22}{"arrived":>9}{"separated":>11}{"arrival max":>13}{"held max":>10}'
-        f'{"path rms":>10}{"path max":>10}{"margin needed":>15}'
+        f'\n{"robots [mm], 10 ms":26}{"arrived":>9}{"separated":>11}{"arrival max":>13}'
+        f'{"held max":>10}{"path rms":>10}{"path max":>10}{"margin needed":>15}{"J flown":>9}'
     )
     for name, f in figures['robots'].items():
         shares = f'{f["arrived"]}/{f["runs"]}', f'{f["separated"]}/{f["runs"]}'
@@ -159,7 +169,7 @@ def table(figures: dict[str, Any]) -> str:
             for key in ('arrival_worst', 'held_worst', 'path_rms', 'path_worst', 'margin_needed')
         ]
         lines.append(
-            f'{name:22}{shares[0]:>9}{shares[1]:>11}{lengths[0]:13.1f}{lengths[1]:10.1f}'
-            f'{lengths[2]:10.2f}{lengths[3]:10.1f}{lengths[4]:15.1f}'
+            f'{name:26}{shares[0]:>9}{shares[1]:>11}{lengths[0]:13.1f}{lengths[1]:10.1f}'
+            f'{lengths[2]:10.2f}{lengths[3]:10.1f}{lengths[4]:15.1f}{f["cost_mean"]:9.3f}'
         )
     return '\n'.join(lines)

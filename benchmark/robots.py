@@ -117,6 +117,9 @@ def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figu
         seeds = range(min(count, scenarios))
         found[f'{n} robots'] = measure(seeds, n, method='polynomials')
         found[f'{n} robots, thrust arcs'] = measure(seeds, n, method='thrust_arcs')
+    # The references use all of the thrust.
+    without = measure(range(scenarios), method='thrust_arcs', thrust_reserve=0.0)
+    found['3 robots, thrust arcs without a reserve'] = without
     for label, changes in VARIANTS.items() if variants else ():
         seeds = range(min(30, scenarios))
         found[label] = measure(seeds, method='polynomials', **changes)

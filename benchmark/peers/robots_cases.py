@@ -57,7 +57,9 @@ class RobotsCases:
     def problem(self, case: int, near: bool = False, **changes: Any) -> RobotFormation:
         """Return the crossing of a case, or one with starts nearby."""
         scenario = crossing(case, self.n)
-        values = scenario.parameters(**{'arena.tracking_margin': MARGIN, **changes})
+        # Collocation keeps no reserve of the thrust either.
+        kept = {'arena.tracking_margin': MARGIN, 'thrust_reserve': 0.0}
+        values = scenario.parameters(**kept | changes)
         if near:
             rng = np.random.default_rng([case, 7])
             for name in scenario.names:

@@ -122,7 +122,10 @@ class FormationSolver(SolverParameters):
         1e-6, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
     )
     starts: int = parameter(
-        4, 'first guesses from which the minimiser starts', allowed=Range(1, 1000)
+        4,
+        'initial guesses from which the minimiser starts; thrust_arcs take four times as many from '
+        'five robots on',
+        allowed=Range(1, 1000),
     )
     longest: float = parameter(
         120.0, 'latest time of arrival that is considered', unit='s', allowed=POSITIVE

@@ -70,6 +70,7 @@ _SEATED = 0.02  # of a duration, by which a corner must move to be worth it
 Array = NDArray[np.float64]
 Arcs: TypeAlias = Candidate[ArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
+_MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
 _PROMISING = 1.01  # times the best cost: minima that are polished
@@ -264,6 +265,8 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         self._last: Infeasible | None = None
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
+        if task.n >= MANY and not self.rest:
+            self.starts *= _MORE_STARTS
         directly = [self._minima] if task.n <= FEW else []
         first = [self._resumed, *directly] if self.rest else [*directly, self._again]
         self.rounds = [*first, self._near_polynomials, self._by_polynomials]
