@@ -105,9 +105,9 @@ class PendulumSwingUp(Problem, Validated):
         choices=('switching', 'smooth', 'virtual_arc'),
     )
     switching_arcs: int = parameter(
-        1024,
+        4096,
         'most arcs of constant torque in a plan; how many it takes is found out',
-        allowed=Range(4, 1024),
+        allowed=Range(4, 4096),
     )
     solver: SolverParameters = group(SolverParameters)
 

@@ -50,7 +50,7 @@ Array = NDArray[np.float64]
 
 _ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
 _POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
-_PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
+_PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts hardly ever arrive
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
 # at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
@@ -99,7 +99,7 @@ class SwitchingMethod(Search[Candidate]):
         self._tolerance = tolerance
         self._previous = previous
         self._steps = task.steps(COARSE_STEPS)
-        self._pumping = task.drive < _PUMPED_FIRST
+        self._pumping = task.swing_drive < _PUMPED_FIRST
         self._rounds = self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
         self._arrived = 0
@@ -217,7 +217,7 @@ class SwitchingMethod(Search[Candidate]):
             return True
         if self.rejected:
             self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
-        self._pumping = not self._pumping
+        self._pumping = not self._pumping or self._task.swing_drive < _ALWAYS_PUMPED
         return self.budget.elapsed < _STEERED * self.budget.seconds
 
     def failure(self) -> Infeasible:

@@ -40,13 +40,13 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 Late = Callable[[], bool]
 
 VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the clock, or fewer
-_ROUNDS = 6  # of so many variants, where hardly any comes near
+_ROUNDS = 12  # of so many variants, where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
-_LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
+_LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
-_PATIENCE, _RANK = 30.0, 3.0  # times that weight: at most, and where variants are compared
+_PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _POLISHED = 16  # last arcs whose time is minimised
@@ -134,12 +134,14 @@ def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     def spread(least: float, most: float) -> Array:
         return np.exp(rng.uniform(math.log(least), math.log(most), count))
 
-    def mostly(share: float, usual: float, others: Array) -> Array:
+    def mostly(share: float, usual: float | Array, others: Array) -> Array:
         return np.where(rng.uniform(size=count) < share, usual, others)
 
+    # The torque that takes half a swing to move the disk through its range, about.
+    in_a_swing = np.minimum(spread(0.5, 1.5) / crossing, 1.0)
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
-        share=mostly(0.5, 1.0, spread(weakest, 1.0)),
+        share=mostly(0.5, 1.0, mostly(0.3, spread(weakest, 1.0), in_a_swing)),
         on_place=spread(0.003, 0.6),
         on_momentum=spread(0.003, 1.0),
         band=spread(0.05, 1.0),
@@ -185,10 +187,10 @@ def landed_finely(
 ) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    last = [
-        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED)) for each in quickest
+    found = land(task, quickest, task.steps(_STEPS), budget, late)
+    return [
+        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED)) for each in found
     ]
-    return land(task, last, task.steps(_STEPS), budget, late)
 
 
 def _swings(
@@ -239,7 +241,7 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
 
 def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
     """Return what takes so much, times drive; as if the drive were at least 1e-6."""
-    return max(work / max(task.drive, 1e-6), least)
+    return max(work / max(task.swing_drive, 1e-6), least)
 
 
 def warm_starts(

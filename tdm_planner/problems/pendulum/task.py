@@ -55,6 +55,12 @@ class SwingUpTask:
         k = self.plant.coefficients
         return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
 
+    @property
+    def swing_drive(self) -> float:
+        """Drive that a swing can use: of a light disk its range is the limit, not the torque."""
+        k = self.plant.coefficients
+        return min(self.drive, self.planned_disk_angle * k.arm / k.pendulum)
+
     def steps(self, usual: int) -> int:
         """Return the RK4 steps an arc: more than usual where a light disk makes swings quick."""
         return math.ceil(usual * self.plant.quickness)
