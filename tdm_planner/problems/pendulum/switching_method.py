@@ -48,7 +48,8 @@ from tdm_planner.problems.solution import Solution
 
 Array = NDArray[np.float64]
 
-_ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
+# Of random starts: rounds before pumping is tried, rounds for strong motors where it did not help.
+_ROUNDS, _MORE_ROUNDS, _STARTS = 3, 30, 100
 _POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
 _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts hardly ever arrive
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
@@ -248,9 +249,11 @@ class SwitchingMethod(Search[Candidate]):
         Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
         """
         budget, found = self.budget, list[Candidate]()
-        for _ in range(_ROUNDS):
+        again = self._rounds > 0
+        strong = self._task.swing_drive >= _PUMPED_FIRST
+        for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
             late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
-            if late:
+            if late or (found and again):
                 break
             size = min(_STARTS, self._affordable)
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
