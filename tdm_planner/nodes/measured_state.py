@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 import math
 from typing import Any, NamedTuple
@@ -55,17 +55,15 @@ class MeasuredState:
     ) -> None:
         self._clock, self._kind, self._prefix = clock, kind, prefix
         self._observer, self._ignored, self._longest = observer, ignored, longest
-        read: Callable[[Any], Mapping[str, float]] = partial(read_odometry, kind)
-        sources = [('odom', Odometry, read)] if kind.odometry else []
-        sources.append(('joint_states', JointState, self._read_joints))
         self._newest: dict[str, Received] = {}
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
-        for name, message_type, read in sources:
-            take = partial(self._receive, name, read)
+        self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
+        for name in dict.fromkeys([self._leading, 'joint_states']):
+            take = partial(self._receive, name)
+            message_type = Odometry if name == 'odom' else JointState
             subscription = node.create_subscription(message_type, prefix + name, take, NEWEST)
             self._topics[name] = subscription.topic_name
-        self._leading = sources[0][0]  # its stamps are those of the states
 
     @property
     def topic(self) -> str:
@@ -90,8 +88,11 @@ class MeasuredState:
     @property
     def newest(self) -> tuple[Array, float] | None:
         """Return the newest state (nx,) and its instant [s]; None until it is complete."""
-        parts = [part for name in self._topics if (part := self._newest.get(name)) is not None]
-        return self._state(parts) if len(parts) == len(self._topics) else None
+        if len(self._newest) < len(self._topics):
+            return None
+        values = {k: v for part in self._newest.values() for k, v in part.states.items()}
+        state = np.array([values[name] for name in self._kind.state_names])
+        return state, self._newest[self._leading].instant
 
     def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
         """
@@ -103,9 +104,9 @@ class MeasuredState:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        missing = self.missing
-        if missing:
-            raise NoState(missing[0])
+        newest = self.newest
+        if newest is None:
+            raise NoState(self.missing[0])
         for name, topic in self._topics.items():
             age = now - self._newest[name].instant
             if age > max_age:
@@ -118,33 +119,28 @@ class MeasuredState:
                     f'the newest state on {topic} is stamped {-age:.3g} s in the future: the '
                     'clocks of its publisher and of the planner differ'
                 )
-        return self._state([self._newest[name] for name in self._topics])
+        return newest
 
     def ages(self, now: float) -> dict[str, float | None]:
         """Age [s] of the newest message by topic; None where there is none."""
-        newest = {name: self._newest.get(name) for name in self._topics}
+        newest = self._newest
         return {
-            self._prefix + name: None if part is None else now - part.instant
-            for name, part in newest.items()
+            self._prefix + name: now - newest[name].instant if name in newest else None
+            for name in self._topics
         }
 
     def _told(self, name: str) -> str:
         fault = self._faults.get(name)
         return f'; the last message there does not hold it: {fault}' if fault else ''
 
-    def _state(self, parts: Sequence[Received]) -> tuple[Array, float]:
-        values = {name: value for part in parts for name, value in part.states.items()}
-        return np.array([values[name] for name in self._kind.state_names]), parts[0].instant
-
-    def _read_joints(self, message: JointState) -> Mapping[str, float]:
-        return read_joints(self._kind.measured, message, self._kind.state_names)
-
-    def _receive(
-        self, name: str, read: Callable[[Any], Mapping[str, float]], message: Any
-    ) -> None:
+    def _receive(self, name: str, message: Any) -> None:
         """Take a part of the state; the leading one completes it."""
+        kind = self._kind
         try:
-            states = read(message)
+            if name == 'odom':
+                states = read_odometry(kind, message)
+            else:
+                states = read_joints(kind.measured, message, kind.state_names)
         except InvalidProblem as error:
             self._faults[name] = str(error)
             self._ignored(str(error))

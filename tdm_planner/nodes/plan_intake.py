@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import stamp_of
 from tdm_planner.nodes.reading import nanoseconds_of
 
 # A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
@@ -46,69 +45,37 @@ class TimeBudget:
         self._paid += seconds / self._share
 
 
-class ReceivedPlan(NamedTuple):
-    """
-    A trajectory message in its serialised form.
-
-    Deserialising costs milliseconds; a plan that is superseded at once is not deserialised.
-    """
-
-    stamp: Any
-    data: bytes
-
-
 class PlanIntake:
     """
-    Hands the newest plan received to `look_at`, once the time budget allows it.
+    Hands the newest plan received, the one `waiting`, to `look_at`, once there is time for it.
 
-    It waits, too, while the node is not `ready`. `lead` is the time [s] before its start that a
-    plan needs to be prepared.
+    A plan is the stamp and the serialised form of its message: deserialising costs milliseconds,
+    and a plan that is superseded at once is not deserialised.
     """
 
-    def __init__(
-        self,
-        clock: MotionClock,
-        ready: Callable[[], bool],
-        lead: Callable[[], float],
-        look_at: Callable[[ReceivedPlan], None],
-    ) -> None:
-        self._clock, self._ready, self._lead, self._look_at = clock, ready, lead, look_at
+    def __init__(self, clock: MotionClock, look_at: Callable[[Any, bytes], None]) -> None:
+        self._clock, self._look_at = clock, look_at
         self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
-        self.waiting: ReceivedPlan | None = None
+        self.waiting: tuple[Any, bytes] | None = None
 
-    def offer(self, data: bytes) -> None:
-        """
-        Receive a plan in its serialised form.
-
-        Raises
-        ------
-        InvalidProblem
-            If it has no time stamp.
-
-        """
-        self.waiting = ReceivedPlan(stamp_of(data), data)
-        self.look()
-
-    def look(self) -> None:
-        """Look at the plan that waits, if there is time for it."""
-        plan = self.waiting
-        if plan is None or not self._ready() or not self._clock.runs:
+    def look(self, lead: float) -> None:
+        """Look at the plan that waits; one needs the time `lead` [s] before its start."""
+        if self.waiting is None or not self._clock.runs:
             return
+        stamp, data = self.waiting
         left = self._budget.left
-        if left <= 0.0 and left + self._worth(plan) <= 0.0:
+        if left <= 0.0 and left + self._worth(stamp, lead) <= 0.0:
             return
         self.waiting = None
         began = time.perf_counter()
-        try:
-            self._look_at(plan)
-        finally:
-            self._budget.spent(time.perf_counter() - began)
+        self._look_at(stamp, data)
+        self._budget.spent(time.perf_counter() - began)
 
-    def _worth(self, plan: ReceivedPlan) -> float:
+    def _worth(self, stamp: Any, lead: float) -> float:
         """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
-        if nanoseconds_of(plan.stamp) == 0:
+        if nanoseconds_of(stamp) == 0:
             return 0.0
-        wait = self._clock.instant_of(plan.stamp) - self._clock.now()
+        wait = self._clock.instant_of(stamp) - self._clock.now()
         if abs(wait) < _IMMINENT:
             return _WORTH_AT_START
-        return _WORTH_IN_LEAD if 0.0 < wait < self._lead() else 0.0
+        return _WORTH_IN_LEAD if 0.0 < wait < lead else 0.0
