@@ -49,7 +49,7 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        self._timer = steady_timer(node, PERIOD, self.publish)
+        steady_timer(node, PERIOD, self._publish)
 
     def update(self) -> None:
         """Publish if level or message have changed."""
@@ -57,11 +57,8 @@ class Diagnostics:
         if (report.level, report.message) != self._last:
             self._publish(report)
 
-    def publish(self) -> None:
-        """Publish the state as it is now."""
-        self._publish(self._report())
-
-    def _publish(self, report: Report) -> None:
+    def _publish(self, report: Report | None = None) -> None:
+        report = report or self._report()
         self._last = (report.level, report.message)
         full_name = self._node.get_fully_qualified_name()
         message = DiagnosticArray()
@@ -72,9 +69,7 @@ class Diagnostics:
                 name=f'{full_name}: {self._name}',
                 message=report.message,
                 hardware_id=full_name,
-                values=[
-                    KeyValue(key=key, value=_text(value)) for key, value in report.values.items()
-                ],
+                values=[KeyValue(key=key, value=_text(v)) for key, v in report.values.items()],
             )
         ]
         self._publisher.publish(message)
@@ -104,7 +99,7 @@ class PublisherCount:
         self._node, self._topic, self._publishers = node, topic, publishers
         self._consequence, self._changed = consequence, changed
         self.count = 0
-        self._timer = steady_timer(node, PERIOD, self.look)
+        steady_timer(node, PERIOD, self.look)
 
     @property
     def warning(self) -> str:

@@ -9,9 +9,8 @@ solved, the next is answered BUSY. A *task* (preparing the problem, checking a r
 waits for requests. A *review* of the active plan begins only where there is nothing else to do,
 and a request supersedes it: its outcome is dropped.
 
-Every computation belongs to the *generation* in which it began. Whatever makes outcomes stale
-(another plan became active, the node was deactivated) begins a new generation; an outcome of an
-earlier one is dropped when it comes. A computation cannot be interrupted.
+A computation cannot be interrupted. One whose outcome is of no use any more (another plan became
+active, the node was deactivated) is *stale*, and its outcome dropped when it comes.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ from typing import Any
 
 from rclpy.node import Node
 from tdm_planner.exceptions import Busy, TdmError
-
-THREAD = 'tdm_planner worker'
 
 Compute = Callable[[], Any]
 Done = Callable[[Any], None]
@@ -45,7 +42,7 @@ class _Job:
     kind: Kind
     compute: Compute
     done: Done
-    generation: int = -1
+    stale: bool = False
 
 
 class PlanQueue:
@@ -61,7 +58,6 @@ class PlanQueue:
         self._node = node
         self._running: _Job | None = None
         self._waiting: deque[_Job] = deque()
-        self._generation = 0
 
     @property
     def solving(self) -> bool:
@@ -98,27 +94,28 @@ class PlanQueue:
     def drop_review(self) -> None:
         """Drop the outcome of a review under way: it is of a plan that is not active any more."""
         if self._running is not None and self._running.kind is Kind.REVIEW:
-            self._generation += 1
+            self._running.stale = True
 
     def cancel(self, error: TdmError) -> None:
         """Drop everything; a request that is not answered yet is done with `error`."""
-        dropped = [job for job in self._jobs if job.generation in (-1, self._generation)]
+        dropped = [job for job in self._jobs if not job.stale]
         self._waiting.clear()
-        self._generation += 1
         for job in dropped:
+            job.stale = True
             if job.kind is Kind.REQUEST:
                 job.done(error)
 
     @property
     def _jobs(self) -> list[_Job]:
-        return [*([] if self._running is None else [self._running]), *self._waiting]
+        return [*filter(None, [self._running]), *self._waiting]
 
     def _next(self) -> None:
         if self._running is not None or not self._waiting:
             return
         job = self._running = self._waiting.popleft()
-        job.generation = self._generation
-        threading.Thread(target=self._run, args=(job,), name=THREAD, daemon=True).start()
+        threading.Thread(
+            target=self._run, args=(job,), name='tdm_planner worker', daemon=True
+        ).start()
 
     def _run(self, job: _Job) -> None:
         try:
@@ -131,6 +128,6 @@ class PlanQueue:
 
     def _deliver(self, job: _Job, outcome: Any) -> None:
         self._running = None
-        if job.generation == self._generation:
+        if not job.stale:
             job.done(outcome)
         self._next()
