@@ -20,19 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import (
-    command_message,
-    from_wire,
-    joint_states,
-    LATCHED,
-    stamp_of,
-)
+from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
 from tdm_planner.nodes.plan_intake import PlanIntake
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
@@ -200,7 +195,8 @@ class TrackerNode(ManagedNode):
     def _on_trajectory(self, data: bytes) -> None:
         """Receive a trajectory; it waits while the node is not active."""
         try:
-            self._intake.waiting = stamp_of(data), data
+            # What follows the header is not looked at.
+            self._intake.waiting = from_wire(data, Header).stamp, data
         except InvalidProblem as error:
             self._reject(str(error))
         if self.active:
