@@ -22,7 +22,6 @@ from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, Execution, Observation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -77,9 +76,9 @@ class Adapter:
         self._node, self._clock, self._problem = node, clock, problem
         self.plans = ActivePlans()
         self._plant = planned_plant(problem, values)
+        names = values['robots'] if self._plant.several else [self._plant.vehicle]
         self.vehicles = {
-            name: Vehicle(node, clock, name, self._plant, values, request)
-            for name in self._plant.names(values)
+            name: Vehicle(node, clock, name, self._plant, values, request) for name in names
         }
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
@@ -207,10 +206,10 @@ class Adapter:
             vehicle.tracker.forget_plans()
 
     def recognised(
-        self, values: Values, trajectories: Mapping[str, Trajectory]
-    ) -> tuple[Problem, Solution]:
+        self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int
+    ) -> ActivePlan:
         """
-        Return the problem with parameters `values` that trajectories solve, and the plan.
+        Return the plan for parameters `values` that trajectories from the instant [ns] on are.
 
         Called in the worker's thread.
 
@@ -222,7 +221,8 @@ class Adapter:
         """
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})
-        return problem, problem.recognised(trajectories)
+        solution = problem.recognised(trajectories)
+        return ActivePlan(problem, solution, self._clock.instant(stamp))
 
     # Trackers.
 
