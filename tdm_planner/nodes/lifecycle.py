@@ -13,9 +13,8 @@ finalized      as unconfigured, permanently
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-import math
 import time
 from typing import Any
 
@@ -63,9 +62,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
         self._setback = ''
-        self._starting = self._start_failed = False
+        self._start_failed = False
         self._diagnostics = Diagnostics(self, title, self._report_stage)
-        self._rested_at = -math.inf
 
     # What subclasses say.
 
@@ -113,15 +111,10 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """Configure and activate, unless a lifecycle manager is to do it."""
         if self._kept is None:
             self._kept = frozenset(id(item) for item, _ in self._entities())
-        if not self.parameter_values[AUTOSTART.name]:
-            return
-        self._starting = True
-        try:
+        if self.parameter_values[AUTOSTART.name]:
             self._start_failed = (
                 self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
             )
-        finally:
-            self._starting = False
 
     def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
@@ -133,7 +126,6 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         if self.active:
             with suppress(Exception):  # of a context that is shut down: nothing can be sent
                 self._rest()
-                time.sleep(self.drain_time)
         super().destroy_node()
 
     # What belongs to a configuration.
@@ -174,7 +166,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
         return guarded
 
-    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+    def _entities(self) -> list[tuple[Any, Callable[[Any], Any]]]:
+        """Return everything that the node has, with what destroys it."""
         kinds: tuple[tuple[Iterable[Any], Callable[[Any], Any]], ...] = (
             (self.timers, self.destroy_timer),
             (self.subscriptions, self.destroy_subscription),
@@ -182,9 +175,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             (self.clients, self.destroy_client),
             (self.publishers, self.destroy_lifecycle_publisher),
         )
-        for items, destroy in kinds:
-            for item in items:
-                yield item, destroy
+        return [(item, destroy) for items, destroy in kinds for item in items]
 
     # Transitions.
 
@@ -193,7 +184,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
         def configure() -> None:
             faults = self.faults()
-            if faults and not self._starting:
+            if faults and not self.parameter_values[AUTOSTART.name]:
                 raise InvalidProblem('; '.join(faults))
             self.configure()
 
@@ -264,22 +255,21 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self._diagnostics.update()
 
     def _rest(self) -> None:
-        """Stop working."""
+        """Stop working; let the last message arrive before its topic may go."""
         try:
             self.deactivate()
         finally:
-            self._rested_at = time.monotonic()
             self._stage = 'inactive'
             super().on_deactivate(_ACTIVE)
+            time.sleep(self.drain_time)
 
     def _release(self) -> None:
-        """Destroy what was created from `configure` on, once the last message has been sent."""
-        time.sleep(max(self._rested_at + self.drain_time - time.monotonic(), 0.0))
+        """Destroy what was created from `configure` on."""
         try:
             self.cleanup()
         finally:
             self._configuration += 1
-            for item, destroy in list(self._entities()):
+            for item, destroy in self._entities():
                 of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
                 if id(item) not in (self._kept or ()) and not of_rclpy:
                     destroy(item)

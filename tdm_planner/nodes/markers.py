@@ -153,10 +153,10 @@ class Picture:
         if instant < self._due - _ROUNDING:
             return
         self._due = instant + self._spacing
-        for number, shape in enumerate(self._shapes(state, None)):
+        for number, shape in enumerate(_shapes(self._drawn, state)):
             if shape.trail:
                 trail = self._trails.setdefault(number, deque())
-                trail.append((instant, to_points(_followed(shape, 1))[0]))
+                trail.append((instant, to_points(way_of(shape, 1))[0]))
                 while instant - trail[0][0] > self._age + _ROUNDING:
                     trail.popleft()
 
@@ -169,27 +169,18 @@ class Picture:
         self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
     ) -> MarkerArray:
         """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-        pen, shapes = Pen(self._drawn.kind.frame, stamp, lifetime), self._shapes(state, control)
-        width, name = self._width, self._name
+        pen, name = Pen(self._drawn.kind.frame, stamp, lifetime), self._name
+        shapes = _shapes(self._drawn, state, control)
+        self._width = width = self._width or _WIDTH * _size(_shapes(self._drawn, state))
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
             if len(trail) > 1:
                 colour, points = colour_of(name) if name else _TRAIL, [place for _, place in trail]
                 shown.append(pen.line('trail', number, points, colour, 0.5 * width))
         if name:
-            x, y, _ = _followed(shapes[0], 1)[0].tolist()
+            x, y, *_ = way_of(shapes[0], 1)[0].tolist()
             shown.append(pen.text('name', name, (x, y - 20.0 * width), 10.0 * width))
         return MarkerArray(markers=shown)
-
-    def _shapes(self, state: Array, control: Array | None) -> Sequence[Shape]:
-        kind = self._drawn.kind
-        controls = () if control is None else control
-        shapes = self._drawn.drawing(
-            dict(zip(kind.state_names, state, strict=False)),
-            dict(zip(kind.control_names, controls, strict=False)),
-        )
-        self._width = self._width or _WIDTH * _size(shapes)
-        return shapes
 
 
 class DrawnPath(NamedTuple):
@@ -211,15 +202,15 @@ def plan_markers(
     """
     pen = Pen(frame)
     shown = [pen.marker(action=Marker.DELETEALL)]
-    ends = [list(_in_motion(way, way.states[-1])) for way in ways]
+    ends = [_shapes(way.drawn, way.states[-1]) for way in ways]
     width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
     shown += [_marker(pen, k, shape, width) for k, shape in enumerate(surroundings)]
     for count, (way, end) in enumerate(zip(ways, ends, strict=True), start=1):
         thin = np.linspace(0, len(way.states) - 1, min(LONGEST_PATH, len(way.states))).astype(int)
-        for place, shape in enumerate(_in_motion(way, way.states[thin])):
+        for place, shape in enumerate(_shapes(way.drawn, way.states[thin].T)):
             number = 100 * count + place
             if shape.trail and thin.size > 1:
-                path = to_points(_followed(shape, thin.size))
+                path = to_points(way_of(shape, thin.size))
                 colour = colour_of(way.name, 0.8) if way.name else _PATH
                 shown.append(pen.line('planned_path', number, path, colour, 0.5 * width))
             last = end[place]
@@ -230,14 +221,13 @@ def plan_markers(
     return MarkerArray(markers=shown)
 
 
-def _in_motion(way: DrawnPath, states: Array) -> Sequence[Shape]:
-    return way.drawn.drawing(dict(zip(way.drawn.kind.state_names, states.T, strict=False)), {})
-
-
-def _followed(shape: Shape, count: int) -> Array:
-    """Return where the end of a line, or a centre, is at `count` instants, (count, 3)."""
-    places = way_of(shape, count)
-    return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
+def _shapes(drawn: Drawn, states: Array, controls: Iterable[Any] = ()) -> Sequence[Shape]:
+    """Return what a plant looks like in states (nx,) or (nx, n), under controls (nu,)."""
+    kind = drawn.kind
+    return drawn.drawing(
+        dict(zip(kind.state_names, states, strict=False)),
+        dict(zip(kind.control_names, controls, strict=False)),
+    )
 
 
 def _size(shapes: Iterable[Shape]) -> float:

@@ -84,15 +84,7 @@ def make_plan(
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
-    """
-    Wait for simulated time and for states that were never received, at most `max_age` s.
-
-    Raises
-    ------
-    NoState
-        Naming what is missing, and how long it was waited for.
-
-    """
+    """Wait at most `max_age` s for simulated time and first states; NoState names what misses."""
     longest = min(max_age, _PATIENCE)
     end = time.monotonic() + longest
     while (not clock.runs or adapter.missing()) and time.monotonic() < end:

@@ -178,9 +178,8 @@ class ParameterNode(Node):
         return {item.name: self._check(item) for item in parameters}
 
     def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
-        if any(
-            item.name in self._specifications.keys() - self._values.keys() for item in parameters
-        ):
+        undeclared = self._specifications.keys() - self._values.keys()
+        if any(item.name in undeclared for item in parameters):
             return parameters  # being declared
         checked = self.checked(
             item

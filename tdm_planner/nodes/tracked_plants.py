@@ -126,12 +126,11 @@ _OF_PROBLEM: Mapping[str, str] = MappingProxyType(
 
 def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
-
-    def make_tracker(parameters: Any) -> TrajectoryTracker:
-        return StatedTracker(problem_of(problem, parameters), parameters)
-
-    kind = kind_of(problem())
-    return TrackedPlant(kind, with_parameters_of(TrackerParameters, problem), make_tracker)
+    return TrackedPlant(
+        kind_of(problem()),
+        with_parameters_of(TrackerParameters, problem),
+        lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
+    )
 
 
 def tracked_plant(kind: str) -> TrackedPlant:
