@@ -18,23 +18,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 import threading
-from typing import Any
+from typing import Any, Literal
 
 from rclpy.node import Node
 from tdm_planner.exceptions import Busy, TdmError
 
 Compute = Callable[[], Any]
 Done = Callable[[Any], None]
-
-
-class Kind(Enum):
-    """What a computation is for; see the docstring of this module."""
-
-    REQUEST = 'request'
-    TASK = 'task'
-    REVIEW = 'review'
+Kind = Literal['request', 'task', 'review']
 
 
 @dataclass(eq=False)
@@ -62,7 +54,7 @@ class PlanQueue:
     @property
     def solving(self) -> bool:
         """Whether a request waits or is being solved."""
-        return any(job.kind is Kind.REQUEST for job in self._jobs)
+        return any(job.kind == 'request' for job in self._jobs)
 
     def request(self, compute: Compute, done: Done) -> None:
         """
@@ -77,23 +69,23 @@ class PlanQueue:
         if self.solving:
             raise Busy('a request is being solved: ask again when it is answered')
         self.drop_review()
-        self._waiting.appendleft(_Job(Kind.REQUEST, compute, done))
+        self._waiting.appendleft(_Job('request', compute, done))
         self._next()
 
     def task(self, compute: Compute, done: Done) -> None:
         """Compute something when there is no request."""
-        self._waiting.append(_Job(Kind.TASK, compute, done))
+        self._waiting.append(_Job('task', compute, done))
         self._next()
 
     def review(self, compute: Compute, done: Done) -> None:
         """Review the active plan, if there is nothing else to do."""
         if not self._jobs:
-            self._waiting.append(_Job(Kind.REVIEW, compute, done))
+            self._waiting.append(_Job('review', compute, done))
             self._next()
 
     def drop_review(self) -> None:
         """Drop the outcome of a review under way: it is of a plan that is not active any more."""
-        if self._running is not None and self._running.kind is Kind.REVIEW:
+        if self._running is not None and self._running.kind == 'review':
             self._running.stale = True
 
     def cancel(self, error: TdmError) -> None:
@@ -102,7 +94,7 @@ class PlanQueue:
         self._waiting.clear()
         for job in dropped:
             job.stale = True
-            if job.kind is Kind.REQUEST:
+            if job.kind == 'request':
                 job.done(error)
 
     @property

@@ -38,26 +38,6 @@ def seconds_of(message: Any) -> float:
     return nanoseconds_of(message) * NANOSECOND
 
 
-def joint_indices(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    """
-    Return where the `wanted` joints stand among `names`.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the joints that are missing, or there twice.
-
-    """
-    listed = list(names)
-    wrong = [name for name in wanted if listed.count(name) != 1]
-    if wrong:
-        found = shown(', '.join(listed)) or 'none'
-        raise InvalidProblem(
-            f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
-        )
-    return [listed.index(name) for name in wanted]
-
-
 def read_plan(
     kind: PlantKind, message: Any, interpolation: Interpolation | None = None
 ) -> Trajectory:
@@ -114,8 +94,14 @@ def _columns(
 
     `rows` hold a value for each of the joints' `names`; `told` says where one does not.
     """
-    index = joint_indices(names, [joint.name for joint in joints])
-    places = {getattr(joint, quantity): place for joint, place in zip(joints, index, strict=True)}
+    listed = list(names)
+    wrong = [joint.name for joint in joints if listed.count(joint.name) != 1]
+    if wrong:
+        found = shown(', '.join(listed)) or 'none'
+        raise InvalidProblem(
+            f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
+        )
+    places = {getattr(joint, quantity): listed.index(joint.name) for joint in joints}
     wanted = {name: place for name, place in places.items() if name in known}
     for number, row in enumerate(rows if wanted else ()):
         if len(row) != len(names):
