@@ -18,7 +18,6 @@ from contextlib import suppress
 import time
 from typing import Any
 
-from lifecycle_msgs.msg import State
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rosgraph_msgs.msg import Clock
@@ -31,7 +30,6 @@ from tdm_planner.problems.request import RequestParameters
 
 AUTOSTART = specifications(RequestParameters)['autostart']
 
-_ACTIVE = LifecycleState('active', State.PRIMARY_STATE_ACTIVE)
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
@@ -260,7 +258,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             self.deactivate()
         finally:
             self._stage = 'inactive'
-            super().on_deactivate(_ACTIVE)
+            super().on_deactivate(None)
             time.sleep(self.drain_time)
 
     def _release(self) -> None:

@@ -80,10 +80,9 @@ class MeasuredState:
         ]
 
     @property
-    def joints(self) -> JointState | None:
-        """Return the newest message of `joint_states`; None until there is one."""
-        received = self._newest.get('joint_states')
-        return None if received is None else received.message
+    def joints(self) -> JointState:
+        """Return the newest message of `joint_states`, once there is a `newest` state."""
+        return self._newest['joint_states'].message
 
     @property
     def newest(self) -> tuple[Array, float] | None:

@@ -175,7 +175,18 @@ class ParameterNode(Node):
             For a parameter that is unknown or fixed, or a value that is not allowed.
 
         """
-        return {item.name: self._check(item) for item in parameters}
+        found = {}
+        for item in parameters:
+            spec = self._specifications.get(item.name)
+            if spec is None:
+                raise InvalidProblem(self._unknown(item.name))
+            if spec.read_only:
+                raise InvalidProblem(
+                    f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while "
+                    'the node runs, give it when the node is started'
+                )
+            found[item.name] = spec.check(typed(spec, item.value))
+        return found
 
     def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
         undeclared = self._specifications.keys() - self._values.keys()
@@ -210,10 +221,8 @@ class ParameterNode(Node):
             self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
-            sentence = ' '.join(str(error).split())
-            self.get_logger().error(
-                f'parameters were set, but: {type(error).__name__}: {sentence}'
-            )
+            sentence = f'{type(error).__name__}: {" ".join(str(error).split())}'
+            self.get_logger().error(f'parameters were set, but: {sentence}')
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
         """Return the values of parameters that are set, without those still being declared."""
@@ -252,17 +261,6 @@ class ParameterNode(Node):
         else:
             self.declare_parameter(spec.name, value, described, ignore_override=True)
         self._values[spec.name] = value
-
-    def _check(self, item: Parameter) -> Any:
-        spec = self._specifications.get(item.name)
-        if spec is None:
-            raise InvalidProblem(self._unknown(item.name))
-        if spec.read_only:
-            raise InvalidProblem(
-                f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while the "
-                'node runs, give it when the node is started'
-            )
-        return spec.check(typed(spec, item.value))
 
     def _unknown(self, name: str) -> str:
         similar = difflib.get_close_matches(name, self._specifications, n=3)

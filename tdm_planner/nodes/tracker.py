@@ -74,15 +74,12 @@ class TrackerNode(ManagedNode):
         self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.declare(specifications(self.plant.parameters))
         self.warn_of_unknown_overrides()
-        self._clock_steps = 0
         self._time = MotionClock(self, self._on_clock_step)
-        self._rejection = ''
-        self._accepted = self._rejected = self._states_ignored = self._commands = 0
+        self._accepted = self._rejected = self._states_ignored = 0
+        self._commands = self._clock_steps = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
-        self._last: tuple[Phase, str] = (Phase.IDLE, '')
-        self._activated = 0.0
         self._intake = PlanIntake(self._time, self._look_at)
         self.bring_up()
 
@@ -119,7 +116,7 @@ class TrackerNode(ManagedNode):
     def activate(self) -> None:
         """Begin like a node that was just started; a plan received meanwhile is examined."""
         self.tracker = self._make_tracker(self.parameter_values)
-        self._last, self._rejection = (Phase.IDLE, ''), ''
+        self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
         self._activated = time.monotonic()
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(pacing_clock(self)))
         self._status.begin()
@@ -147,8 +144,7 @@ class TrackerNode(ManagedNode):
         except BREAKDOWN as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
-                'too far apart to be computed with: '
-                f'{" ".join(str(error).split())}'
+                f'too far apart to be computed with: {" ".join(str(error).split())}'
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -346,10 +342,9 @@ class TrackerNode(ManagedNode):
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
         message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
-        if self.invalid_overrides:
-            level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
-        now = self._time.now()
-        motion = self.tracker.current
+        if faults := self.faults():
+            level, message = Level.ERROR, '; '.join(faults)
+        now, motion = self._time.now(), self.tracker.current
         figures: dict[str, Any] = {
             'phase': phase.value,
             'state age [s]': self.tracker.state_age(now),

@@ -149,11 +149,9 @@ class Vehicle:
     def _applied(self) -> Array:
         """Efforts (nu,) that the plant's driver reports; 0 where it does not."""
         told: dict[str, float] = {}
-        joints = self.measured.joints
         for joint in self.kind.actuated:
             with suppress(InvalidProblem):
-                if joints is not None:
-                    told |= read_joints([joint], joints, [joint.effort])
+                told |= read_joints([joint], self.measured.joints, [joint.effort])
         return np.array([told.get(name, 0.0) for name in self.kind.control_names])
 
     # The goal.
