@@ -68,14 +68,13 @@ class Diagnostics:
                 name=f'{full_name}: {self._name}',
                 message=report.message,
                 hardware_id=full_name,
-                values=[KeyValue(key=key, value=_text(v)) for key, v in report.values.items()],
+                values=[
+                    KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else str(v))
+                    for key, v in report.values.items()
+                ],
             )
         ]
         self._publisher.publish(message)
-
-
-def _text(value: Any) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
 
 
 class PublisherCount:

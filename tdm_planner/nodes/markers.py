@@ -244,24 +244,23 @@ def _size(shapes: Iterable[Shape]) -> float:
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
-    style, colour = shape.style, _COLOURS[shape.style]
-    if name and not isinstance(shape, Line) and style in ('body', 'goal'):
-        colour = colour_of(name, colour.a)
-    points = points_of(shape, 1)[0]
-    if isinstance(shape, Disc) and style == 'reach' and points.shape[1] == 2:
-        circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
-        return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
-    flat, kind, pose = points.shape[1] == 2, Marker.SPHERE, to_pose(points[0].tolist())
-    if isinstance(shape, Disc):
-        size = [2.0 * shape.radius] * (2 if flat else 3)
-        kind = Marker.CYLINDER if flat else kind
-    elif isinstance(shape, Box):
-        size, kind = [*map(float, shape.size)], Marker.CUBE
-        turn = math.remainder(float(np.asarray(shape.turn)), math.tau)
-        pose = to_pose([float(np.asarray(part)) for part in shape.centre], turn)
-    else:
+    style, colour, points = shape.style, _COLOURS[shape.style], points_of(shape, 1)[0]
+    flat = points.shape[1] == 2
+    if isinstance(shape, Line):
         if flat:  # above what is drawn in the plane
             points = np.pad(points, ((0, 0), (0, 1)), constant_values=width)
         return pen.line(style, number, to_points(points), colour, width)
+    if name and style in ('body', 'goal'):
+        colour = colour_of(name, colour.a)
+    if isinstance(shape, Box):
+        size, kind = [*map(float, shape.size)], Marker.CUBE
+        turn = math.remainder(float(np.asarray(shape.turn)), math.tau)
+    elif flat and style == 'reach':
+        circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
+        return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
+    else:
+        kind = Marker.CYLINDER if flat else Marker.SPHERE
+        size, turn = [2.0 * shape.radius] * points.shape[1], 0.0
+    pose = to_pose(way_of(shape, 1)[0].tolist(), turn)
     scale = Vector3(**dict(zip('xyz', [*size, width], strict=False)))
     return pen.marker(style, number, type=kind, pose=pose, color=colour, scale=scale)

@@ -60,11 +60,13 @@ class PlannedPlant:
     not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
-    is not of this package. `trail` is the time [s] for which its trail is drawn.
+    is not of this package. `trail` is the time [s] for which its trail is drawn. `near` are the
+    largest deviations (nx,) of a plant that follows its plan, None if they depend on that.
     """
 
     vehicle: ClassVar[str] = VEHICLE
     trail: ClassVar[float] = 2.0
+    near: ClassVar[Array | None] = None
     stays: ClassVar[bool] = True  # until a plan begins
     several: ClassVar[bool] = False  # each with topics below its name
 
@@ -75,7 +77,9 @@ class PlannedPlant:
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
-        return np.asarray(values['replan.deviation'] * ranges_of(plan))
+        if self.near is None:
+            return np.asarray(values['replan.deviation'] * ranges_of(plan))
+        return self.near
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """
@@ -119,11 +123,8 @@ class PlannedPendulum(PlannedPlant):
 
     vehicle = SWING_UP
     trail = 1.0
+    near = np.array([0.5, 0.7, 6.0, 8.0])
     stays = False
-
-    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
-        """Return the largest deviations (4,) of a pendulum that follows its plan."""
-        return np.array([0.5, 0.7, 6.0, 8.0])
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (4,) `duration` s later without torque; negative: earlier."""
@@ -171,12 +172,9 @@ class PlannedRobots(PlannedPlant):
     """The robots of a formation; between plans they drift."""
 
     trail = 60.0
+    near = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])  # the thruster may turn as it likes
     stays = False
     several = True
-
-    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
-        """Return the largest deviations (7,); the thruster's angle may be anything."""
-        return np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (7,) `duration` s later without thrust or torque."""

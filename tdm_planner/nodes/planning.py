@@ -99,11 +99,8 @@ def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> 
 
 def _time_until(start: float, sooner: float | None, now: float) -> float:
     """Time [s] to plan what begins at `start`; half is left for what may begin `sooner`."""
-    if sooner is not None:
-        half = 0.5 * (sooner - now)
-        if half >= _SHORTEST:
-            return half
-    return start - now
+    half = 0.0 if sooner is None else 0.5 * (sooner - now)
+    return half if half >= _SHORTEST else start - now
 
 
 def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClock) -> float:

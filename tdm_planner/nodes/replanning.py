@@ -138,19 +138,15 @@ class Replanning:
                 f'the last plan was rejected by {kept}: the one before is still followed',
                 **_SELDOM,
             )
-        if outcome.plan is not None:
-            self._supersede(outcome.plan)
-        elif outcome.necessary:
-            logger.warning(
-                f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
-            )
-
-    def _supersede(self, made: ActivePlan) -> None:
-        late = self._clock.now() - made.start
-        if late > 0.0:
+        if outcome.plan is None:
+            if outcome.necessary:
+                logger.warning(
+                    f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
+                )
+        elif (late := self._clock.now() - outcome.plan.start) > 0.0:
             self._last = f'a new plan came {late:.3f} s late'
-            self._node.get_logger().warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
-            return
-        self._replans += 1
-        self._node.get_logger().info(f'new plan: {self._last}')
-        self._publish(made)
+            logger.warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
+        else:
+            self._replans += 1
+            logger.info(f'new plan: {self._last}')
+            self._publish(outcome.plan)

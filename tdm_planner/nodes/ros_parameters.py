@@ -203,8 +203,7 @@ class ParameterNode(Node):
         ]
 
     def _check_together(self, parameters: list[Parameter]) -> SetParametersResult:
-        changed = self._own(parameters)
-        if changed:
+        if changed := self._own(parameters):
             self.check_values({**self._values, **changed})
         return SetParametersResult(successful=True)
 
@@ -215,10 +214,9 @@ class ParameterNode(Node):
                 self._declare(self._specifications[name], None)
             self._values[name] = value
             self.invalid_overrides.pop(name, None)
-        if not changed:
-            return
         try:
-            self.values_changed()
+            if changed:
+                self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
             sentence = f'{type(error).__name__}: {" ".join(str(error).split())}'
@@ -232,8 +230,7 @@ class ParameterNode(Node):
         """Whether it is read-only and keeps its value, which rclpy would reject."""
         if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
             return False
-        same: bool = self.get_parameter(item.name).value == item.value
-        return same
+        return bool(self.get_parameter(item.name).value == item.value)
 
     def _initial_value(self, spec: ParameterSpec) -> Any:
         if spec.name not in self._overrides:

@@ -28,11 +28,10 @@ from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
-from tdm_planner.nodes.plan_intake import PlanIntake
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import tracked_plant
-from tdm_planner.nodes.tracker_status import TrackerStatus
+from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_planner.tracking.tracker import BREAKDOWN

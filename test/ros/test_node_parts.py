@@ -32,7 +32,7 @@ from tdm_planner.nodes.messages import LATCHED, SERVICE
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
-from tdm_planner.nodes.tracker_status import goal_status, TrackerWatch
+from tdm_planner.nodes.tracker_plans import goal_status, TrackerWatch
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 
