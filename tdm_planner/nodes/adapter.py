@@ -104,8 +104,6 @@ class Adapter:
 
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
-        if not self.measures:
-            return []
         return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
 
     def measured_start(self, values: Values, now: float, start: float) -> dict[str, Any]:
@@ -160,7 +158,7 @@ class Adapter:
 
     def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
         return {
-            self.vehicles[name].parameter(key): value
+            f'{name}.start.{key}' if self._plant.several else f'start.{key}': value
             for name, state in states.items()
             for key, value in zip(self._plant.kind.state_names, state.tolist(), strict=True)
         }

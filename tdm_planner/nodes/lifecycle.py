@@ -213,12 +213,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured after an error in a transition."""
-        try:
-            self._give_up()
-        except Exception as error:  # noqa: B902
-            self.get_logger().error(f'after the error: {Failure.of(error).sentence}')
-            self._enter('finalized')
-            return TransitionCallbackReturn.FAILURE
+        self._give_up()
         self._enter('unconfigured')
         return _SUCCESS
 

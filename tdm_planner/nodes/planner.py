@@ -76,8 +76,6 @@ class Planner(ManagedNode):
         self._unfollowed = ''
         self._plan_id = self._requests = self._failures = 0
         self._prepared = False
-        self._recovery: Recovery | None = None
-        self._timer = steady_timer(self, _PERIOD, self._on_timer)
         self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
 
@@ -99,10 +97,11 @@ class Planner(ManagedNode):
             )
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
-        if problem.assess is not Problem.assess:
-            self._recovery = Recovery(self, self._adapter.vehicles.values())
+        recoverable = problem.assess is not Problem.assess
+        self._recovery = Recovery(self, self._adapter.vehicles.values() if recoverable else ())
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
+        steady_timer(self, _PERIOD, self._on_timer)
         if not self._prepared:  # begun once the executor runs
             self._first = steady_timer(self, 0.0, self._on_first)
 
@@ -117,7 +116,7 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._plan = self._expected = self._failure = self._recovery = None
+        self._plan = self._expected = self._failure = None
         self._superseded, self._unfollowed = False, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -300,8 +299,7 @@ class Planner(ManagedNode):
     def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
-        found = None if self._recovery is None else self._recovery.look(self.active)
-        if found is not None:
+        if found := self._recovery.look(self.active):
             self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:

@@ -90,10 +90,6 @@ class Vehicle:
         """Begin of a sentence about one of several plants."""
         return f"robot '{self.name}': " if self.prefix else ''
 
-    def parameter(self, state: str) -> str:
-        """Return the name of the parameter with which a state begins."""
-        return f'{self.name}.start.{state}' if self.prefix else f'start.{state}'
-
     def seen(self, now: float, max_age: float) -> Observation:
         """Return the newest state and what the tracker does; NoState as of `fresh`."""
         state, stamp = self.measured.fresh(now, max_age)
