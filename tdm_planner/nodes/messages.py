@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -50,7 +49,7 @@ Array = NDArray[np.float64]
 # (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
 _SECOND = 1_000_000_000  # ns
-_NOTHING: Mapping[str, Array] = MappingProxyType({})
+_NOTHING: Mapping[str, Array] = {}
 
 
 def to_stamp(nanoseconds: int) -> Time:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from rclpy.timer import Timer
@@ -20,7 +19,7 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 
 LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
-_SELDOM: Mapping[str, Any] = MappingProxyType({'throttle_duration_sec': 5.0})  # of a kind
+_SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
 
 
 class Replanning:

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import difflib
 import math
-from types import MappingProxyType
 from typing import Any, get_origin
 
 from rcl_interfaces.msg import (
@@ -31,16 +30,14 @@ from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
 from yaml import YAMLError
 
-_TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
-    {
-        float: Parameter.Type.DOUBLE,
-        int: Parameter.Type.INTEGER,
-        bool: Parameter.Type.BOOL,
-        str: Parameter.Type.STRING,
-        list[float]: Parameter.Type.DOUBLE_ARRAY,
-        list[str]: Parameter.Type.STRING_ARRAY,
-    }
-)
+_TYPES: Mapping[Any, Parameter.Type] = {
+    float: Parameter.Type.DOUBLE,
+    int: Parameter.Type.INTEGER,
+    bool: Parameter.Type.BOOL,
+    str: Parameter.Type.STRING,
+    list[float]: Parameter.Type.DOUBLE_ARRAY,
+    list[str]: Parameter.Type.STRING_ARRAY,
+}
 _INT64 = 2**63
 _LONGEST_TEXT = 1000  # letters of a value that is read
 _WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from tdm_planner.exceptions import InvalidProblem
@@ -110,18 +109,17 @@ def _pendulum_tracker(parameters: PendulumTrackerParameters) -> PendulumTracker:
     return tracker
 
 
-_BUILT_IN: Mapping[str, TrackedPlant] = MappingProxyType(
-    {
-        'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
-        'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
-    }
-)
+_BUILT_IN: Mapping[str, TrackedPlant] = {
+    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
+    'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
+}
 
 
 # A problem's plant may be named by the problem, as planner and plant name it.
-_OF_PROBLEM: Mapping[str, str] = MappingProxyType(
-    {'pendulum_swing_up': 'pendulum', 'robot_formation': 'robot'}
-)
+_OF_PROBLEM: Mapping[str, str] = {
+    'pendulum_swing_up': 'pendulum',
+    'robot_formation': 'robot',
+}
 
 
 def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 import time
-from types import MappingProxyType
 from typing import Any
 
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
@@ -37,13 +36,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'tracker_status'
 
-_ACTIVE: Mapping[Phase, int] = MappingProxyType(
-    {
-        Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
-        Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
-        Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
-    }
-)
+_ACTIVE: Mapping[Phase, int] = {
+    Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
+    Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
+    Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
+}
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 _PERIOD = 0.2  # s between attempts to ask for the parameters
 _PATIENCE = 2.0  # s that an answer may take: its client may have been met only just now
