@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -24,14 +24,6 @@ from tdm_planner.plant_kind import PlantKind
 Array = NDArray[np.float64]
 
 
-class Received(NamedTuple):
-    """A message, the states it holds by name, and the instant of their measurement [s]."""
-
-    message: Any
-    states: Mapping[str, float]
-    instant: float
-
-
 class MeasuredState:
     """
     The newest state of a plant, from `odom` where it has one and from `joint_states`.
@@ -39,8 +31,8 @@ class MeasuredState:
     `prefix` is the plant's namespace ('' or 'robot1/'). Instants are those of `clock`: a stamp of
     zero means the arrival, and nothing is taken before the clock runs. `observer` is called with
     every state and its instant. A message that does not hold the states is ignored, as is a state
-    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. Safe to
-    read in any thread.
+    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. `joints`
+    is the newest message of `joint_states`. Safe to read in any thread.
     """
 
     def __init__(
@@ -55,7 +47,8 @@ class MeasuredState:
     ) -> None:
         self._clock, self._kind, self._prefix = clock, kind, prefix
         self._observer, self._ignored, self._longest = observer, ignored, longest
-        self._newest: dict[str, Received] = {}
+        self._newest: dict[str, tuple[Mapping[str, float], float]] = {}  # states, their instant
+        self.joints = JointState()  # the newest
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
         self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
@@ -80,18 +73,13 @@ class MeasuredState:
         ]
 
     @property
-    def joints(self) -> JointState:
-        """Return the newest message of `joint_states`, once there is a `newest` state."""
-        return self._newest['joint_states'].message
-
-    @property
     def newest(self) -> tuple[Array, float] | None:
         """Return the newest state (nx,) and its instant [s]; None until it is complete."""
         if len(self._newest) < len(self._topics):
             return None
-        values = {k: v for part in self._newest.values() for k, v in part.states.items()}
-        state = np.array([values[name] for name in self._kind.state_names])
-        return state, self._newest[self._leading].instant
+        values = {k: v for states, _ in self._newest.values() for k, v in states.items()}
+        _, instant = self._newest[self._leading]
+        return np.array([values[name] for name in self._kind.state_names]), instant
 
     def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
         """
@@ -103,11 +91,11 @@ class MeasuredState:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        newest = self.newest
-        if newest is None:
-            raise NoState(self.missing[0])
+        if missing := self.missing:
+            raise NoState(missing[0])
         for name, topic in self._topics.items():
-            age = now - self._newest[name].instant
+            _, instant = self._newest[name]
+            age = now - instant
             if age > max_age:
                 raise NoState(
                     f'the newest state on {topic} is {age:.3g} s old: must not be older than '
@@ -118,15 +106,14 @@ class MeasuredState:
                     f'the newest state on {topic} is stamped {-age:.3g} s in the future: the '
                     'clocks of its publisher and of the planner differ'
                 )
+        newest = self.newest
+        assert newest is not None  # none is missing
         return newest
 
     def ages(self, now: float) -> dict[str, float | None]:
         """Age [s] of the newest message by topic; None where there is none."""
-        newest = self._newest
-        return {
-            self._prefix + name: now - newest[name].instant if name in newest else None
-            for name in self._topics
-        }
+        ages = {name: now - instant for name, (_, instant) in self._newest.items()}
+        return {self._prefix + name: ages.get(name) for name in self._topics}
 
     def _told(self, name: str) -> str:
         fault = self._faults.get(name)
@@ -148,11 +135,13 @@ class MeasuredState:
             return
         self._faults.pop(name, None)
         at = self._clock.instant_of(message.header.stamp)
-        self._newest[name] = Received(message, states, at)
+        self._newest[name] = states, at
+        if name == 'joint_states':
+            self.joints = message
         newest = self.newest
         if name != self._leading or newest is None:
             return
-        apart = max(abs(part.instant - at) for part in self._newest.values())
+        apart = max(abs(instant - at) for _, instant in self._newest.values())
         longest = self._longest()
         if apart > longest:
             self._ignored(
