@@ -38,8 +38,6 @@ from tdm_planner.replanning import ActivePlan
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
 ATTEMPTS = 6
 
-_SET = (SetParameters, SetParametersAtomically)
-
 Answer = Callable[[Any], None]
 _SECOND = 1_000_000_000  # ns
 
@@ -79,7 +77,7 @@ def answer_malformed_requests(node: Node, service: Any) -> None:
     callback = service.callback
 
     def guarded(request: Any, response: Any) -> Any:
-        parameters = request.parameters if service.srv_type in _SET else []
+        parameters = getattr(request, 'parameters', [])  # to be set
         try:
             for item in parameters:
                 Parameter.from_parameter_msg(item)
