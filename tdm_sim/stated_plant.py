@@ -20,7 +20,7 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import problem_of, stated_problem, with_parameters_of
-from tdm_planner.nodes.tracker_status import TOPIC
+from tdm_planner.nodes.tracker_plans import TOPIC
 from tdm_planner.parameters import (
     group,
     NON_NEGATIVE,

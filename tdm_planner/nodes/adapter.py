@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.goal_tool import GoalTool
 from tdm_planner.nodes.markers import DrawnPath, plan_markers
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
 from tdm_planner.nodes.planned_plants import planned_plant, Values
@@ -23,7 +22,6 @@ from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, Execution, Observation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -62,7 +60,7 @@ class Adapter:
     """
     Gathers the measured states of a problem's plants, and publishes plans for them.
 
-    The planner node makes it once, with the values of its parameters. Goal tools ask for plans by
+    `values` are those of the planner's parameters; poses given as goals ask for plans by
     `request`. Instants are those of `clock` [s]. Call methods in the executor's thread, except
     where they say otherwise.
     """
@@ -75,20 +73,15 @@ class Adapter:
         values: Values,
         request: Callable[[Request], None],
     ) -> None:
-        self._node, self._clock, self._problem, self._values = node, clock, problem, values
+        self._node, self._clock, self._problem = node, clock, problem
         self.plans = ActivePlans()
         self._plant = planned_plant(problem, values)
+        names = values['robots'] if self._plant.several else [self._plant.vehicle]
         self.vehicles = {
-            name: Vehicle(node, clock, name, self._plant, values)
-            for name in self._plant.names(values)
+            name: Vehicle(node, clock, name, self._plant, values, request) for name in names
         }
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
-        self._goal_tools = [
-            GoalTool(node, name, lambda: self._values, request, vehicle.markers.publish)
-            for name, vehicle in self.vehicles.items()
-            if f'formation.{name}' in values
-        ]
         self._drawn = False
         self.values_changed(values)
 
@@ -111,8 +104,6 @@ class Adapter:
 
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
-        if not self.measures:
-            return []
         return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
 
     def measured_start(self, values: Values, now: float, start: float) -> dict[str, Any]:
@@ -150,13 +141,12 @@ class Adapter:
 
     def ages(self, now: float) -> Mapping[str, float | None]:
         """Age of every measured state [s] by name; None where none was received."""
-        ages = [vehicle.measured.ages(now) for vehicle in self.vehicles.values()]
-        return {topic: age for vehicle in ages for topic, age in vehicle.items()}
+        vehicles = self.vehicles.values()
+        return {topic: age for v in vehicles for topic, age in v.measured.ages(now).items()}
 
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
-        found: dict[str, T] = {}
-        missing: list[str] = []
+        found, missing = {}, []
         for name, vehicle in self.vehicles.items():
             try:
                 found[name] = ask(vehicle)
@@ -168,7 +158,7 @@ class Adapter:
 
     def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
         return {
-            self.vehicles[name].parameter(key): value
+            f'{name}.start.{key}' if self._plant.several else f'start.{key}': value
             for name, state in states.items()
             for key, value in zip(self._plant.kind.state_names, state.tolist(), strict=True)
         }
@@ -179,10 +169,9 @@ class Adapter:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
         trajectories = plan.solution.trajectories
         for name, trajectory in trajectories.items():
-            kind, besides = plan_kind(plan.problem, trajectory), self._plant.besides
-            message = plan_message(
-                kind, trajectory, to_stamp(stamp), besides(plan.problem, trajectory)
-            )
+            kind = plan_kind(plan.problem, trajectory)
+            besides = self._plant.besides(plan.problem, trajectory)
+            message = plan_message(kind, trajectory, to_stamp(stamp), besides)
             self._topic(name, trajectories).publish(message)
             vehicle = self.vehicles.get(name)
             if vehicle is not None and vehicle.path is not None:
@@ -215,10 +204,10 @@ class Adapter:
             vehicle.tracker.forget_plans()
 
     def recognised(
-        self, values: Values, trajectories: Mapping[str, Trajectory]
-    ) -> tuple[Problem, Solution]:
+        self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int
+    ) -> ActivePlan:
         """
-        Return the problem with parameters `values` that trajectories solve, and the plan.
+        Return the plan for parameters `values` that trajectories from the instant [ns] on are.
 
         Called in the worker's thread.
 
@@ -230,7 +219,8 @@ class Adapter:
         """
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})
-        return problem, problem.recognised(trajectories)
+        solution = problem.recognised(trajectories)
+        return ActivePlan(problem, solution, self._clock.instant(stamp))
 
     # Trackers.
 
@@ -259,13 +249,9 @@ class Adapter:
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker of several that is not connected."""
         found = []
-        for vehicle in self.vehicles.values():
-            if not vehicle.prefix:
-                continue
-            if vehicle.trajectory.get_subscription_count() == 0:
-                found.append(
-                    f'{vehicle.label}no tracker listens to {vehicle.trajectory.topic_name}'
-                )
-            if self._node.count_publishers(vehicle.measured.topic) == 0:
-                found.append(f'{vehicle.label}no plant publishes {vehicle.measured.topic}')
+        for v in self.vehicles.values() if self._plant.several else ():
+            if v.trajectory.get_subscription_count() == 0:
+                found.append(f'{v.label}no tracker listens to {v.trajectory.topic_name}')
+            if self._node.count_publishers(v.measured.topic) == 0:
+                found.append(f'{v.label}no plant publishes {v.measured.topic}')
         return found

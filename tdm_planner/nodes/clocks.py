@@ -34,9 +34,7 @@ def ros_clock(node: Node) -> ROSClock:
 def pacing_clock(node: Node) -> Clock:
     """Return the clock for a node's timers: one that is set back would keep them from firing."""
     clock = ros_clock(node)
-    if clock.ros_time_is_active:
-        return clock
-    return Clock(clock_type=ClockType.STEADY_TIME)
+    return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
@@ -91,8 +89,12 @@ class MotionClock:
         before = time.monotonic_ns()
         stamp = int(self._clock.now().nanoseconds)
         steady = time.monotonic_ns()
-        if steady - before < _QUICK:
-            self._compare(stamp - (before + steady) // 2)
+        offset = stamp - (before + steady) // 2
+        step = offset - self._offset
+        if steady - before < _QUICK and abs(step) >= _SMALLEST_STEP:
+            self._offset = offset
+            if self._on_step is not None:
+                self._on_step(step * NANOSECOND)
         return (steady - self._begin) * NANOSECOND
 
     def instant(self, stamp: int) -> float:
@@ -110,14 +112,6 @@ class MotionClock:
         """Stamp [ns] of the node's clock at an instant [s]."""
         begin = self._simulated_begin if self._simulated else self._offset + self._begin
         return begin + round(instant / NANOSECOND)
-
-    def _compare(self, offset: int) -> None:
-        step = offset - self._offset
-        if abs(step) < _SMALLEST_STEP:
-            return
-        self._offset = offset
-        if self._on_step is not None:
-            self._on_step(step * NANOSECOND)
 
 
 def seconds_by(clock: Clock) -> Callable[[], float]:

@@ -24,7 +24,6 @@ class Level(IntEnum):
     OK = 0
     WARN = 1
     ERROR = 2
-    STALE = 3
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        self._timer = steady_timer(node, PERIOD, self.publish)
+        steady_timer(node, PERIOD, self._publish)
 
     def update(self) -> None:
         """Publish if level or message have changed."""
@@ -57,11 +56,8 @@ class Diagnostics:
         if (report.level, report.message) != self._last:
             self._publish(report)
 
-    def publish(self) -> None:
-        """Publish the state as it is now."""
-        self._publish(self._report())
-
-    def _publish(self, report: Report) -> None:
+    def _publish(self, report: Report | None = None) -> None:
+        report = report or self._report()
         self._last = (report.level, report.message)
         full_name = self._node.get_fully_qualified_name()
         message = DiagnosticArray()
@@ -73,15 +69,12 @@ class Diagnostics:
                 message=report.message,
                 hardware_id=full_name,
                 values=[
-                    KeyValue(key=key, value=_text(value)) for key, value in report.values.items()
+                    KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else str(v))
+                    for key, v in report.values.items()
                 ],
             )
         ]
         self._publisher.publish(message)
-
-
-def _text(value: Any) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
 
 
 class PublisherCount:
@@ -104,7 +97,7 @@ class PublisherCount:
         self._node, self._topic, self._publishers = node, topic, publishers
         self._consequence, self._changed = consequence, changed
         self.count = 0
-        self._timer = steady_timer(node, PERIOD, self.look)
+        steady_timer(node, PERIOD, self.look)
 
     @property
     def warning(self) -> str:

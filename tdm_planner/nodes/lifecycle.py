@@ -13,13 +13,11 @@ finalized      as unconfigured, permanently
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-import math
 import time
 from typing import Any
 
-from lifecycle_msgs.msg import State
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rosgraph_msgs.msg import Clock
@@ -32,7 +30,6 @@ from tdm_planner.problems.request import RequestParameters
 
 AUTOSTART = specifications(RequestParameters)['autostart']
 
-_ACTIVE = LifecycleState('active', State.PRIMARY_STATE_ACTIVE)
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
@@ -63,9 +60,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
         self._setback = ''
-        self._starting = self._start_failed = False
+        self._start_failed = False
         self._diagnostics = Diagnostics(self, title, self._report_stage)
-        self._rested_at = -math.inf
 
     # What subclasses say.
 
@@ -113,15 +109,10 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """Configure and activate, unless a lifecycle manager is to do it."""
         if self._kept is None:
             self._kept = frozenset(id(item) for item, _ in self._entities())
-        if not self.parameter_values[AUTOSTART.name]:
-            return
-        self._starting = True
-        try:
+        if self.parameter_values[AUTOSTART.name]:
             self._start_failed = (
                 self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
             )
-        finally:
-            self._starting = False
 
     def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
@@ -133,7 +124,6 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         if self.active:
             with suppress(Exception):  # of a context that is shut down: nothing can be sent
                 self._rest()
-                time.sleep(self.drain_time)
         super().destroy_node()
 
     # What belongs to a configuration.
@@ -174,7 +164,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
         return guarded
 
-    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+    def _entities(self) -> list[tuple[Any, Callable[[Any], Any]]]:
+        """Return everything that the node has, with what destroys it."""
         kinds: tuple[tuple[Iterable[Any], Callable[[Any], Any]], ...] = (
             (self.timers, self.destroy_timer),
             (self.subscriptions, self.destroy_subscription),
@@ -182,9 +173,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             (self.clients, self.destroy_client),
             (self.publishers, self.destroy_lifecycle_publisher),
         )
-        for items, destroy in kinds:
-            for item in items:
-                yield item, destroy
+        return [(item, destroy) for items, destroy in kinds for item in items]
 
     # Transitions.
 
@@ -193,7 +182,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
         def configure() -> None:
             faults = self.faults()
-            if faults and not self._starting:
+            if faults and not self.parameter_values[AUTOSTART.name]:
                 raise InvalidProblem('; '.join(faults))
             self.configure()
 
@@ -224,12 +213,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured after an error in a transition."""
-        try:
-            self._give_up()
-        except Exception as error:  # noqa: B902
-            self.get_logger().error(f'after the error: {Failure.of(error).sentence}')
-            self._enter('finalized')
-            return TransitionCallbackReturn.FAILURE
+        self._give_up()
         self._enter('unconfigured')
         return _SUCCESS
 
@@ -264,22 +248,21 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self._diagnostics.update()
 
     def _rest(self) -> None:
-        """Stop working."""
+        """Stop working; let the last message arrive before its topic may go."""
         try:
             self.deactivate()
         finally:
-            self._rested_at = time.monotonic()
             self._stage = 'inactive'
-            super().on_deactivate(_ACTIVE)
+            super().on_deactivate(None)
+            time.sleep(self.drain_time)
 
     def _release(self) -> None:
-        """Destroy what was created from `configure` on, once the last message has been sent."""
-        time.sleep(max(self._rested_at + self.drain_time - time.monotonic(), 0.0))
+        """Destroy what was created from `configure` on."""
         try:
             self.cleanup()
         finally:
             self._configuration += 1
-            for item, destroy in list(self._entities()):
+            for item, destroy in self._entities():
                 of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
                 if id(item) not in (self._kept or ()) and not of_rclpy:
                     destroy(item)

@@ -153,10 +153,10 @@ class Picture:
         if instant < self._due - _ROUNDING:
             return
         self._due = instant + self._spacing
-        for number, shape in enumerate(self._shapes(state, None)):
+        for number, shape in enumerate(_shapes(self._drawn, state)):
             if shape.trail:
                 trail = self._trails.setdefault(number, deque())
-                trail.append((instant, to_points(_followed(shape, 1))[0]))
+                trail.append((instant, to_points(way_of(shape, 1))[0]))
                 while instant - trail[0][0] > self._age + _ROUNDING:
                     trail.popleft()
 
@@ -169,27 +169,18 @@ class Picture:
         self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
     ) -> MarkerArray:
         """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-        pen, shapes = Pen(self._drawn.kind.frame, stamp, lifetime), self._shapes(state, control)
-        width, name = self._width, self._name
+        pen, name = Pen(self._drawn.kind.frame, stamp, lifetime), self._name
+        shapes = _shapes(self._drawn, state, control)
+        self._width = width = self._width or _WIDTH * _size(_shapes(self._drawn, state))
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
             if len(trail) > 1:
                 colour, points = colour_of(name) if name else _TRAIL, [place for _, place in trail]
                 shown.append(pen.line('trail', number, points, colour, 0.5 * width))
         if name:
-            x, y, _ = _followed(shapes[0], 1)[0].tolist()
+            x, y, *_ = way_of(shapes[0], 1)[0].tolist()
             shown.append(pen.text('name', name, (x, y - 20.0 * width), 10.0 * width))
         return MarkerArray(markers=shown)
-
-    def _shapes(self, state: Array, control: Array | None) -> Sequence[Shape]:
-        kind = self._drawn.kind
-        controls = () if control is None else control
-        shapes = self._drawn.drawing(
-            dict(zip(kind.state_names, state, strict=False)),
-            dict(zip(kind.control_names, controls, strict=False)),
-        )
-        self._width = self._width or _WIDTH * _size(shapes)
-        return shapes
 
 
 class DrawnPath(NamedTuple):
@@ -211,15 +202,15 @@ def plan_markers(
     """
     pen = Pen(frame)
     shown = [pen.marker(action=Marker.DELETEALL)]
-    ends = [list(_in_motion(way, way.states[-1])) for way in ways]
+    ends = [_shapes(way.drawn, way.states[-1]) for way in ways]
     width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
     shown += [_marker(pen, k, shape, width) for k, shape in enumerate(surroundings)]
     for count, (way, end) in enumerate(zip(ways, ends, strict=True), start=1):
         thin = np.linspace(0, len(way.states) - 1, min(LONGEST_PATH, len(way.states))).astype(int)
-        for place, shape in enumerate(_in_motion(way, way.states[thin])):
+        for place, shape in enumerate(_shapes(way.drawn, way.states[thin].T)):
             number = 100 * count + place
             if shape.trail and thin.size > 1:
-                path = to_points(_followed(shape, thin.size))
+                path = to_points(way_of(shape, thin.size))
                 colour = colour_of(way.name, 0.8) if way.name else _PATH
                 shown.append(pen.line('planned_path', number, path, colour, 0.5 * width))
             last = end[place]
@@ -230,14 +221,13 @@ def plan_markers(
     return MarkerArray(markers=shown)
 
 
-def _in_motion(way: DrawnPath, states: Array) -> Sequence[Shape]:
-    return way.drawn.drawing(dict(zip(way.drawn.kind.state_names, states.T, strict=False)), {})
-
-
-def _followed(shape: Shape, count: int) -> Array:
-    """Return where the end of a line, or a centre, is at `count` instants, (count, 3)."""
-    places = way_of(shape, count)
-    return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
+def _shapes(drawn: Drawn, states: Array, controls: Iterable[Any] = ()) -> Sequence[Shape]:
+    """Return what a plant looks like in states (nx,) or (nx, n), under controls (nu,)."""
+    kind = drawn.kind
+    return drawn.drawing(
+        dict(zip(kind.state_names, states, strict=False)),
+        dict(zip(kind.control_names, controls, strict=False)),
+    )
 
 
 def _size(shapes: Iterable[Shape]) -> float:
@@ -254,24 +244,23 @@ def _size(shapes: Iterable[Shape]) -> float:
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
-    style, colour = shape.style, _COLOURS[shape.style]
-    if name and not isinstance(shape, Line) and style in ('body', 'goal'):
-        colour = colour_of(name, colour.a)
-    points = points_of(shape, 1)[0]
-    if isinstance(shape, Disc) and style == 'reach' and points.shape[1] == 2:
-        circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
-        return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
-    flat, kind, pose = points.shape[1] == 2, Marker.SPHERE, to_pose(points[0].tolist())
-    if isinstance(shape, Disc):
-        size = [2.0 * shape.radius] * (2 if flat else 3)
-        kind = Marker.CYLINDER if flat else kind
-    elif isinstance(shape, Box):
-        size, kind = [*map(float, shape.size)], Marker.CUBE
-        turn = math.remainder(float(np.asarray(shape.turn)), math.tau)
-        pose = to_pose([float(np.asarray(part)) for part in shape.centre], turn)
-    else:
+    style, colour, points = shape.style, _COLOURS[shape.style], points_of(shape, 1)[0]
+    flat = points.shape[1] == 2
+    if isinstance(shape, Line):
         if flat:  # above what is drawn in the plane
             points = np.pad(points, ((0, 0), (0, 1)), constant_values=width)
         return pen.line(style, number, to_points(points), colour, width)
+    if name and style in ('body', 'goal'):
+        colour = colour_of(name, colour.a)
+    if isinstance(shape, Box):
+        size, kind = [*map(float, shape.size)], Marker.CUBE
+        turn = math.remainder(float(np.asarray(shape.turn)), math.tau)
+    elif flat and style == 'reach':
+        circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
+        return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
+    else:
+        kind = Marker.CYLINDER if flat else Marker.SPHERE
+        size, turn = [2.0 * shape.radius] * points.shape[1], 0.0
+    pose = to_pose(way_of(shape, 1)[0].tolist(), turn)
     scale = Vector3(**dict(zip('xyz', [*size, width], strict=False)))
     return pen.marker(style, number, type=kind, pose=pose, color=colour, scale=scale)

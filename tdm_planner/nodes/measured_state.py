@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -24,14 +24,6 @@ from tdm_planner.plant_kind import PlantKind
 Array = NDArray[np.float64]
 
 
-class Received(NamedTuple):
-    """A message, the states it holds by name, and the instant of their measurement [s]."""
-
-    message: Any
-    states: Mapping[str, float]
-    instant: float
-
-
 class MeasuredState:
     """
     The newest state of a plant, from `odom` where it has one and from `joint_states`.
@@ -39,8 +31,8 @@ class MeasuredState:
     `prefix` is the plant's namespace ('' or 'robot1/'). Instants are those of `clock`: a stamp of
     zero means the arrival, and nothing is taken before the clock runs. `observer` is called with
     every state and its instant. A message that does not hold the states is ignored, as is a state
-    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. Safe to
-    read in any thread.
+    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. `joints`
+    is the newest message of `joint_states`. Safe to read in any thread.
     """
 
     def __init__(
@@ -55,17 +47,16 @@ class MeasuredState:
     ) -> None:
         self._clock, self._kind, self._prefix = clock, kind, prefix
         self._observer, self._ignored, self._longest = observer, ignored, longest
-        read: Callable[[Any], Mapping[str, float]] = partial(read_odometry, kind)
-        sources = [('odom', Odometry, read)] if kind.odometry else []
-        sources.append(('joint_states', JointState, self._read_joints))
-        self._newest: dict[str, Received] = {}
+        self._newest: dict[str, tuple[Mapping[str, float], float]] = {}  # states, their instant
+        self.joints = JointState()  # the newest
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
-        for name, message_type, read in sources:
-            take = partial(self._receive, name, read)
+        self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
+        for name in dict.fromkeys([self._leading, 'joint_states']):
+            take = partial(self._receive, name)
+            message_type = Odometry if name == 'odom' else JointState
             subscription = node.create_subscription(message_type, prefix + name, take, NEWEST)
             self._topics[name] = subscription.topic_name
-        self._leading = sources[0][0]  # its stamps are those of the states
 
     @property
     def topic(self) -> str:
@@ -82,16 +73,13 @@ class MeasuredState:
         ]
 
     @property
-    def joints(self) -> JointState | None:
-        """Return the newest message of `joint_states`; None until there is one."""
-        received = self._newest.get('joint_states')
-        return None if received is None else received.message
-
-    @property
     def newest(self) -> tuple[Array, float] | None:
         """Return the newest state (nx,) and its instant [s]; None until it is complete."""
-        parts = [part for name in self._topics if (part := self._newest.get(name)) is not None]
-        return self._state(parts) if len(parts) == len(self._topics) else None
+        if len(self._newest) < len(self._topics):
+            return None
+        values = {k: v for states, _ in self._newest.values() for k, v in states.items()}
+        _, instant = self._newest[self._leading]
+        return np.array([values[name] for name in self._kind.state_names]), instant
 
     def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
         """
@@ -103,11 +91,11 @@ class MeasuredState:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        missing = self.missing
-        if missing:
+        if missing := self.missing:
             raise NoState(missing[0])
         for name, topic in self._topics.items():
-            age = now - self._newest[name].instant
+            _, instant = self._newest[name]
+            age = now - instant
             if age > max_age:
                 raise NoState(
                     f'the newest state on {topic} is {age:.3g} s old: must not be older than '
@@ -118,33 +106,27 @@ class MeasuredState:
                     f'the newest state on {topic} is stamped {-age:.3g} s in the future: the '
                     'clocks of its publisher and of the planner differ'
                 )
-        return self._state([self._newest[name] for name in self._topics])
+        newest = self.newest
+        assert newest is not None  # none is missing
+        return newest
 
     def ages(self, now: float) -> dict[str, float | None]:
         """Age [s] of the newest message by topic; None where there is none."""
-        newest = {name: self._newest.get(name) for name in self._topics}
-        return {
-            self._prefix + name: None if part is None else now - part.instant
-            for name, part in newest.items()
-        }
+        ages = {name: now - instant for name, (_, instant) in self._newest.items()}
+        return {self._prefix + name: ages.get(name) for name in self._topics}
 
     def _told(self, name: str) -> str:
         fault = self._faults.get(name)
         return f'; the last message there does not hold it: {fault}' if fault else ''
 
-    def _state(self, parts: Sequence[Received]) -> tuple[Array, float]:
-        values = {name: value for part in parts for name, value in part.states.items()}
-        return np.array([values[name] for name in self._kind.state_names]), parts[0].instant
-
-    def _read_joints(self, message: JointState) -> Mapping[str, float]:
-        return read_joints(self._kind.measured, message, self._kind.state_names)
-
-    def _receive(
-        self, name: str, read: Callable[[Any], Mapping[str, float]], message: Any
-    ) -> None:
+    def _receive(self, name: str, message: Any) -> None:
         """Take a part of the state; the leading one completes it."""
+        kind = self._kind
         try:
-            states = read(message)
+            if name == 'odom':
+                states = read_odometry(kind, message)
+            else:
+                states = read_joints(kind.measured, message, kind.state_names)
         except InvalidProblem as error:
             self._faults[name] = str(error)
             self._ignored(str(error))
@@ -153,11 +135,13 @@ class MeasuredState:
             return
         self._faults.pop(name, None)
         at = self._clock.instant_of(message.header.stamp)
-        self._newest[name] = Received(message, states, at)
+        self._newest[name] = states, at
+        if name == 'joint_states':
+            self.joints = message
         newest = self.newest
         if name != self._leading or newest is None:
             return
-        apart = max(abs(part.instant - at) for part in self._newest.values())
+        apart = max(abs(instant - at) for _, instant in self._newest.values())
         longest = self._longest()
         if apart > longest:
             self._ignored(

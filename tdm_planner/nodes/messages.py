@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
@@ -51,7 +49,7 @@ Array = NDArray[np.float64]
 # (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
 _SECOND = 1_000_000_000  # ns
-_NOTHING: Mapping[str, Array] = MappingProxyType({})
+_NOTHING: Mapping[str, Array] = {}
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -73,19 +71,6 @@ def from_wire(data: bytes, kind: type) -> Any:
         return deserialize_message(data, kind)
     except RuntimeError:  # RMWError
         raise InvalidProblem(f'cannot deserialise {len(data)} bytes as {kind.__name__}') from None
-
-
-def stamp_of(data: bytes) -> Time:
-    """
-    Return the time stamp of a message that begins with a header, from its serialised form.
-
-    Raises
-    ------
-    InvalidProblem
-        If it does not even have a header.
-
-    """
-    return from_wire(data, Header).stamp  # what follows the header is not looked at
 
 
 def to_duration(seconds: float) -> Duration:
@@ -117,8 +102,10 @@ def plan_message(
     controls = trajectory.controls.copy()
     if trajectory.interpolation == 'zero_order_hold':
         controls[-1] = 0.0
-    states, velocities = trajectory.states.copy(), _velocities(kind, trajectory)
-    if velocities and _at_rest(states[:, velocities]):
+    states, rated = trajectory.states.copy(), {joint.velocity for joint in kind.joints}
+    velocities = [i for i, name in enumerate(trajectory.state_names) if name in rated]
+    speeds = np.abs(states[:, velocities])
+    if (speeds[-1] < min(_AT_REST, _AT_REST * speeds.max(initial=0.0))).all():
         states[-1, velocities] = 0.0
     columns = {
         **besides,
@@ -155,17 +142,6 @@ def plan_message(
         )
     ]
     return message
-
-
-def _velocities(kind: PlantKind, trajectory: Trajectory) -> list[int]:
-    """Return where the states are that are joints' velocities."""
-    names = {joint.velocity for joint in kind.joints}
-    return [i for i, name in enumerate(trajectory.state_names) if name in names]
-
-
-def _at_rest(velocities: Array) -> bool:
-    largest = min(_AT_REST, _AT_REST * float(np.abs(velocities).max()))
-    return bool((np.abs(velocities[-1]) < largest).all())
 
 
 def joint_states(joints: Sequence[Joint], values: Mapping[str, float]) -> JointState:

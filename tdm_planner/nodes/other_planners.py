@@ -39,16 +39,17 @@ class OtherPlanners:
     Listens to every planner's `plan_summary`, and counts its publishers.
 
     `on_plan(start)` is called for every plan of another planner, with the instant [ns] at which
-    its motion starts; `changed` when `warning` appears or disappears.
+    its motion starts; `changed` when the warning of the `count` appears or disappears. `published`
+    are the starts of their last plans, `own` those of this one's, added before their summaries.
     """
 
     def __init__(
         self, node: Node, on_plan: Callable[[int], None], changed: Callable[[], None]
     ) -> None:
         self._on_plan = on_plan
-        self._own: deque[int] = deque(maxlen=_REMEMBERED)
-        self._others: deque[int] = deque(maxlen=_REMEMBERED)
-        self._count = PublisherCount(
+        self.own: deque[int] = deque(maxlen=_REMEMBERED)
+        self.published: deque[int] = deque(maxlen=_REMEMBERED)
+        self.count = PublisherCount(
             node,
             node.resolve_topic_name(TOPIC),
             'trackers follow the plan that starts last; run only one of them',
@@ -56,27 +57,14 @@ class OtherPlanners:
         )
         node.create_subscription(String, TOPIC, self._on_summary, LATCHED)
 
-    @property
-    def warning(self) -> str:
-        """One sentence, '' where there is no other planner."""
-        return self._count.warning
-
-    def publishes(self, start: int) -> None:
-        """Register an own plan before its summary is published."""
-        self._own.append(start)
-
-    def published(self, start: int) -> bool:
-        """Whether another planner has published the plan that starts at the instant [ns]."""
-        return start in self._others
-
     def _on_summary(self, message: String) -> None:
         try:
             stamp = json.loads(message.data)['stamp']
             start = int(stamp['sec']) * _SECOND + int(stamp['nanosec'])
         except (ArithmeticError, ValueError, TypeError, KeyError, RecursionError):
             return  # not a planner's
-        if 0 <= start < _LATEST and start not in self._own:
-            self._others.append(start)
+        if 0 <= start < _LATEST and start not in self.own:
+            self.published.append(start)
             self._on_plan(start)
 
 
@@ -95,25 +83,20 @@ class Recovery:
         self._waits = False  # for GRACE to pass, and for the planner to become active
         for vehicle in vehicles:
             topic = f'{vehicle.prefix}active_trajectory'
-            take = partial(self._take, vehicle.name)
+            take = partial(self._told.__setitem__, vehicle.name)
             node.create_subscription(JointTrajectory, topic, take, LATCHED)
 
     def look(self, active: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any."""
-        now, told = time.monotonic(), self._told.values()
-        starts = {nanoseconds_of(plan.header.stamp) if plan.points else 0 for plan in told}
-        start = starts.pop() if len(told) == len(self._vehicles) and len(starts) == 1 else 0
+        now, told, vehicles = time.monotonic(), self._told, self._vehicles
+        starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
+        start = starts.pop() if len(told) == len(vehicles) and len(starts) == 1 else 0
         if start != self._start:
             self._start, self._since = start, now
             self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
-        if not (self._waits and active) or now < self._since + GRACE:
-            return None
-        self._waits = False
-        if start:
-            with suppress(InvalidProblem):
-                plans = {v.name: read_plan(v.kind, self._told[v.name]) for v in self._vehicles}
-                return plans, start
+        if self._waits and active and now >= self._since + GRACE:
+            self._waits = False
+            if start:
+                with suppress(InvalidProblem):
+                    return {v.name: read_plan(v.kind, told[v.name]) for v in vehicles}, start
         return None
-
-    def _take(self, vehicle: str, message: JointTrajectory) -> None:
-        self._told[vehicle] = message

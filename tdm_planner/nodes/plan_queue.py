@@ -9,9 +9,8 @@ solved, the next is answered BUSY. A *task* (preparing the problem, checking a r
 waits for requests. A *review* of the active plan begins only where there is nothing else to do,
 and a request supersedes it: its outcome is dropped.
 
-Every computation belongs to the *generation* in which it began. Whatever makes outcomes stale
-(another plan became active, the node was deactivated) begins a new generation; an outcome of an
-earlier one is dropped when it comes. A computation cannot be interrupted.
+A computation cannot be interrupted. One whose outcome is of no use any more (another plan became
+active, the node was deactivated) is *stale*, and its outcome dropped when it comes.
 """
 
 from __future__ import annotations
@@ -19,25 +18,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 import threading
-from typing import Any
+from typing import Any, Literal
 
 from rclpy.node import Node
 from tdm_planner.exceptions import Busy, TdmError
 
-THREAD = 'tdm_planner worker'
-
 Compute = Callable[[], Any]
 Done = Callable[[Any], None]
-
-
-class Kind(Enum):
-    """What a computation is for; see the docstring of this module."""
-
-    REQUEST = 'request'
-    TASK = 'task'
-    REVIEW = 'review'
+Kind = Literal['request', 'task', 'review']
 
 
 @dataclass(eq=False)
@@ -45,7 +34,7 @@ class _Job:
     kind: Kind
     compute: Compute
     done: Done
-    generation: int = -1
+    stale: bool = False
 
 
 class PlanQueue:
@@ -61,12 +50,11 @@ class PlanQueue:
         self._node = node
         self._running: _Job | None = None
         self._waiting: deque[_Job] = deque()
-        self._generation = 0
 
     @property
     def solving(self) -> bool:
         """Whether a request waits or is being solved."""
-        return any(job.kind is Kind.REQUEST for job in self._jobs)
+        return any(job.kind == 'request' for job in self._jobs)
 
     def request(self, compute: Compute, done: Done) -> None:
         """
@@ -81,44 +69,45 @@ class PlanQueue:
         if self.solving:
             raise Busy('a request is being solved: ask again when it is answered')
         self.drop_review()
-        self._waiting.appendleft(_Job(Kind.REQUEST, compute, done))
+        self._waiting.appendleft(_Job('request', compute, done))
         self._next()
 
     def task(self, compute: Compute, done: Done) -> None:
         """Compute something when there is no request."""
-        self._waiting.append(_Job(Kind.TASK, compute, done))
+        self._waiting.append(_Job('task', compute, done))
         self._next()
 
     def review(self, compute: Compute, done: Done) -> None:
         """Review the active plan, if there is nothing else to do."""
         if not self._jobs:
-            self._waiting.append(_Job(Kind.REVIEW, compute, done))
+            self._waiting.append(_Job('review', compute, done))
             self._next()
 
     def drop_review(self) -> None:
         """Drop the outcome of a review under way: it is of a plan that is not active any more."""
-        if self._running is not None and self._running.kind is Kind.REVIEW:
-            self._generation += 1
+        if self._running is not None and self._running.kind == 'review':
+            self._running.stale = True
 
     def cancel(self, error: TdmError) -> None:
         """Drop everything; a request that is not answered yet is done with `error`."""
-        dropped = [job for job in self._jobs if job.generation in (-1, self._generation)]
+        dropped = [job for job in self._jobs if not job.stale]
         self._waiting.clear()
-        self._generation += 1
         for job in dropped:
-            if job.kind is Kind.REQUEST:
+            job.stale = True
+            if job.kind == 'request':
                 job.done(error)
 
     @property
     def _jobs(self) -> list[_Job]:
-        return [*([] if self._running is None else [self._running]), *self._waiting]
+        return [*filter(None, [self._running]), *self._waiting]
 
     def _next(self) -> None:
         if self._running is not None or not self._waiting:
             return
         job = self._running = self._waiting.popleft()
-        job.generation = self._generation
-        threading.Thread(target=self._run, args=(job,), name=THREAD, daemon=True).start()
+        threading.Thread(
+            target=self._run, args=(job,), name='tdm_planner worker', daemon=True
+        ).start()
 
     def _run(self, job: _Job) -> None:
         try:
@@ -131,6 +120,6 @@ class PlanQueue:
 
     def _deliver(self, job: _Job, outcome: Any) -> None:
         self._running = None
-        if job.generation == self._generation:
+        if not job.stale:
             job.done(outcome)
         self._next()

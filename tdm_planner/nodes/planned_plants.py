@@ -10,7 +10,7 @@ plans, and how it is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -60,38 +60,26 @@ class PlannedPlant:
     not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
-    is not of this package. `trail` is the time [s] for which its trail is drawn.
+    is not of this package. `trail` is the time [s] for which its trail is drawn. `near` are the
+    largest deviations (nx,) of a plant that follows its plan, None if they depend on that.
     """
 
-    kind: PlantKind
     vehicle: ClassVar[str] = VEHICLE
-    tracker: type[TrackerParameters] | None = None
     trail: ClassVar[float] = 2.0
+    near: ClassVar[Array | None] = None
     stays: ClassVar[bool] = True  # until a plan begins
     several: ClassVar[bool] = False  # each with topics below its name
 
-    def __init__(self, problem: type[Problem], values: Values) -> None:
-        wanted = [
-            name.removeprefix(_START)
-            for name, value in values.items()
-            if name.startswith(_START) and name not in _OF_THE_NODE and isinstance(value, float)
-        ]
-        self._problem, self.kind = problem, named_kind(wanted)
-        if issubclass(problem, DirectProblem):
-            tracked = tracked_problem(problem)
-            self.tracker = tracked.parameters
-            names = tracked.kind.state_names
-            if set(wanted) <= set(names):
-                known = tuple(name for name in names if name in wanted)
-                self.kind = replace(tracked.kind, state_names=known)
-
-    def names(self, values: Values) -> Sequence[str]:
-        """Return the names of the vehicles."""
-        return tuple(values['robots']) if self.several else (self.vehicle,)
+    def __init__(
+        self, problem: type[Problem], kind: PlantKind, tracker: type[TrackerParameters] | None
+    ) -> None:
+        self._problem, self.kind, self.tracker = problem, kind, tracker
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
-        return np.asarray(values['replan.deviation'] * ranges_of(plan))
+        if self.near is None:
+            return np.asarray(values['replan.deviation'] * ranges_of(plan))
+        return self.near
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """
@@ -133,18 +121,10 @@ class PlannedPlant:
 class PlannedPendulum(PlannedPlant):
     """The rotary pendulum; between plans it swings without torque."""
 
-    kind = PENDULUM
     vehicle = SWING_UP
-    tracker = PendulumTrackerParameters
     trail = 1.0
+    near = np.array([0.5, 0.7, 6.0, 8.0])
     stays = False
-
-    def __init__(self, problem: type[Problem], values: Values) -> None:
-        """Take no parameters: everything is a class attribute."""
-
-    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
-        """Return the largest deviations (4,) of a pendulum that follows its plan."""
-        return np.array([0.5, 0.7, 6.0, 8.0])
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (4,) `duration` s later without torque; negative: earlier."""
@@ -162,17 +142,15 @@ class PlannedPendulum(PlannedPlant):
                 f"parameters 'start.delay' and 'start.max_age' lead from a state to a motion "
                 f'{duration:.3g} s later: a swinging pendulum can be predicted for {longest:.3g} s'
             )
-        no_torque = np.zeros(1)
-        result = solve_ivp(
-            lambda _, x: plant.derivative(x, no_torque),
+        flown = solve_ivp(
+            lambda _, x: plant.derivative(x, np.zeros(1)),
             (0.0, duration),
             state,
             method='DOP853',
             rtol=1e-9,
             atol=1e-11,
         )
-        last: Array = result.y[:, -1]
-        return last
+        return np.asarray(flown.y[:, -1])
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
         """Return zero (4,): the feedback removes the deviation."""
@@ -193,24 +171,15 @@ class PlannedPendulum(PlannedPlant):
 class PlannedRobots(PlannedPlant):
     """The robots of a formation; between plans they drift."""
 
-    kind = ROBOT
-    tracker = RobotTrackerParameters
     trail = 60.0
+    near = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])  # the thruster may turn as it likes
     stays = False
     several = True
 
-    def __init__(self, problem: type[Problem], values: Values) -> None:
-        """Take no parameters: everything is a class attribute."""
-
-    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
-        """Return the largest deviations (7,); the thruster's angle may be anything."""
-        return np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
-
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (7,) `duration` s later without thrust or torque."""
-        x, y, u, v, yaw, omega, alpha = state
-        moved = [x + u * duration, y + v * duration, u, v, yaw + omega * duration, omega, alpha]
-        return np.array(moved)
+        _, _, u, v, _, omega, _ = state
+        return state + duration * np.array([u, v, 0.0, 0.0, omega, 0.0, 0.0])
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
         """Return a deviation (7,) that drifts: only the thruster's angle is corrected quickly."""
@@ -250,14 +219,22 @@ class PlannedRobots(PlannedPlant):
         return around, ways
 
 
-_PLANTS: Sequence[tuple[type[Problem], type[PlannedPlant]]] = (
-    (PendulumSwingUp, PlannedPendulum),
-    (RobotFormation, PlannedRobots),
-    (Problem, PlannedPlant),
-)
-
-
 def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
     """Return the plant of a class of problems, with the values of a planner's parameters."""
-    made: Iterable[type[PlannedPlant]] = (p for kind, p in _PLANTS if issubclass(problem, kind))
-    return next(iter(made))(problem, values)
+    if issubclass(problem, PendulumSwingUp):
+        return PlannedPendulum(problem, PENDULUM, PendulumTrackerParameters)
+    if issubclass(problem, RobotFormation):
+        return PlannedRobots(problem, ROBOT, RobotTrackerParameters)
+    wanted = [
+        name.removeprefix(_START)
+        for name, value in values.items()
+        if name.startswith(_START) and name not in _OF_THE_NODE and isinstance(value, float)
+    ]
+    if not issubclass(problem, DirectProblem):
+        return PlannedPlant(problem, named_kind(wanted), None)
+    tracked = tracked_problem(problem)
+    names = tracked.kind.state_names
+    if not set(wanted) <= set(names):
+        return PlannedPlant(problem, named_kind(wanted), tracked.parameters)
+    known = tuple(name for name in names if name in wanted)
+    return PlannedPlant(problem, replace(tracked.kind, state_names=known), tracked.parameters)

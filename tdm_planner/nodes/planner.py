@@ -70,15 +70,12 @@ class Planner(ManagedNode):
         self._declare_problem()
         self.warn_of_unknown_overrides()
         self._plan: ActivePlan | None = None
-        self._plan_id = 0
         self._failure: Failure | None = None
         self._superseded = False
         self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
         self._unfollowed = ''
-        self._requests = self._failures = 0
+        self._plan_id = self._requests = self._failures = 0
         self._prepared = False
-        self._recovery: Recovery | None = None
-        self._timer = steady_timer(self, _PERIOD, self._on_timer)
         self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
 
@@ -100,10 +97,11 @@ class Planner(ManagedNode):
             )
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
-        if problem.assess is not Problem.assess:
-            self._recovery = Recovery(self, self._adapter.vehicles.values())
+        recoverable = problem.assess is not Problem.assess
+        self._recovery = Recovery(self, self._adapter.vehicles.values() if recoverable else ())
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
+        steady_timer(self, _PERIOD, self._on_timer)
         if not self._prepared:  # begun once the executor runs
             self._first = steady_timer(self, 0.0, self._on_first)
 
@@ -118,7 +116,7 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._plan = self._expected = self._failure = self._recovery = None
+        self._plan = self._expected = self._failure = None
         self._superseded, self._unfollowed = False, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -193,11 +191,10 @@ class Planner(ManagedNode):
         except (TypeError, ValueError) as error:
             raise InvalidProblem(f'the parameters cannot be read: {error}') from None
         own = self.checked(given)
-        for name in own:
-            if name.startswith('replan.'):
-                raise InvalidProblem(
-                    f"parameter '{name}' cannot be part of a request: set it on the planner"
-                )
+        if reviews := [name for name in own if name.startswith('replan.')]:
+            raise InvalidProblem(
+                f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"
+            )
         self.check_values({**self.parameter_values, **own})
         return own
 
@@ -209,7 +206,10 @@ class Planner(ManagedNode):
                 raise outcome
             plan = outcome
             if request.lasting:
-                self._set(request.changes)
+                changes = [Parameter(n, value=v) for n, v in request.changes.items()]
+                result = self.set_parameters_atomically(changes)
+                if not result.successful:
+                    raise InvalidProblem(result.reason)
             else:
                 plan = replace(outcome, own={**outcome.own, **request.changes})
             stamp = self._time.stamp(plan.start)
@@ -218,7 +218,7 @@ class Planner(ManagedNode):
             self._failure, self._superseded = None, False
             self._follow(plan)
             self._expected = stamp, plan.start
-            self._others.publishes(stamp)
+            self._others.own.append(stamp)
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             if request.answer is not None:
@@ -246,11 +246,6 @@ class Planner(ManagedNode):
         for sentence in warnings:
             self.get_logger().warning(sentence)
         return warnings
-
-    def _set(self, values: Mapping[str, Any]) -> None:
-        result = self.set_parameters_atomically([Parameter(n, value=v) for n, v in values.items()])
-        if not result.successful:
-            raise InvalidProblem(result.reason)
 
     # The active plan.
 
@@ -287,12 +282,8 @@ class Planner(ManagedNode):
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
         """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
-        if self._plan is not None or self._others.published(stamp):
+        if self._plan is not None or stamp in self._others.published:
             return
-
-        def compute() -> ActivePlan:
-            start = self._time.instant(stamp)
-            return ActivePlan(*adapter.recognised(values, trajectories), start)
 
         def done(outcome: ActivePlan | Exception) -> None:
             if self._plan is not None:
@@ -301,15 +292,14 @@ class Planner(ManagedNode):
             if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
-        self._queue.task(compute, done)
+        self._queue.task(partial(adapter.recognised, values, trajectories, stamp), done)
 
     # Time.
 
     def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
-        found = None if self._recovery is None else self._recovery.look(self.active)
-        if found is not None:
+        if found := self._recovery.look(self.active):
             self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:
@@ -327,20 +317,18 @@ class Planner(ManagedNode):
 
     def report(self) -> Report:
         """Return state, figures of the active plan, ages of the measured states."""
-        now = self._time.now()
-        level, message = self._state()
+        now, plan = self._time.now(), self._plan
         values: dict[str, Any] = {
             'problem': self.parameter_values['problem'],
             'requests': self._requests,
             'failures': self._failures,
             'plan id': self._plan_id,
+            **({} if plan is None else plan_figures(plan, now)),
+            **self._replanning.figures(),
         }
-        if self._plan is not None:
-            values.update(plan_figures(self._plan, now))
-        values.update(self._replanning.figures())
         for name, age in self._adapter.ages(now).items():
             values[f'age of {name} [s]'] = 'never received' if age is None else age
-        return Report(level, message, values)
+        return Report(*self._state(), values)
 
     def _state(self) -> tuple[Level, str]:
         faults = self.faults()
@@ -351,7 +339,7 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        told = [_SUPERSEDED * self._superseded, self._others.warning, self._unfollowed]
+        told = [_SUPERSEDED * self._superseded, self._others.count.warning, self._unfollowed]
         if any(told):
             return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared:

@@ -21,7 +21,6 @@ from tdm_planner.exceptions import (
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan
 
 CODES = tuple(error.code for error in ERRORS)
@@ -70,7 +69,11 @@ def make_plan(
                 allowed = min(allowed, _time_until(start, sooner, clock.now()))
                 if allowed < _SHORTEST:
                     break
-            solution = _verified(problem.solve(deadline=allowed))
+            solution = problem.solve(deadline=allowed)
+            check = solution.verification
+            if not check.ok:  # a user's problem may return it nevertheless
+                why = '; '.join(check.reasons) or 'it gives no reasons'
+                raise VerificationFailed(f'the plan is not verified: {why}')
             if not measured or adapter.rests(now):  # solving may have left too little time
                 start = max(start, clock.now() + _PREPARING * delay)
             return ActivePlan(problem, solution, start)
@@ -84,15 +87,7 @@ def make_plan(
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
-    """
-    Wait for simulated time and for states that were never received, at most `max_age` s.
-
-    Raises
-    ------
-    NoState
-        Naming what is missing, and how long it was waited for.
-
-    """
+    """Wait at most `max_age` s for simulated time and first states; NoState names what misses."""
     longest = min(max_age, _PATIENCE)
     end = time.monotonic() + longest
     while (not clock.runs or adapter.missing()) and time.monotonic() < end:
@@ -104,20 +99,13 @@ def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> 
 
 def _time_until(start: float, sooner: float | None, now: float) -> float:
     """Time [s] to plan what begins at `start`; half is left for what may begin `sooner`."""
-    if sooner is not None:
-        half = 0.5 * (sooner - now)
-        if half >= _SHORTEST:
-            return half
-    return start - now
+    half = 0.0 if sooner is None else 0.5 * (sooner - now)
+    return half if half >= _SHORTEST else start - now
 
 
 def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClock) -> float:
-    """
-    Return the instant to plan at [s]: the present, or the start of a pending plan.
-
-    If planning might last until that start, wait for it. From then on the plant follows that
-    plan; until then, the one before.
-    """
+    """Return the instant to plan at [s]: the present, or the start of a plan that begins soon."""
+    # From that start on the plant follows the pending plan; until then, the one before.
     now = clock.now()
     begins = adapter.plans.next_start(now)
     longest = max(values['solver.deadline'], _SHARES[1] * values['start.delay']) + _MARGIN
@@ -127,15 +115,6 @@ def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClo
     while (now := clock.now()) < begins and time.monotonic() < patience:
         time.sleep(_LOOK)
     return now
-
-
-def _verified(solution: Solution) -> Solution:
-    """Return a solution that is verified, also by a user's problem."""
-    check = solution.verification
-    if not check.ok:
-        why = '; '.join(check.reasons) or 'it gives no reasons'
-        raise VerificationFailed(f'the plan is not verified: {why}')
-    return solution
 
 
 def _with_prediction_note(error: TdmError, delay: float) -> TdmError:

@@ -10,7 +10,7 @@ plant's `PlantKind` says which joints they have.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 import math
 from typing import Any
 
@@ -38,26 +38,6 @@ def seconds_of(message: Any) -> float:
     return nanoseconds_of(message) * NANOSECOND
 
 
-def joint_indices(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    """
-    Return where the `wanted` joints stand among `names`.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the joints that are missing, or there twice.
-
-    """
-    listed = list(names)
-    wrong = [name for name in wanted if listed.count(name) != 1]
-    if wrong:
-        found = shown(', '.join(listed)) or 'none'
-        raise InvalidProblem(
-            f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
-        )
-    return [listed.index(name) for name in wanted]
-
-
 def read_plan(
     kind: PlantKind, message: Any, interpolation: Interpolation | None = None
 ) -> Trajectory:
@@ -76,41 +56,57 @@ def read_plan(
 
     """
     check_frame(kind, message, 'trajectory')
-    names, points = message.joint_names, message.points
-    index = joint_indices(names, [joint.name for joint in kind.joints])
+    points, known = message.points, {*kind.state_names, *kind.control_names}
     if len(points) < 2:
         raise InvalidProblem(
             f"trajectory 'points' has {len(points)} points: at least two are needed"
         )
-    known = {*kind.state_names, *kind.control_names}
-    columns: dict[str, Array] = {}
+    columns: dict[str, list[float]] = {}
     for quantity, field in zip(QUANTITIES, _FIELDS, strict=True):
-        wanted = _wanted(kind.joints, quantity, known)
-        if not wanted:
-            continue
         rows = [getattr(point, field) for point in points]
-        for number, row in enumerate(rows):
-            if len(row) != len(names):
-                raise InvalidProblem(
-                    f"trajectory '{field}' of point {number} has {len(row)} values for "
-                    f'{len(names)} joints'
-                )
-        values = np.array(rows, dtype=float)
-        columns |= {name: values[:, index[place]] for place, name in wanted}
-    efforts = [joint.effort for joint in kind.joints if joint.effort in known]
+        told = f"trajectory '{field}' of point {{}} has {{}} values for {{}} joints"
+        columns |= _columns(kind.joints, quantity, message.joint_names, rows, known, told)
+
+    def stacked(names: Sequence[str]) -> Array:
+        values = np.array([columns[name] for name in names], dtype=float)
+        return values.reshape(len(names), len(points)).T
+
+    efforts = stacked([joint.effort for joint in kind.joints if joint.effort in known])
     return Trajectory.of(
         kind,
         _instants(points),
-        _stacked(columns, kind.state_names, len(points)),
-        _stacked(columns, kind.control_names, len(points)),
-        interpolation
-        or kind.interpolation
-        or _looks_like(_stacked(columns, efforts, len(points))),
+        stacked(kind.state_names),
+        stacked(kind.control_names),
+        interpolation or kind.interpolation or _looks_like(efforts),
     )
 
 
-def _stacked(columns: Mapping[str, Array], names: Iterable[str], count: int) -> Array:
-    return np.stack([np.zeros(count), *(columns[name] for name in names)], axis=1)[:, 1:]
+def _columns(
+    joints: Sequence[Joint],
+    quantity: str,
+    names: Sequence[str],
+    rows: Sequence[Sequence[float]],
+    known: Collection[str],
+    told: str,
+) -> dict[str, list[float]]:
+    """
+    Return those of the `known` states and controls that are a quantity of joints, by name.
+
+    `rows` hold a value for each of the joints' `names`; `told` says where one does not.
+    """
+    listed = list(names)
+    wrong = [joint.name for joint in joints if listed.count(joint.name) != 1]
+    if wrong:
+        found = shown(', '.join(listed)) or 'none'
+        raise InvalidProblem(
+            f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
+        )
+    places = {getattr(joint, quantity): listed.index(joint.name) for joint in joints}
+    wanted = {name: place for name, place in places.items() if name in known}
+    for number, row in enumerate(rows if wanted else ()):
+        if len(row) != len(names):
+            raise InvalidProblem(told.format(number, len(row), len(names)))
+    return {name: [float(row[place]) for row in rows] for name, place in wanted.items()}
 
 
 def _looks_like(efforts: Array) -> Interpolation:
@@ -126,12 +122,6 @@ def _instants(points: Sequence[Any]) -> Array:
             'be in [0, inf) s'
         )
     return np.asarray(nanoseconds * NANOSECOND)
-
-
-def _wanted(joints: Sequence[Joint], quantity: str, known: set[str]) -> list[tuple[int, str]]:
-    """Return the known names that a quantity of the joints has, by the joint's place."""
-    found = [(place, str(getattr(joint, quantity))) for place, joint in enumerate(joints)]
-    return [(place, name) for place, name in found if name in known]
 
 
 def check_frame(kind: PlantKind, message: Any, what: str) -> None:
@@ -153,21 +143,17 @@ def read_joints(joints: Sequence[Joint], message: Any, names: Iterable[str]) -> 
 
     """
     known, found = set(names), {}
-    index = joint_indices(message.name, [joint.name for joint in joints])
     for quantity in QUANTITIES:
-        row = getattr(message, quantity)
-        for place, name in _wanted(joints, quantity, known):
-            if len(row) != len(message.name):
-                raise InvalidProblem(
-                    f"'{quantity}' has {len(row)} values for {len(message.name)} named joints"
-                )
-            value = row[index[place]]
+        told = f"'{quantity}' has {{1}} values for {{2}} named joints"
+        rows = [getattr(message, quantity)]
+        for name, (value,) in _columns(joints, quantity, message.name, rows, known, told).items():
             if not abs(value) <= LARGEST:
+                joint = next(joint for joint in joints if getattr(joint, quantity) == name)
                 raise InvalidProblem(
-                    f'the {quantity} of joint {joints[place].name} is {value}, not a finite '
+                    f'the {quantity} of joint {joint.name} is {value}, not a finite '
                     f'number of at most {LARGEST:g}'
                 )
-            found[name] = float(value)
+            found[name] = value
     return found
 
 

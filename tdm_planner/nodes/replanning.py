@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 from rclpy.timer import Timer
@@ -16,12 +15,11 @@ from tdm_planner.nodes.clocks import MotionClock, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.parameters import build
-from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 
 LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
-_SELDOM: Mapping[str, Any] = MappingProxyType({'throttle_duration_sec': 5.0})  # of a kind
+_SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
 
 
 class Replanning:
@@ -49,7 +47,6 @@ class Replanning:
         self._replanner: Replanner | None = None
         self._reviewed: ActivePlan | None = None
         self._trackers: Mapping[str, Any] = {}
-        self._asked: tuple[Mapping[str, Any], ActivePlan, Problem] | None = None
         self._reviews = self._replans = 0
         self._last = ''
         self.values_changed()
@@ -101,7 +98,11 @@ class Replanning:
 
         def review() -> Review:
             replanner = self._replanner_of(plan, values)
-            return replanner.review(self._problem(plan, values), observations, now)
+            # Ignore start.*: it must not make the problem invalid.
+            own = plan.problem.to_parameters()
+            starts = {name: value for name, value in own.items() if 'start.' in name}
+            problem = type(plan.problem).from_parameters({**values, **starts})
+            return replanner.review(problem, observations, now)
 
         self._queue.review(review, self._on_review)
 
@@ -121,16 +122,6 @@ class Replanning:
         self._replanner.parameters = parameters
         return self._replanner
 
-    def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
-        """Return the problem that the parameters state, from the start of the active plan."""
-        if self._asked is None or self._asked[1] is not plan or self._asked[0] != values:
-            # Ignore start.*: it must not make the problem invalid.
-            own = plan.problem.to_parameters()
-            starts = {name: value for name, value in own.items() if 'start.' in name}
-            made = type(plan.problem).from_parameters({**values, **starts})
-            self._asked = (values, plan, made)
-        return self._asked[2]
-
     def _on_review(self, outcome: Review | Exception) -> None:
         self._reviews += 1
         logger = self._node.get_logger()
@@ -146,19 +137,15 @@ class Replanning:
                 f'the last plan was rejected by {kept}: the one before is still followed',
                 **_SELDOM,
             )
-        if outcome.plan is not None:
-            self._supersede(outcome.plan)
-        elif outcome.necessary:
-            logger.warning(
-                f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
-            )
-
-    def _supersede(self, made: ActivePlan) -> None:
-        late = self._clock.now() - made.start
-        if late > 0.0:
+        if outcome.plan is None:
+            if outcome.necessary:
+                logger.warning(
+                    f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
+                )
+        elif (late := self._clock.now() - outcome.plan.start) > 0.0:
             self._last = f'a new plan came {late:.3f} s late'
-            self._node.get_logger().warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
-            return
-        self._replans += 1
-        self._node.get_logger().info(f'new plan: {self._last}')
-        self._publish(made)
+            logger.warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
+        else:
+            self._replans += 1
+            logger.info(f'new plan: {self._last}')
+            self._publish(outcome.plan)

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import difflib
 import math
-from types import MappingProxyType
 from typing import Any, get_origin
 
 from rcl_interfaces.msg import (
@@ -31,16 +30,14 @@ from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
 from yaml import YAMLError
 
-_TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
-    {
-        float: Parameter.Type.DOUBLE,
-        int: Parameter.Type.INTEGER,
-        bool: Parameter.Type.BOOL,
-        str: Parameter.Type.STRING,
-        list[float]: Parameter.Type.DOUBLE_ARRAY,
-        list[str]: Parameter.Type.STRING_ARRAY,
-    }
-)
+_TYPES: Mapping[Any, Parameter.Type] = {
+    float: Parameter.Type.DOUBLE,
+    int: Parameter.Type.INTEGER,
+    bool: Parameter.Type.BOOL,
+    str: Parameter.Type.STRING,
+    list[float]: Parameter.Type.DOUBLE_ARRAY,
+    list[str]: Parameter.Type.STRING_ARRAY,
+}
 _INT64 = 2**63
 _LONGEST_TEXT = 1000  # letters of a value that is read
 _WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
@@ -175,12 +172,22 @@ class ParameterNode(Node):
             For a parameter that is unknown or fixed, or a value that is not allowed.
 
         """
-        return {item.name: self._check(item) for item in parameters}
+        found = {}
+        for item in parameters:
+            spec = self._specifications.get(item.name)
+            if spec is None:
+                raise InvalidProblem(self._unknown(item.name))
+            if spec.read_only:
+                raise InvalidProblem(
+                    f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while "
+                    'the node runs, give it when the node is started'
+                )
+            found[item.name] = spec.check(typed(spec, item.value))
+        return found
 
     def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
-        if any(
-            item.name in self._specifications.keys() - self._values.keys() for item in parameters
-        ):
+        undeclared = self._specifications.keys() - self._values.keys()
+        if any(item.name in undeclared for item in parameters):
             return parameters  # being declared
         checked = self.checked(
             item
@@ -193,8 +200,7 @@ class ParameterNode(Node):
         ]
 
     def _check_together(self, parameters: list[Parameter]) -> SetParametersResult:
-        changed = self._own(parameters)
-        if changed:
+        if changed := self._own(parameters):
             self.check_values({**self._values, **changed})
         return SetParametersResult(successful=True)
 
@@ -205,16 +211,13 @@ class ParameterNode(Node):
                 self._declare(self._specifications[name], None)
             self._values[name] = value
             self.invalid_overrides.pop(name, None)
-        if not changed:
-            return
         try:
-            self.values_changed()
+            if changed:
+                self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
-            sentence = ' '.join(str(error).split())
-            self.get_logger().error(
-                f'parameters were set, but: {type(error).__name__}: {sentence}'
-            )
+            sentence = f'{type(error).__name__}: {" ".join(str(error).split())}'
+            self.get_logger().error(f'parameters were set, but: {sentence}')
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
         """Return the values of parameters that are set, without those still being declared."""
@@ -224,8 +227,7 @@ class ParameterNode(Node):
         """Whether it is read-only and keeps its value, which rclpy would reject."""
         if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
             return False
-        same: bool = self.get_parameter(item.name).value == item.value
-        return same
+        return bool(self.get_parameter(item.name).value == item.value)
 
     def _initial_value(self, spec: ParameterSpec) -> Any:
         if spec.name not in self._overrides:
@@ -253,17 +255,6 @@ class ParameterNode(Node):
         else:
             self.declare_parameter(spec.name, value, described, ignore_override=True)
         self._values[spec.name] = value
-
-    def _check(self, item: Parameter) -> Any:
-        spec = self._specifications.get(item.name)
-        if spec is None:
-            raise InvalidProblem(self._unknown(item.name))
-        if spec.read_only:
-            raise InvalidProblem(
-                f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while the "
-                'node runs, give it when the node is started'
-            )
-        return spec.check(typed(spec, item.value))
 
     def _unknown(self, name: str) -> str:
         similar = difflib.get_close_matches(name, self._specifications, n=3)

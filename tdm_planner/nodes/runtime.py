@@ -115,14 +115,10 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             node.destroy_node()
         rclpy.try_shutdown()
     # An EventsExecutor that was left while it took up a subscription or a publisher aborts the
-    # process when it is freed; and the interpreter would tear down under a running solve.
-    if (broken and executor is not None) or _computes():
+    # process when it is freed; and the interpreter would tear down under a running solve, which
+    # is in a daemon thread.
+    if (broken and executor is not None) or any(thread.daemon for thread in threading.enumerate()):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
     return code
-
-
-def _computes() -> bool:
-    """Whether a daemon thread (a solve) is still running."""
-    return any(thread.daemon for thread in threading.enumerate() if thread.is_alive())

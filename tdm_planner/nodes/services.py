@@ -33,14 +33,10 @@ from tdm_planner.nodes.clocks import steady_timer
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES
-from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan
-from tdm_planner.trajectory import Trajectory
 
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
 ATTEMPTS = 6
-
-_SET = (SetParameters, SetParametersAtomically)
 
 Answer = Callable[[Any], None]
 _SECOND = 1_000_000_000  # ns
@@ -81,7 +77,7 @@ def answer_malformed_requests(node: Node, service: Any) -> None:
     callback = service.callback
 
     def guarded(request: Any, response: Any) -> Any:
-        parameters = request.parameters if service.srv_type in _SET else []
+        parameters = getattr(request, 'parameters', [])  # to be set
         try:
             for item in parameters:
                 Parameter.from_parameter_msg(item)
@@ -146,7 +142,6 @@ def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) ->
     `warnings` are sentences about what is not connected; without any, the key is absent.
     """
     solution = plan.solution
-    added = {'warnings': list(warnings)} if warnings else {}
     document = {
         'plan_id': plan_id,
         'duration': solution.duration,
@@ -155,7 +150,7 @@ def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) ->
         'solve_time': solution.solve_time,
         'evaluations': solution.evaluations,
         'summary': ' '.join(solution.summary.split()),
-        **added,
+        **({'warnings': list(warnings)} if warnings else {}),
     }
     return json.dumps(finite(document), allow_nan=False)
 
@@ -183,21 +178,16 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
                 'units': trajectory.units,
                 'states': trajectory.state_names,
                 'controls': trajectory.control_names,
-                'joints': _joints(plan.problem, trajectory),
+                'joints': {
+                    joint.name: {q: getattr(joint, q) for q in QUANTITIES if getattr(joint, q)}
+                    for joint in plan_kind(plan.problem, trajectory).joints
+                },
             }
             for name, trajectory in solution.trajectories.items()
         },
         'parameters': plan.problem.to_parameters(),
     }
     return json.dumps(finite(document), allow_nan=False)
-
-
-def _joints(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, str]]:
-    """Return the states and controls that are position, velocity and effort of every joint."""
-    return {
-        joint.name: {what: getattr(joint, what) for what in QUANTITIES if getattr(joint, what)}
-        for joint in plan_kind(problem, trajectory).joints
-    }
 
 
 def plan_figures(plan: ActivePlan, now: float) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from tdm_planner.exceptions import InvalidProblem
@@ -110,28 +109,26 @@ def _pendulum_tracker(parameters: PendulumTrackerParameters) -> PendulumTracker:
     return tracker
 
 
-_BUILT_IN: Mapping[str, TrackedPlant] = MappingProxyType(
-    {
-        'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
-        'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
-    }
-)
+_BUILT_IN: Mapping[str, TrackedPlant] = {
+    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
+    'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
+}
 
 
 # A problem's plant may be named by the problem, as planner and plant name it.
-_OF_PROBLEM: Mapping[str, str] = MappingProxyType(
-    {'pendulum_swing_up': 'pendulum', 'robot_formation': 'robot'}
-)
+_OF_PROBLEM: Mapping[str, str] = {
+    'pendulum_swing_up': 'pendulum',
+    'robot_formation': 'robot',
+}
 
 
 def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
-
-    def make_tracker(parameters: Any) -> TrajectoryTracker:
-        return StatedTracker(problem_of(problem, parameters), parameters)
-
-    kind = kind_of(problem())
-    return TrackedPlant(kind, with_parameters_of(TrackerParameters, problem), make_tracker)
+    return TrackedPlant(
+        kind_of(problem()),
+        with_parameters_of(TrackerParameters, problem),
+        lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
+    )
 
 
 def tracked_plant(kind: str) -> TrackedPlant:

@@ -19,8 +19,8 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.task import Future
-from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
@@ -28,11 +28,10 @@ from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
-from tdm_planner.nodes.plan_intake import PlanIntake, ReceivedPlan
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import tracked_plant
-from tdm_planner.nodes.tracker_status import TrackerStatus
+from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_planner.tracking.tracker import BREAKDOWN
@@ -74,20 +73,13 @@ class TrackerNode(ManagedNode):
         self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.declare(specifications(self.plant.parameters))
         self.warn_of_unknown_overrides()
-        self._clock_steps = 0
         self._time = MotionClock(self, self._on_clock_step)
-        self._rejection = ''
-        self._accepted = self._rejected = self._states_ignored = self._commands = 0
+        self._accepted = self._rejected = self._states_ignored = 0
+        self._commands = self._clock_steps = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
-        self._last: tuple[Phase, str] = (Phase.IDLE, '')
-        self._activated = 0.0
-        self._intake = PlanIntake(
-            self._time, lambda: self.active, lambda: self.tracker.lead, self._look_at
-        )
-        self._timer: Timer | None = None
-        self._rate: RateWatch | None = None
+        self._intake = PlanIntake(self._time, self._look_at)
         self.bring_up()
 
     # Lifecycle.
@@ -97,7 +89,8 @@ class TrackerNode(ManagedNode):
         self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
-        self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
+        parameters = self.tracker.parameters
+        self._planner = self.create_client(Trigger, parameters.planner_service)
         self._status = TrackerStatus(self)
         self._planners = PublisherCount(
             self,
@@ -117,30 +110,24 @@ class TrackerNode(ManagedNode):
             self._ignore_state,
             lambda: self.tracker.parameters.state_timeout,
         )
+        self.create_timer(parameters.interval, self._on_tick, clock=pacing_clock(self))
 
     def activate(self) -> None:
         """Begin like a node that was just started; a plan received meanwhile is examined."""
         self.tracker = self._make_tracker(self.parameter_values)
-        self._last, self._rejection = (Phase.IDLE, ''), ''
+        self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
         self._activated = time.monotonic()
+        self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(pacing_clock(self)))
         self._status.begin()
         newest = self._measured.newest
         if newest is None:
             self.get_logger().info(_WAITING)
         else:
             self._on_state(*newest)
-        self._intake.look()
-        clock = pacing_clock(self)
-        self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
-        self._timer = self.create_timer(
-            self.tracker.parameters.interval, self._on_tick, clock=clock
-        )
+        self._intake.look(self.tracker.lead)
 
     def deactivate(self) -> None:
         """Switch the actuators off by a last command, and drop the active plan."""
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self._timer = self._rate = None
         self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
 
@@ -156,8 +143,7 @@ class TrackerNode(ManagedNode):
         except BREAKDOWN as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
-                'too far apart to be computed with: '
-                f'{" ".join(str(error).split())}'
+                f'too far apart to be computed with: {" ".join(str(error).split())}'
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -202,22 +188,25 @@ class TrackerNode(ManagedNode):
         self.get_logger().warning(f'state ignored: {reason}', throttle_duration_sec=WARNING_PERIOD)
 
     def _on_trajectory(self, data: bytes) -> None:
-        """Accept a trajectory, or reject it with a reason; the active one then stays."""
+        """Receive a trajectory; it waits while the node is not active."""
         try:
-            self._intake.offer(data)
+            # What follows the header is not looked at.
+            self._intake.waiting = from_wire(data, Header).stamp, data
         except InvalidProblem as error:
             self._reject(str(error))
+        if self.active:
+            self._intake.look(self.tracker.lead)
 
-    def _look_at(self, offered: ReceivedPlan) -> None:
+    def _look_at(self, stamp: Time, data: bytes) -> None:
         """Accept or reject a plan; ignore the active one, which a restarted planner repeats."""
         began = time.perf_counter()
-        begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
+        begins = nanoseconds_of(stamp) or int(self.get_clock().now().nanoseconds)
         try:
-            message = from_wire(offered.data, JointTrajectory)
+            message = from_wire(data, JointTrajectory)
             trajectory = read_plan(self.plant.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
-            start = self._time.instant_of(offered.stamp) + float(trajectory.times[0])
+            start = self._time.instant_of(stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)
@@ -229,7 +218,7 @@ class TrackerNode(ManagedNode):
             self._accepted += 1
             self._rejection = ''
             self._preparation = time.perf_counter() - began
-            self._status.accepted(trajectory, begins, offered.data)
+            self._status.accepted(trajectory, begins, data)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
@@ -265,9 +254,10 @@ class TrackerNode(ManagedNode):
     # Commands.
 
     def _on_tick(self) -> None:
-        if self._rate is not None:
-            self._rate.tick()
-        self._intake.look()
+        if not self.active:
+            return
+        self._rate.tick()
+        self._intake.look(self.tracker.lead)
         now, stamp = self._time.now(), self.get_clock().now().to_msg()
         try:
             command = self.tracker.command(now)
@@ -304,11 +294,10 @@ class TrackerNode(ManagedNode):
         return waits and self._measured.newest is None
 
     def _note_changes(self, command: Command) -> None:
-        waits = self._awaits_state
-        before, self._last = self._last, (command.phase, '' if waits else command.problem)
-        if self._last == before:
+        problem = '' if self._awaits_state else command.problem
+        if self._last == (command.phase, problem):
             return
-        problem = self._last[1]
+        self._last = command.phase, problem
         text = command.phase.value + (f': {problem}' if problem else '')
         # One call site a severity: rclpy forbids a call site to change its severity.
         if problem:
@@ -346,17 +335,15 @@ class TrackerNode(ManagedNode):
     def report(self) -> Report:
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
-        slow = '' if self._rate is None else self._rate.problem()
-        timeless, slow = '' if self._time.runs else NO_TIME, f'commands at {slow}' if slow else ''
-        told = [timeless, self._rejection, self._planners.warning, self.tracker.warning, slow]
-        told = [text for text in told if text]
+        timeless, slow = '' if self._time.runs else NO_TIME, self._rate.problem()
+        told = [timeless, self._rejection, self._planners.warning, self.tracker.warning]
+        told = [*filter(None, told), *([f'commands at {slow}'] if slow else [])]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
         message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
-        if self.invalid_overrides:
-            level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
-        now = self._time.now()
-        motion = self.tracker.current
+        if faults := self.faults():
+            level, message = Level.ERROR, '; '.join(faults)
+        now, motion = self._time.now(), self.tracker.current
         figures: dict[str, Any] = {
             'phase': phase.value,
             'state age [s]': self.tracker.state_age(now),
@@ -368,7 +355,7 @@ class TrackerNode(ManagedNode):
             'last rejection': self._rejection or 'none',
             'planners': self._planners.count,
             'gains computed in [s]': self._preparation,
-            'rate [Hz]': 0.0 if self._rate is None else self._rate.measured(),
+            'rate [Hz]': self._rate.measured(),
             'commands sent': self._commands,
             'states ignored': self._states_ignored,
             'clock steps': self._clock_steps,

@@ -16,7 +16,7 @@ from ros_harness import Space
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes import plan_intake
+from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
@@ -178,7 +178,7 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
         return spent
 
     stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
-    monkeypatch.setattr(plan_intake, 'time', stand_in)
+    monkeypatch.setattr(tracker_plans, 'time', stand_in)
     return 0.04
 
 

@@ -19,9 +19,8 @@ from sensor_msgs.msg import JointState
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.plan_intake import TimeBudget
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
+from tdm_planner.nodes.tracker_plans import goal_id, TimeBudget, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory

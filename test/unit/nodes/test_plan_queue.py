@@ -18,7 +18,7 @@ from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.adapter import ActivePlans
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planned_plants import PlannedRobots
+from tdm_planner.nodes.planned_plants import planned_plant
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.parameters import to_mapping
@@ -210,7 +210,7 @@ def plan():
 
 def predict(plan, state, measured, start):
     robot: Any = SimpleNamespace(
-        _plant=PlannedRobots(RobotFormation, {}),
+        _plant=planned_plant(RobotFormation, {}),
         _angles=np.isin(np.arange(7), (4, 6)),
         measured=SimpleNamespace(fresh=lambda *_: (state, measured)),
         follows=lambda *_: plan,

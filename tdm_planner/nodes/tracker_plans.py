@@ -1,18 +1,19 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The status of every plan of a tracker, as of an action's goals, and the plan it follows.
 
-The tracker tells by `TrackerStatus`; `TrackerWatch` is what the planner knows of it.
+"""
+The plans of a tracker: when each is looked at, and its status, as of an action's goal.
+
+`PlanIntake` limits the time that a tracker spends on incoming plans: its commands must keep their
+rate. It tells of its plans by `TrackerStatus`; `TrackerWatch` is what the planner knows of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 import time
-from types import MappingProxyType
 from typing import Any
 
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
@@ -35,18 +36,84 @@ from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'tracker_status'
 
-_ACTIVE: Mapping[Phase, int] = MappingProxyType(
-    {
-        Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
-        Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
-        Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
-    }
-)
+_ACTIVE: Mapping[Phase, int] = {
+    Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
+    Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
+    Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
+}
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 _PERIOD = 0.2  # s between attempts to ask for the parameters
 _PATIENCE = 2.0  # s that an answer may take: its client may have been met only just now
 _FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
 _UNDER_WAY = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
+
+# A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
+# newest one waits, at most until shortly before its start.
+_SHARE = 0.01  # of the time
+_RESERVE = 0.15  # s; some ten plans
+_IMMINENT = 0.15  # s before its start
+_WORTH_IN_LEAD = 0.5  # s beyond the budget for a plan whose start must be prepared
+_WORTH_AT_START = 1.0  # s beyond the budget for a plan about to start
+
+
+class TimeBudget:
+    """
+    A time budget: a `reserve` [s] to begin with, refilled by a `share` of the time that passes.
+
+    Ask what is `left` [s], less than nothing if it is overdrawn, and report what was `spent`.
+    `clock` returns seconds.
+    """
+
+    def __init__(self, share: float, reserve: float, clock: Callable[[], float]) -> None:
+        self._share, self._reserve, self._clock = share, reserve, clock
+        self._paid = clock() - reserve / share  # instant up to which the share is spent [s]
+
+    @property
+    def left(self) -> float:
+        """Time that may be spent now [s]."""
+        now = self._clock()
+        self._paid = max(self._paid, now - self._reserve / self._share)
+        return self._share * (now - self._paid)
+
+    def spent(self, seconds: float) -> None:
+        """Subtract the time of work; it may exceed what was left."""
+        self._paid += seconds / self._share
+
+
+class PlanIntake:
+    """
+    Hands the newest plan received, the one `waiting`, to `look_at`, once there is time for it.
+
+    A plan is the stamp and the serialised form of its message: deserialising costs milliseconds,
+    and a plan that is superseded at once is not deserialised.
+    """
+
+    def __init__(self, clock: MotionClock, look_at: Callable[[Any, bytes], None]) -> None:
+        self._clock, self._look_at = clock, look_at
+        self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
+        self.waiting: tuple[Any, bytes] | None = None
+
+    def look(self, lead: float) -> None:
+        """Look at the plan that waits; one needs the time `lead` [s] before its start."""
+        if self.waiting is None or not self._clock.runs:
+            return
+        stamp, data = self.waiting
+        left = self._budget.left
+        if left <= 0.0 and left + self._worth(stamp, lead) <= 0.0:
+            return
+        self.waiting = None
+        began = time.perf_counter()
+        self._look_at(stamp, data)
+        self._budget.spent(time.perf_counter() - began)
+
+    def _worth(self, stamp: Any, lead: float) -> float:
+        """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
+        if nanoseconds_of(stamp) == 0:
+            return 0.0
+        wait = self._clock.instant_of(stamp) - self._clock.now()
+        if abs(wait) < _IMMINENT:
+            return _WORTH_AT_START
+        return _WORTH_IN_LEAD if 0.0 < wait < lead else 0.0
 
 
 def goal_id(start: int) -> list[int]:
@@ -115,12 +182,20 @@ class TrackerStatus:
     def update(self, tracker: TrajectoryTracker) -> None:
         """Publish what has changed since the last call."""
         self._announce(None if tracker.newest is None else tracker.newest.trajectory)
-        active = {id(m.trajectory) for m in (tracker.current, tracker.following) if m is not None}
+        active: dict[int, int] = {}  # status by a trajectory's identity
+        if tracker.current is not None:
+            unknown = GoalStatus.STATUS_UNKNOWN
+            active[id(tracker.current.trajectory)] = _ACTIVE.get(tracker.phase, unknown)
+        if tracker.following is not None:
+            active[id(tracker.following.trajectory)] = GoalStatus.STATUS_ACCEPTED
         newest = max(
             (i for i, p in enumerate(self._plans) if id(p.trajectory) in active), default=-1
         )
+        gone = GoalStatus.STATUS_CANCELING if tracker.unquiet else GoalStatus.STATUS_ABORTED
         for number, plan in enumerate(self._plans):
-            status = self._status(plan, tracker, superseded=number < newest)
+            status = active.get(id(plan.trajectory))
+            if status is None:
+                status = _ended(plan.status, superseded=number < newest, gone=gone)
             self._changed |= status != plan.status
             plan.status = status
         if self._changed:
@@ -147,26 +222,20 @@ class TrackerStatus:
         told = [plan.message for plan in self._plans if plan.trajectory is followed]
         self._followed.publish(JointTrajectory() if followed is None else told[0])
 
-    @staticmethod
-    def _status(plan: _Plan, tracker: TrajectoryTracker, superseded: bool) -> int:
-        for motion, status in (
-            (tracker.following, GoalStatus.STATUS_ACCEPTED),
-            (tracker.current, _ACTIVE.get(tracker.phase, GoalStatus.STATUS_UNKNOWN)),
-        ):
-            if motion is not None and motion.trajectory is plan.trajectory:
-                return int(status)
-        if plan.status in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
-            return plan.status
-        if superseded and plan.status != GoalStatus.STATUS_CANCELING:
-            succeeded = plan.status == GoalStatus.STATUS_SUCCEEDED
-            return plan.status if succeeded else int(GoalStatus.STATUS_CANCELED)
-        gone = GoalStatus.STATUS_CANCELING if tracker.unquiet else GoalStatus.STATUS_ABORTED
-        return int(gone)
-
     def _publish(self) -> None:
         self._changed = False
         told = [goal_status(plan.start, plan.status) for plan in self._plans]
         self._publisher.publish(GoalStatusArray(status_list=told))
+
+
+def _ended(status: int, superseded: bool, gone: int) -> int:
+    """Return the new status of a plan that is not followed or awaited any more."""
+    if status in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
+        return status
+    if superseded and status != GoalStatus.STATUS_CANCELING:
+        succeeded = status == GoalStatus.STATUS_SUCCEEDED
+        return status if succeeded else int(GoalStatus.STATUS_CANCELED)
+    return gone
 
 
 class TrackerWatch:
@@ -182,8 +251,8 @@ class TrackerWatch:
         self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters] | None
     ) -> None:
         self._node, self._clock, self._kind = node, clock, kind
-        self._statuses: dict[int, int] | None = None  # by start [ns] as published
-        self._begins: dict[int, float] = {}  # instants of these starts, when they were first told
+        # Status by start [ns], and that start's instant when it was first told; None: none heard.
+        self._plans: dict[int, tuple[int, float]] | None = None
         self.parameters: TrackerParameters | None = None
         self._names = [] if kind is None else list(specifications(kind))
         self._due = math.inf  # when to ask for the parameters [s]
@@ -199,28 +268,19 @@ class TrackerWatch:
         steady_timer(node, _PERIOD, self._ask)
 
     @property
-    def heard(self) -> bool:
-        """Whether a tracker of this package has published its status."""
-        return self._statuses is not None
-
-    @property
     def inactive(self) -> bool:
         """Whether the tracker is not active yet, not any more, or gone after it was heard."""
-        if self._statuses is None:  # its node may be there; it tells nothing until it is active
+        if self._plans is None:  # its node may be there; it tells nothing until it is active
             return self._kind is not None and bool(self._client.service_is_ready())
-        canceled = GoalStatus.STATUS_CANCELED
-        return (
-            all(status == canceled for status in self._statuses.values())
-            or self._node.count_publishers(self._topic) == 0
-        )
+        canceled = all(s == GoalStatus.STATUS_CANCELED for s, _ in self._plans.values())
+        return canceled or self._node.count_publishers(self._topic) == 0
 
     def followed(self, now: float) -> float | None:
         """Return the start of the plan followed at the instant `now`, None for none."""
-        accepted, begins = GoalStatus.STATUS_ACCEPTED, self._begins
         begun = [
-            begins[start]
-            for start, status in (self._statuses or {}).items()
-            if status in _FOLLOWED or (status == accepted and begins[start] <= now)
+            begin
+            for status, begin in (self._plans or {}).values()
+            if status in _FOLLOWED or (status == GoalStatus.STATUS_ACCEPTED and begin <= now)
         ]
         return max(begun, default=None)
 
@@ -230,26 +290,26 @@ class TrackerWatch:
 
         If none was heard, another controller is assumed to follow the plan.
         """
-        statuses = self._statuses
-        if statuses is None or self.followed(now) is not None:
+        plans = self._plans
+        if plans is None or self.followed(now) is not None:
             return Mode.FOLLOWING
-        recovers = GoalStatus.STATUS_CANCELING in statuses.values()
+        recovers = any(status == GoalStatus.STATUS_CANCELING for status, _ in plans.values())
         return Mode.RECOVERING if recovers else Mode.IDLE
 
     def rejects(self, start: int) -> bool:
         """Whether the tracker neither follows nor awaits the plan of instant `start` [ns]."""
-        return self._statuses is not None and self._statuses.get(start) not in _UNDER_WAY
+        unknown = GoalStatus.STATUS_UNKNOWN, 0.0
+        return self._plans is not None and self._plans.get(start, unknown)[0] not in _UNDER_WAY
 
     def forget_plans(self) -> None:
         """Forget the plans told so far."""
-        self._statuses = None if self._statuses is None else {}
+        self._plans = None if self._plans is None else {}
 
     def _on_status(self, message: GoalStatusArray) -> None:
         told = {nanoseconds_of(item.goal_info.stamp): item.status for item in message.status_list}
-        known, instant = self._begins, self._clock.instant
-        self._begins = {s: known[s] if s in known else instant(s) for s in told}
-        self._statuses = told
-        if self.parameters is None or not self._statuses:
+        known, instant = self._plans or {}, self._clock.instant
+        self._plans = {k: (told[k], known[k][1] if k in known else instant(k)) for k in told}
+        if self.parameters is None or not told:
             self._due = 0.0
             self._ask()
 
@@ -259,7 +319,7 @@ class TrackerWatch:
 
     def _ask(self) -> None:
         """Ask for the parameters when that is due, and again where no answer comes."""
-        now, ready = time.monotonic(), self.heard and self._client.service_is_ready()
+        now, ready = time.monotonic(), self._plans is not None and self._client.service_is_ready()
         if now < self._due or self._kind is None or not ready:
             return
         self._due = now + _PATIENCE
