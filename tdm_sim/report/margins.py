@@ -15,6 +15,7 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import LOWER_THRUST
 from tdm_planner.verification import Constraint, dense_times
 from tdm_sim.report.mission import Margin, Mission, Signals, Vehicle
@@ -68,16 +69,11 @@ def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | 
     if not states.times.size:
         return None
     plan = vehicle.plans[-1].trajectory
-    nothing = np.full(states.times.size, np.nan)
-    own = [states.column(n) if n in states else nothing for n in plan.state_names]
+    own = states.select(*plan.state_names).values
     controls = np.full((states.times.size, len(plan.control_names)), np.nan)
     if vehicle.controls is not None:
-        found = vehicle.controls.at(states.times)
-        for k, name in enumerate(plan.control_names):
-            if name in vehicle.controls:
-                controls[:, k] = found[:, vehicle.controls.names.index(name)]
-    times = states.times - vehicle.plans[-1].start
-    values = _margins(constraints, times, np.stack(own, axis=1), controls)
+        controls = vehicle.controls.select(*plan.control_names).at(states.times).values
+    values = _margins(constraints, states.times - vehicle.plans[-1].start, own, controls)
     return _signals(states.times, values, constraints)
 
 
@@ -116,32 +112,37 @@ def separations(mission: Mission) -> History:
     Return the distance of every pair of vehicles over time, called ``one - other``.
 
     Of more than `MOST_PAIRS` pairs those that come closest.
+
+    Raises
+    ------
+    InvalidProblem
+        If a vehicle lacks a state of its place.
+
     """
     moving = [v for v in mission.vehicles if v.view.place]
-    planned = {v.name: v for v in moving if v.plans}
+    planned = [v for v in moving if v.plans]
     seen = {v.name: v.states for v in moving if v.states is not None}
     found = History()
     if len(planned) > 1:
-        start = min(v.plans[0].start for v in planned.values())
-        end = max(v.plans[-1].end for v in planned.values())
+        start, end = min(v.plans[0].start for v in planned), max(v.plans[-1].end for v in planned)
         times = np.linspace(start, end, min(int((end - start) / _STEP) + 2, 20_000))
-        places = {name: planned_place(v, times) for name, v in planned.items()}
-        found = History(planned=_distances(places, times))
+        states = {v.name: v.planned(times)[0] for v in planned}
+        found = History(planned=_distances(states, times, moving[0].view.place))
     if len(seen) > 1:
-        place = moving[0].view.place
         times = max(seen.values(), key=lambda states: states.times.size).times
-        places = {name: states.select(*place).at(times) for name, states in seen.items()}
-        found = History(found.planned, _distances(places, times))
+        found = History(found.planned, _distances(seen, times, moving[0].view.place))
     return found
 
 
-def planned_place(vehicle: Vehicle, times: Array) -> Array:
-    """Return where a vehicle is planned to be at instants, (n, 2)."""
-    names = vehicle.plans[0].trajectory.state_names
-    return vehicle.planned(times).state[:, [names.index(name) for name in vehicle.view.place]]
-
-
-def _distances(places: Mapping[str, Array], times: Array) -> Signals:
+def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ...]) -> Signals:
+    for name, known in states.items():
+        lacking = [state for state in place if state not in known]
+        if lacking:
+            raise InvalidProblem(
+                f"the states of '{name}' lack '{lacking[0]}', without which its distance from "
+                f'others is not known; there is: {", ".join(known.names) or "none"}'
+            )
+    places = {name: known.select(*place).at(times).values for name, known in states.items()}
     found: list[tuple[float, str, Array]] = []
     for one, other in itertools.combinations(places, 2):
         distance = np.hypot(*(places[one] - places[other]).T)

@@ -115,27 +115,25 @@ def _vehicle(document: Mapping[str, Any]) -> PlannedVehicle:
 
 
 def problem_of(
-    name: str, parameters: Mapping[str, object], given: type[Problem] | None, notes: list[str]
-) -> Problem | None:
+    name: str, parameters: Mapping[str, object], given: type[Problem] | None
+) -> tuple[Problem | None, str]:
     """
-    Return the problem that was planned for; None where it is not known.
+    Return the problem that was planned for, or None and the reason where it is not known.
 
     It is of the class `given` if that has the name, else an installed one: a module that a
-    recording names is not imported. `notes` say why a problem cannot be made.
+    recording names is not imported.
     """
     if given is None or given.name != name:
         if name not in problem_names():
-            if name:
-                notes.append(
-                    f"The problem '{name}' is not installed: goal, limits and picture are not "
-                    'known. `--problem module:Class` tells them.'
-                )
-            return None
+            absent = (
+                f"The problem '{name}' is not installed: goal, limits and picture are not known. "
+                '`--problem module:Class` tells them.'
+            )
+            return None, absent if name else ''
         given = load_problem(name)
     if not parameters:
-        return None
+        return None, ''
     try:
-        return given.from_parameters(parameters)
+        return given.from_parameters(parameters), ''
     except TdmError as error:
-        notes.append(f'Limits are not known: the recorded parameters are invalid ({error}).')
-        return None
+        return None, f'Limits are not known: the recorded parameters are invalid ({error}).'

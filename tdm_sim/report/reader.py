@@ -43,8 +43,6 @@ from tdm_sim.report.recorded_vehicles import (
 
 _MOST_NAMED = 8  # topics that an error message lists
 
-Summaries = dict[str, dict[int, PlanSummary]]  # by namespace and start [ns]
-
 
 def read_mission(
     path: Path | str, namespace: str | None = None, problem: type[Problem] | None = None
@@ -84,7 +82,8 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     name = untrusted.text(document['problem'], 100)
     figures = plan_figures(document, 0.0)
     missing = ['This is a plan file without a recording: nothing is measured.']
-    problem = problem_of(name, figures.parameters, given, missing)
+    problem, unknown = problem_of(name, figures.parameters, given)
+    missing += [unknown] if unknown else []
     if not figures.parameters:
         missing.append(
             'The file does not hold the parameters of the problem: no limits are drawn.'
@@ -107,39 +106,19 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     )
 
 
-def _read_bag(
-    path: Path, namespace: str | None = None, given: type[Problem] | None = None
-) -> Mission:
-    """
-    Read the mission that a recording holds, that below `namespace` if it holds several.
-
-    `given` is the class of a problem that is not installed.
-
-    Raises
-    ------
-    UnreadableRecording
-        If it is no recording, cannot be read at all, or holds nothing of the planner's.
-
-    """
+def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) -> Mission:
+    """Read the mission that a recording holds, that below `namespace` if it holds several."""
     check_recording(path)
     notes: list[str] = []
     topics = _topics(path, notes)
-    summaries = _summaries(topics, notes)
-    reasons: dict[str, list[str]] = {planner: [] for planner in summaries}
-    planners = {
-        planner: Planner(
-            _problem(found, given, reasons[planner]),
-            {name: told.kind for name, told in found[max(found)].vehicles.items()},
-        )
-        for planner, found in summaries.items()
-    }
+    planners = _planners(topics, given, notes)
     sites = find_sites(topics, planners)
     if not sites:
         raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
     chosen = choose(sites, topics, namespace, notes)
-    planner = chosen[0].planner
-    notes += reasons.get(planner, [])
-    return _mission(topics, summaries.get(planner, {}), chosen, path, notes)
+    planner = planners.get(chosen[0].planner)
+    notes += [planner.unknown] if planner is not None and planner.unknown else []
+    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
 
 
 def _topics(path: Path, notes: list[str]) -> RecordedTopics:
@@ -177,8 +156,11 @@ def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str
     )
 
 
-def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
-    found: Summaries = {}
+def _planners(
+    topics: RecordedTopics, given: type[Problem] | None, notes: list[str]
+) -> dict[str, Planner]:
+    """Return what planners told of their plans, by namespace, with the problem asked last."""
+    found: dict[str, dict[int, PlanSummary]] = {}
     for topic, received in topics.of_type(STRING, 'plan_summary').items():
         for item in received:
             summary = read_summary(item.message.data)
@@ -186,15 +168,12 @@ def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
             else:
                 found.setdefault(namespace_of(topic), {})[summary.start] = summary
-    return found
-
-
-def _problem(
-    summaries: Mapping[int, PlanSummary], given: type[Problem] | None, notes: list[str]
-) -> Problem | None:
-    """Return the problem as it was asked last."""
-    last = summaries[max(summaries)]
-    return problem_of(last.problem, last.figures(0).parameters, given, notes)
+    planners = {}
+    for planner, summaries in found.items():
+        last = summaries[max(summaries)]
+        problem, unknown = problem_of(last.problem, last.figures(0).parameters, given)
+        planners[planner] = Planner(problem, unknown, summaries)
+    return planners
 
 
 def _mission(
@@ -302,7 +281,7 @@ def _gaps(
     ]
     for counts, fault in (
         (topics.malformed, 'do not match their type and were ignored'),
-        (topics.not_finite, 'hold values that are not finite, which were ignored'),
+        (topics.not_finite, 'hold values that are not finite, or no attitude, which were ignored'),
     ):
         found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
     return found

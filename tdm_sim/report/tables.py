@@ -13,7 +13,6 @@ from tdm_sim.report.comparison import Comparison, Entry, Kind
 from tdm_sim.report.margins import ROUNDING
 from tdm_sim.report.mission import Event, Mission
 
-MOST_EVENTS = 300
 MINUS = '\N{MINUS SIGN}'
 
 _HEADINGS: dict[Kind, str] = {
@@ -203,11 +202,7 @@ def events_table(mission: Mission) -> str:
 
     What came before the motion is dimmed.
     """
-    events = mission.events[:MOST_EVENTS]
-    rows = ''.join(_event_row(event, mission.is_early(event)) for event in events)
-    if len(mission.events) > len(events):
-        left = len(mission.events) - len(events)
-        rows += f'<tr><td colspan="3">and {left} more</td></tr>'
+    rows = ''.join(_event_row(event, mission.is_early(event)) for event in mission.events)
     return f'<table class="events"><tbody>{rows}</tbody></table>'
 
 

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plant_views import PlantView
-from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
-from tdm_sim.report.reader import read_mission
 
 Array = NDArray[np.float64]
 
@@ -42,24 +39,6 @@ class Verdict:
     def reached(self) -> bool:
         """Whether the goal was reached and held within all limits."""
         return not self.reasons and not self.undecided
-
-
-def verdict(
-    bag: Path | str, namespace: str | None = None, problem: type[Problem] | None = None
-) -> Verdict | None:
-    """
-    Judge a recording; None if it lacks what that requires.
-
-    `namespace` chooses among several planners, `problem` is the class of one that is not
-    installed.
-
-    Raises
-    ------
-    TdmError
-        If nothing can be read from it.
-
-    """
-    return judge(read_mission(bag, namespace, problem))
 
 
 def judge(mission: Mission) -> Verdict | None:
@@ -102,11 +81,11 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
     """Return instants [s] and how far states are from a plan's goal then, as shares allowed."""
     _, tolerances = view.goal(plan)
     needed = [name for names, _ in tolerances for name in names]
-    if not needed or not set(needed) <= set(states.names):
+    if not needed:
         return np.zeros(0), np.zeros(0)
-    known = np.isfinite(states.select(*needed).values).all(axis=1)
-    columns = {name: states.column(name)[known] for name in needed}
-    return states.times[known], view.errors(plan, columns)
+    values = states.select(*needed).values
+    known = np.isfinite(values).all(axis=1)
+    return states.times[known], view.errors(plan, dict(zip(needed, values[known].T, strict=True)))
 
 
 def arrival(vehicle: Vehicle) -> float | None:
@@ -146,7 +125,7 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     if not view.is_held(plan.trajectory):
         if end < plan.end - _LAST:
             return [], end
-        at = _at(states, min(plan.end, end))
+        at = states.at(np.array([min(plan.end, end)]))
         _, missed = goal_errors(view, plan.trajectory, at)
         found = [f'{late} at the planned end{_worst(vehicle, at)}'] if (missed > 1.0).any() else []
         return found + _conditions(vehicle, plan, at), None
@@ -156,15 +135,10 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
         if end <= plan.end + view.settling:
             return [], end
         when = f' within {view.settling:g} s of the planned end'
-        return [f'{late}{when}{_worst(vehicle, _at(states, end))}'], None
+        return [f'{late}{when}{_worst(vehicle, states.at(np.array([end])))}'], None
     if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
         return [], end
-    return _conditions(vehicle, plan, _at(states, end)), None
-
-
-def _at(states: Signals, instant: float) -> Signals:
-    at = np.array([instant])
-    return Signals(at, states.at(at), states.names, states.units)
+    return _conditions(vehicle, plan, states.at(np.array([end]))), None
 
 
 def _worst(vehicle: Vehicle, at: Signals) -> str:
