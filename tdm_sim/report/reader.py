@@ -18,7 +18,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
+from tdm_sim.report.bag_files import check_recording, messages, UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
 from tdm_sim.report.plan_documents import plan_figures, PlanSummary, problem_of, read_summary
 from tdm_sim.report.recorded_topics import (
@@ -110,38 +110,21 @@ def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) ->
     """Read the mission that a recording holds, that below `namespace` if it holds several."""
     check_recording(path)
     notes: list[str] = []
-    topics = _topics(path, notes)
-    planners = _planners(topics, given, notes)
-    sites = find_sites(topics, planners)
-    if not sites:
-        raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
-    chosen = choose(sites, topics, namespace, notes)
-    planner = planners.get(chosen[0].planner)
-    notes += [planner.unknown] if planner is not None and planner.unknown else []
-    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
-
-
-def _topics(path: Path, notes: list[str]) -> RecordedTopics:
-    """Read the recording as a whole or, failing that, whatever of it can be read."""
-    try:
-        topics = gather(messages(path, wanted))
-        if topics.types:
-            return topics
-    except Exception:  # noqa: B902
-        # The libraries raise many kinds of errors for a damaged file: read what is left.
-        notes.append('The recording was not closed properly, or is damaged.')
-    found: list[str] = []
     everything: dict[str, str] = {}
 
     def noted(topic: str, kind: str) -> bool:
         everything[topic] = kind
         return wanted(topic, kind)
 
-    topics = gather(salvaged(path, noted, found))
-    notes += found
-    if not topics.types:
-        raise UnreadableRecording(_nothing_of_ours(path, everything, found))
-    return topics
+    topics = gather(messages(path, noted, notes))
+    planners = _planners(topics, given, notes)
+    sites = find_sites(topics, planners)
+    if not sites:
+        raise UnreadableRecording(_nothing_of_ours(path, everything, notes))
+    chosen = choose(sites, topics, namespace, notes)
+    planner = planners.get(chosen[0].planner)
+    notes += [planner.unknown] if planner is not None and planner.unknown else []
+    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
 
 
 def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str]) -> str:
