@@ -128,7 +128,8 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
         for kind, source in sources.items():
             signals = source(vehicle)
             colour = k if several else _COLOURS[kind]
-            steps = held and kind == 'planned' and _is_held(vehicle)
+            steps = held and kind == 'planned'
+            steps &= any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
             for name in () if signals is None else signals.names:
                 assert signals is not None
                 thin = signals.select(name).thinned(most)
@@ -141,10 +142,6 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
         Panel(name, units[name], tuple(found), words.get(name, ''))
         for name, found in curves.items()
     )
-
-
-def _is_held(vehicle: Vehicle) -> bool:
-    return any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
 
 
 def _planned(mission: Mission, vehicle: Vehicle, group: Group) -> Signals | None:

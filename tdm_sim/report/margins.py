@@ -46,19 +46,14 @@ def margin_history(vehicle: Vehicle) -> History:
     return History(_planned(vehicle, constraints), _measured(vehicle, constraints))
 
 
-def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
+def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals:
+    """Margins of all plans as long as they were followed."""
     parts = []
     for plan in vehicle.plans:
-        motion = plan.trajectory
-        times = dense_times(motion, motion.duration / _INSTANTS)
+        times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)
         times = times[times + plan.start <= plan.followed_until]
-        if times.size:
-            values = _margins(constraints, times, *motion.sample(times))
-            parts.append((times + plan.start, values))
-    if not parts:
-        return None
-    times = np.concatenate([part[0] for part in parts])
-    return _signals(times, np.concatenate([part[1] for part in parts]), constraints)
+        parts.append((times + plan.start, times, *plan.trajectory.sample(times)))
+    return _margins(constraints, *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
@@ -68,31 +63,34 @@ def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | 
     states = vehicle.states.between(vehicle.plans[0].start, np.inf)
     if not states.times.size:
         return None
-    plan = vehicle.plans[-1].trajectory
-    own = states.select(*plan.state_names).values
-    controls = np.full((states.times.size, len(plan.control_names)), np.nan)
+    plan = vehicle.plans[-1]
+    own = states.select(*plan.trajectory.state_names).values
+    names = plan.trajectory.control_names
+    controls = np.full((states.times.size, len(names)), np.nan)
     if vehicle.controls is not None:
-        controls = vehicle.controls.select(*plan.control_names).at(states.times).values
-    values = _margins(constraints, states.times - vehicle.plans[-1].start, own, controls)
-    return _signals(states.times, values, constraints)
+        controls = vehicle.controls.select(*names).at(states.times).values
+    return _margins(constraints, states.times, states.times - plan.start, own, controls)
 
 
 def _margins(
-    constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
-) -> Array:
-    with np.errstate(invalid='ignore'):
-        columns = [np.asarray(c.margin(times, states, controls), dtype=float) for c in constraints]
-    return np.stack(columns, axis=1)
-
-
-def _signals(times: Array, values: Array, constraints: Sequence[Constraint]) -> Signals:
-    shown = [
-        k
-        for k, constraint in enumerate(constraints)  # a robot that coasts is at the lower bound
-        if constraint.name != LOWER_THRUST or (values[:, k] < -ROUNDING).any()
-    ]
-    units = tuple(constraints[k].unit for k in shown)
-    return Signals(times, values[:, shown], tuple(constraints[k].name for k in shown), units)
+    constraints: Sequence[Constraint],
+    instants: Array,
+    times: Array,
+    states: Array,
+    controls: Array,
+) -> Signals:
+    """Return margins at `instants` of the mission, which are `times` of the plan."""
+    shown: list[Constraint] = []
+    found: list[Array] = []
+    for constraint in constraints:
+        with np.errstate(invalid='ignore'):
+            margin = np.asarray(constraint.margin(times, states, controls), dtype=float)
+        # a robot that coasts is at the lower bound
+        if constraint.name != LOWER_THRUST or (margin < -ROUNDING).any():
+            shown.append(constraint)
+            found.append(margin)
+    names, units = tuple(c.name for c in shown), tuple(c.unit for c in shown)
+    return Signals(instants, np.stack(found, axis=1), names, units)
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:

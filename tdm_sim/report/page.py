@@ -34,7 +34,7 @@ from tdm_sim.report.histories import (
 )
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.tables import events_table, parameters_table, summary_table
+from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
@@ -166,14 +166,17 @@ def _columns(
 
     On a phone they are read one after the other, in the order of their `order`.
     """
-    stage = '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
-    cards = [(0, f'{stage}{_key(mission)}</section>')] if moving else []
-    table = summary_table(mission, comparison)
-    cards.append((1, f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'))
-    cards += [(int(chart.key not in _LEFT), _chart(chart)) for chart in charts]
+    cards = [(1, 'Summary', summary_table(mission, comparison), 'id="summary"')]
+    if moving:
+        stage = f'<div id="scene"></div>{_key(mission)}'
+        cards.insert(0, (0, 'Motion', stage, 'id="animation"'))
+    for chart in charts:
+        note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
+        drawn = f'{note}<div class="chart" id="chart-{chart.key}"></div>'
+        cards.append((int(chart.key not in _LEFT), chart.title, drawn, ''))
     halves = ['', '']
-    for order, (side, html) in enumerate(cards):
-        halves[side] += html.replace('<section', f'<section style="order: {order}"', 1)
+    for order, (side, title, body, identity) in enumerate(cards):
+        halves[side] += card(title, body, f'style="order: {order}" {identity}'.rstrip())
     return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
 
 
@@ -193,25 +196,14 @@ def _details(mission: Mission) -> str:
         early = sum(map(mission.is_early, grave))
         count = f'{len(mission.events)} events, {len(grave)} of them warnings or errors'
         count += f' ({early} before the motion)' if early else ''
-        parts.append(
-            '<section class="card" id="events"><h2>Events</h2>'
-            f'<p class="note">{count}</p>'
-            f'<div class="scroll">{events_table(mission)}</div></section>'
-        )
+        table = f'<div class="scroll">{events_table(mission)}</div>'
+        parts.append(card('Events', f'<p class="note">{count}</p>{table}', 'id="events"'))
     if mission.parameters:
         parts.append(
             '<section class="card" id="parameters"><details><summary>Parameters of the problem'
             f'</summary>{parameters_table(mission.parameters)}</details></section>'
         )
     return ''.join(parts)
-
-
-def _chart(chart: Chart) -> str:
-    note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
-    return (
-        f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
-        f'<div class="chart" id="chart-{chart.key}"></div></section>'
-    )
 
 
 def _key(mission: Mission) -> str:

@@ -176,7 +176,10 @@ def _mission(
         }
         plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
     starts = sorted({start for found in plans.values() for start in found})
-    origin = (starts or sorted(summaries) or _firsts(topics, sites))[0]
+    spaces = {site.namespace for site in sites}
+    own = [stream for topic, stream in topics.streams.items() if namespace_of(topic) in spaces]
+    firsts = (int(stream.instants[0]) for stream in own if stream.instants.size)
+    origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
     figures = [summaries[start].figures(origin) for start in sorted(summaries)]
     vehicles = []
     for site in sites:
@@ -213,17 +216,6 @@ def _names(sites: Sequence[Site], summaries: Mapping[int, PlanSummary]) -> dict[
             own = next(iter(told)) if len(told) == 1 else site.view.name
         names[site] = own or site.view.name
     return names
-
-
-def _firsts(topics: RecordedTopics, sites: Sequence[Site]) -> list[int]:
-    """Return the instant of the first measurement [ns]."""
-    own = {site.namespace for site in sites}
-    firsts = [
-        int(stream.instants[0])
-        for topic, stream in topics.streams.items()
-        if namespace_of(topic) in own and stream.instants.size
-    ]
-    return sorted(firsts) or [0]
 
 
 def _gaps(

@@ -144,18 +144,12 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
 def _worst(vehicle: Vehicle, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
     assert vehicle.plan is not None
-    goal, tolerances = vehicle.view.goal(vehicle.plan.trajectory)
-    motion = vehicle.plan.trajectory
-    parts = []
-    for names, allowed in tolerances:
-        wanted = [float(goal[motion.state_names.index(name)]) for name in names]
-        away = [
-            float(vehicle.view.away(name, at.column(name)[:1] - value)[0])
-            for name, value in zip(names, wanted, strict=True)
-        ]
-        unit = vehicle.view.units.get(names[0], '')
-        if not math.hypot(*away) < allowed:
-            parts.append(f'{", ".join(names)} by {math.hypot(*away):.3g} {unit}'.rstrip())
+    view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
+    parts = [
+        f'{", ".join(names)} by {away[0]:.3g} {view.units.get(names[0], "")}'.rstrip()
+        for (names, allowed), away in view.missed_by(vehicle.plan.trajectory, columns)
+        if not away[0] < allowed
+    ]
     return f': off in {"; ".join(parts)}' if parts else ''
 
 
@@ -203,9 +197,8 @@ def _criterion(vehicles: list[Vehicle]) -> str:
     """Return when the goal counts as reached and held."""
     view, plan = vehicles[0].view, vehicles[0].plan
     assert plan is not None
-    units = vehicles[0].view.units
     within = [
-        f'{", ".join(names)} within {allowed:.3g} {units.get(names[0], "")}'.rstrip()
+        f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()
         for names, allowed in view.goal(plan.trajectory)[1]
     ]
     goal = '; '.join(within) or 'no state is given'
