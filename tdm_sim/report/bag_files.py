@@ -134,8 +134,8 @@ def _readable(path: Path, folder: Path, notes: list[str]) -> Path:
     if path.suffix == '.mcap':
         return path
     # SQLite cannot open a file that is too short; it opens, but cannot read, pages of zeros.
-    with path.open('rb') as file:
-        head = file.read(32).ljust(32, b'\0')
+    with path.open('rb') as database:
+        head = database.read(32).ljust(32, b'\0')
     stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')
     short = path.stat().st_size < stated < _LARGEST
     # what SQLite has not yet moved into the file

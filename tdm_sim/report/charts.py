@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.drawing import COLOURS, LIMIT, SWITCH
+from tdm_planner.drawing import COLOURS
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
@@ -103,21 +103,19 @@ def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
     if panel.switches:
         instants = np.repeat(np.array(panel.switches), 3)
         edges = np.tile([low, high, np.nan], len(panel.switches))
-        line = {'color': SWITCH, 'width': 1, 'dash': 'dot'}
-        traces.append(_trace('switching', instants, edges, line))
+        traces.append(_trace('switching', instants, edges, {'width': 1, 'dash': 'dot'}))
     # measured curves lie broad and pale below planned ones
     order = sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind))
     traces += [_curve_trace(curve) for curve in order]
     if panel.limits:
         ends = np.tile([*span, np.nan], len(panel.limits))
         levels = np.repeat(np.array(panel.limits), 3)
-        line = {'color': LIMIT, 'width': 1.3, 'dash': 'dash'}
-        traces.append(_trace('limit', ends, levels, line))
+        traces.append(_trace('limit', ends, levels, {'width': 1.3, 'dash': 'dash'}))
     return traces
 
 
 def _curve_trace(curve: Curve) -> dict[str, Any]:
-    line: dict[str, Any] = {'color': COLOURS[curve.colour % len(COLOURS)], 'width': 1.5}
+    line: dict[str, Any] = {'width': 1.5}
     if curve.held:
         line['shape'] = 'hv'
     trace = _trace(curve.kind, curve.times, curve.values, line, curve.series)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import heapq
 import itertools
 
 import numpy as np
@@ -141,20 +142,16 @@ def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ..
                 f'others is not known; there is: {", ".join(known.names) or "none"}'
             )
     places = {name: known.select(*place).at(times).values for name, known in states.items()}
-    found: list[tuple[float, str, Array]] = []
-    for one, other in itertools.combinations(places, 2):
-        distance = np.hypot(*(places[one] - places[other]).T)
-        nearest = float(np.nanmin(distance)) if np.isfinite(distance).any() else np.inf
-        found.append((nearest, f'{one} - {other}', distance))
-        if len(found) > 2 * MOST_PAIRS:
-            found = _closest(found)
-    found = _closest(found)
-    names = tuple(name for _, name, _ in found)
-    values = np.stack([distance for _, _, distance in found], axis=1)
+    pairs = list(itertools.combinations(places, 2))
+
+    def distance(number: int) -> Array:
+        one, other = pairs[number]
+        return np.asarray(np.hypot(*(places[one] - places[other]).T))
+
+    def nearest(number: int) -> float:
+        return float(np.nanmin(distance(number), initial=np.inf))
+
+    closest = sorted(heapq.nsmallest(MOST_PAIRS, range(len(pairs)), key=nearest))
+    names = tuple(' - '.join(pairs[number]) for number in closest)
+    values = np.stack([distance(number) for number in closest], axis=1)
     return Signals(times, values, names, ('m',) * len(names))
-
-
-def _closest(found: list[tuple[float, str, Array]]) -> list[tuple[float, str, Array]]:
-    if len(found) <= MOST_PAIRS:
-        return found
-    return sorted(found, key=lambda item: item[0])[:MOST_PAIRS]

@@ -144,7 +144,7 @@ def _planners(
 ) -> dict[str, Planner]:
     """Return what planners told of their plans, by namespace, with the problem asked last."""
     found: dict[str, dict[int, PlanSummary]] = {}
-    for topic, received in topics.of_type(STRING, 'plan_summary').items():
+    for topic, received in topics.of_type(STRING).items():
         for item in received:
             summary = read_summary(item.message.data)
             if summary is None:
@@ -177,8 +177,8 @@ def _mission(
         plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
     starts = sorted({start for found in plans.values() for start in found})
     spaces = {site.namespace for site in sites}
-    own = [stream for topic, stream in topics.streams.items() if namespace_of(topic) in spaces]
-    firsts = (int(stream.instants[0]) for stream in own if stream.instants.size)
+    streams = [stream for topic, stream in topics.streams.items() if namespace_of(topic) in spaces]
+    firsts = (int(stream.instants[0]) for stream in streams if stream.instants.size)
     origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
     figures = [summaries[start].figures(origin) for start in sorted(summaries)]
     vehicles = []

@@ -66,11 +66,6 @@ class Stream:
     columns: Mapping[str, Array]
     frame: str = ''
 
-    @property
-    def joints(self) -> frozenset[str]:
-        """Names of the joints."""
-        return frozenset(name.rsplit('.', 1)[0] for name in self.columns)
-
 
 @dataclass(frozen=True, eq=False)
 class Received:
@@ -90,13 +85,9 @@ class RecordedTopics:
     malformed: Mapping[str, int]
     not_finite: Mapping[str, int]
 
-    def of_type(self, kind: str, name: str = '') -> dict[str, Sequence[Received]]:
-        """Return the messages of every topic of a type, and of the name `name` if it is given."""
-        return {
-            topic: found
-            for topic, found in self.messages.items()
-            if self.types[topic] == kind and (not name or topic.rsplit('/', 1)[-1] == name)
-        }
+    def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
+        """Return the messages of every topic of a type."""
+        return {topic: got for topic, got in self.messages.items() if self.types[topic] == kind}
 
     def received(self, topic: str, kind: str) -> Sequence[Received]:
         """Return the messages of a topic; none if it is not of this type."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,7 +114,7 @@ def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
         found |= set(received.message.joint_names)
     for name in ('joint_states', 'joint_command'):
         stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
-        found |= stream.joints if stream is not None else frozenset()
+        found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
     return found
 
 
@@ -254,17 +255,13 @@ def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -
 def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: PlantView) -> Signals:
     """Shift angles by whole turns to where the first plan that was followed has them."""
     for plan in plans[:1]:
-        values = states.values.copy()
-        motion = plan.trajectory
-        for name in set(view.kind.angles) & set(states.names) & set(motion.state_names):
-            k = states.names.index(name)
-            planned = plan.sample(states.times).state[:, motion.state_names.index(name)]
-            during = (states.times >= plan.start) & (states.times <= plan.followed_until)
-            away = values[during, k] - planned[during]
-            if np.isfinite(away).any():
-                first = away[np.isfinite(away)][0]
-                values[:, k] -= _TURN * np.round(first / _TURN)
-        return Signals(states.times, values, states.names, states.units)
+        during = states.between(plan.start, plan.followed_until)
+        motion, read = plan.trajectory, plan.sample(during.times).state
+        planned = Signals.of(motion, during.times, read, motion.state_names)
+        away = during.values - planned.select(*states.names).values
+        for k in (k for k, name in enumerate(states.names) if name in view.kind.angles):
+            turns = np.round(away[np.isfinite(away[:, k]), k] / _TURN)
+            states.values[:, k] -= _TURN * turns[0] if turns.size else 0.0
     return states
 
 
@@ -307,11 +304,7 @@ def read_plans(
 def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan, ...]:
     """Return plans with times from `origin` [ns], each until the next one starts."""
     times = [(start - origin) * NANOSECOND for start in plans]
-    ends = [*times[1:], None][: len(times)]
-    return tuple(
-        FollowedPlan(plan, time, until)
-        for plan, time, until in zip(plans.values(), times, ends, strict=True)
-    )
+    return tuple(starmap(FollowedPlan, zip_longest(plans.values(), times, times[1:])))
 
 
 def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:

@@ -39,8 +39,7 @@ function chartSet(charts, clock) {
   }
 
   function toggle(group, name) {
-    const set = hidden[group];
-    if (!set.delete(name)) set.add(name);
+    if (!hidden[group].delete(name)) hidden[group].add(name);
     drawAll();
   }
 
@@ -66,12 +65,8 @@ function chartView(chart, clock) {
   const panels = chart.layout.meta.panels;
   const overlay = document.createElement('div');
   overlay.className = 'overlay';
-  const add = (name) => {
-    const element = document.createElement('div');
-    element.className = name;
-    overlay.appendChild(element);
-    return element;
-  };
+  const add = (className) =>
+    overlay.appendChild(Object.assign(document.createElement('div'), { className }));
   const cursors = panels.map(() => add('cursor'));
   const readings = panels.map(() => add('reading'));
   const legend = [];
@@ -136,8 +131,7 @@ function chartView(chart, clock) {
       if (trace) entries.set(`kind ${kind}`, { group: 'kind', name: kind, meta: trace.meta });
     }
     for (const { group, name, meta } of entries.values()) {
-      const button = document.createElement('button');
-      button.type = 'button';
+      const button = Object.assign(document.createElement('button'), { type: 'button' });
       const swatch = document.createElement('span');
       swatch.className = `swatch ${group === 'series' ? 'series' : name}`;
       button.append(swatch, group === 'series' ? name : KINDS[name]);
@@ -182,31 +176,28 @@ function chartView(chart, clock) {
 
   // The values at the cursor in the title's line, as many as there is room for.
   function read(element, panel, t, width) {
-    const axis = panel ? `y${panel + 1}` : 'y';
+    const number = panel ? panel + 1 : '';
     const title = node.layout.annotations[panel].text.replace(/<[^>]*>/g, '');
     const room = Math.floor((width - 7.5 * title.length - 12) / 66);
-    const [low, high] = node.layout[`yaxis${panel ? panel + 1 : ''}`].range.map(Number);
+    const [low, high] = node.layout[`yaxis${number}`].range.map(Number);
     const scale = Math.abs(high - low);
     let values = [];
     for (const trace of node.data) {
       const { kind } = trace.meta;
-      const wanted = kind === 'planned' || kind === 'measured' || kind === 'error';
-      if (!wanted || trace.visible === false || (trace.yaxis || 'y') !== axis) continue;
+      const wanted = ['planned', 'measured', 'error'].includes(kind) && trace.visible !== false;
+      if (!wanted || (trace.yaxis || 'y') !== `y${number}`) continue;
       const value = valueAt(trace.x, trace.y, t, trace.line.shape === 'hv');
       if (Number.isFinite(value)) values.push({ value, kind, colour: traceColour(theme, trace) });
     }
     if (values.length > room) values = values.filter(({ kind }) => kind !== 'planned');
     if (values.length > room) values = [];
-    while (element.children.length < values.length) {
-      element.appendChild(document.createElement('span'));
-    }
-    while (element.children.length > values.length) element.lastChild.remove();
-    values.forEach(({ value, kind, colour }, k) => {
-      const span = element.children[k];
+    element.replaceChildren(...values.map(({ value, kind, colour }) => {
+      const span = document.createElement('span');
       span.className = kind;
       span.style.setProperty('--colour', colour);
       span.textContent = brief(value, scale);
-    });
+      return span;
+    }));
   }
 
   // Hovering, or drawing a finger across, moves the instant shown everywhere.
