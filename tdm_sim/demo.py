@@ -152,16 +152,15 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                 return True
 
             progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))
-            processes.start(
-                'recorder',
-                'tdm_planner.cli',
-                [
-                    'record',
-                    *('-o', str(output / 'bag')),
-                    *('--namespace', scene.namespace),
-                    '--quiet',
-                ],
-            )
+            words = [
+                'record',
+                '-o',
+                str(output / 'bag'),
+                '--namespace',
+                scene.namespace,
+                '--quiet',
+            ]
+            processes.start('recorder', 'tdm_planner.cli', words)
             for name, module, arguments in scene.nodes():
                 processes.start(name, module, arguments)
             if not wait(lambda: not scene.missing(client), _START_LIMIT):

@@ -13,14 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -47,6 +47,14 @@ class Disturbances:
     def direction(self) -> float:
         """Return an angle [rad], all directions being equally likely."""
         return float(self._direction.uniform(-math.pi, math.pi))
+
+
+def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
+    """Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`."""
+    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
+    gains = mismatched_gains(3, mismatch, seed)
+    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+    return {'lower': upper * [0.0, -1.0, -1.0], 'upper': upper, 'gains': gains}
 
 
 def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.typesys import get_typestore, Stores
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, yaw_of
 from tdm_planner.plant_kind import QUANTITIES
@@ -166,8 +167,6 @@ def _odometry(message: Any) -> dict[str, float]:
 
 def gather(messages: Iterable[Raw]) -> RecordedTopics:
     """Sort the messages of a recording by topic and read them."""
-    from rosbags.typesys import get_typestore, Stores
-
     store = get_typestore(Stores.ROS2_JAZZY)
     parts: dict[str, _StreamParts] = {}
     others: dict[str, list[Received]] = {}

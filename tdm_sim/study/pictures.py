@@ -20,6 +20,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import COLOURS
+from tdm_planner.plotting import legend_above
 from tdm_sim.study.axes import Axis
 
 Array = NDArray[np.float64]
@@ -287,19 +288,11 @@ def _hatch(code: str) -> str:
 
 def _legend(axis: Axes, columns: Columns) -> None:
     """Explain the hatches above a picture."""
-    handles: list[Any] = axis.get_legend_handles_labels()[0]
-    scattered = any(isinstance(handle, Line2D) for handle in handles)
-    if not scattered:
-        handles = [
-            Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code), label=code)
-            for code in _codes(columns)
-        ]
+    lines, labels = axis.get_legend_handles_labels()
+    handles: dict[str, Any] = dict(zip(labels, lines, strict=True))
+    if not any(isinstance(line, Line2D) for line in lines):
+        handles = {
+            code: Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)) for code in _codes(columns)
+        }
     if handles:
-        axis.legend(
-            handles=handles,
-            loc='lower right',
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=4,
-            fontsize='small',
-            frameon=False,
-        )
+        legend_above(axis, handles, columns=4)
