@@ -207,7 +207,7 @@ class RobotModel(PlantModel):
         assert isinstance(plant, WheeledRobot)
         impulse, direction = given.impulse, given.direction
         if direction is None:
-            direction = simulation.disturbances.direction()
+            direction = simulation.direction()
         return (
             lambda state: robot_push(plant.robot, state, impulse, direction),
             f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad',
