@@ -28,7 +28,7 @@ from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
 from tdm_sim.demo_scene import make_scene, Scene
 from tdm_sim.processes import NodeProcesses
-from tdm_sim.progress import make_progress, Progress
+from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import write_report
@@ -87,7 +87,7 @@ def run_demo(
     _prepare_folder(output)
     if not scene.file.exists():
         scene.file.write_text('/**:\n  ros__parameters: {}\n')
-    with make_progress(quiet) as progress:
+    with Progress(quiet) as progress:
         unclean = _conduct(scene, output, progress)
         progress.phase(f'reading {output}/bag')
         mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))

@@ -27,7 +27,7 @@ from rclpy.node import Node
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
-from tdm_sim.progress import make_progress
+from tdm_sim.progress import Progress as Shown
 from tdm_sim.record_command import RECORDING, TopicChoice
 from tdm_sim.wire_types import AS_OFFERED, message_class
 
@@ -245,7 +245,7 @@ def run(
     namespace: str | None = None,
 ) -> int:
     """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
-    shown = make_progress(quiet)
+    shown = Shown(quiet)
     plain = PLAIN_PERIOD
 
     def tell(progress: Progress) -> None:
