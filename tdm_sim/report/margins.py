@@ -39,9 +39,8 @@ class History:
 
 def margin_history(vehicle: Vehicle) -> History:
     """Return the margin of every constraint over time; negative values are violations."""
-    if vehicle.plan is None:
-        return History()
-    constraints = vehicle.view.constraints(vehicle.plan.trajectory)
+    plan = vehicle.plan
+    constraints = () if plan is None else vehicle.view.constraints(plan.trajectory)
     if not constraints:
         return History()
     return History(_planned(vehicle, constraints), _measured(vehicle, constraints))

@@ -23,7 +23,7 @@ from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_json
+from tdm_sim.report.charts import Chart, chart_json, content_hash, json_for_html
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.histories import (
     control_chart,
@@ -45,9 +45,9 @@ _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 _LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
-def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> int:
+def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> None:
     """
-    Write the report on a mission to `path`; returns the file's size in bytes.
+    Write the report on a mission to `path`.
 
     Raises
     ------
@@ -55,9 +55,7 @@ def write_report(mission: Mission, path: Path, comparison: Comparison | None = N
         If the file cannot be written.
 
     """
-    page = report_page(mission, comparison).encode()
-    write_file(path, page)
-    return len(page)
+    write_file(path, report_page(mission, comparison).encode())
 
 
 def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
@@ -71,7 +69,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
             'motion': list(motion_span(mission)),
             'speed': f'{playing_speed(mission):g}',
             'scene': scene,
-            'charts': [{'key': c.key, **plotly_json(c, mission.span)} for c in charts],
+            'charts': [chart_json(chart, mission.span) for chart in charts],
         }
     )
     plotly = get_plotlyjs()

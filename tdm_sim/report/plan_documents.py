@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
+import math
 from typing import Any, cast, get_args
 
 from tdm_planner.exceptions import TdmError
@@ -72,14 +73,13 @@ def read_summary(data: str) -> PlanSummary | None:
         document = untrusted.mapping(json.loads(data))
     except (ValueError, RecursionError):
         return None
-    stamp = untrusted.mapping(document.get('stamp'))
-    sec, nanosec = (untrusted.whole(stamp.get(name)) for name in ('sec', 'nanosec'))
-    if sec is None or nanosec is None or 'problem' not in document:
-        return None
-    if not (abs(sec) < 2**31 and 0 <= nanosec < _SECOND):
+    stamp = untrusted.numbers(document.get('stamp'))
+    sec, nanosec = (stamp.get(name, math.nan) for name in ('sec', 'nanosec'))
+    whole = sec.is_integer() and nanosec.is_integer()
+    if not (whole and abs(sec) < 2**31 and 0 <= nanosec < _SECOND and 'problem' in document):
         return None
     return PlanSummary(
-        start=sec * _SECOND + nanosec,
+        start=int(sec) * _SECOND + int(nanosec),
         problem=untrusted.text(document['problem'], 100),
         document=document,
         vehicles={

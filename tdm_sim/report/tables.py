@@ -12,7 +12,7 @@ import math
 
 from tdm_sim.report.comparison import Comparison, Entry, Kind
 from tdm_sim.report.margins import ROUNDING
-from tdm_sim.report.mission import Event, Mission
+from tdm_sim.report.mission import Mission
 
 MINUS = '\N{MINUS SIGN}'
 
@@ -206,16 +206,13 @@ def events_table(mission: Mission) -> str:
 
     What came before the motion is dimmed.
     """
-    rows = ''.join(_event_row(event, mission.is_early(event)) for event in mission.events)
-    return f'<table class="events"><tbody>{rows}</tbody></table>'
-
-
-def _event_row(event: Event, early: bool) -> str:
-    style = f'{event.level.name} early' if early else event.level.name
-    return (
-        f'<tr class="{style}"><td>{instant_button(event.time)}</td>'
+    rows = ''.join(
+        f'<tr class="{event.level.name}{" early" * mission.is_early(event)}">'
+        f'<td>{instant_button(event.time)}</td>'
         f'<td>{escape(event.source)}</td><td>{escape(event.text)}</td></tr>'
+        for event in mission.events
     )
+    return f'<table class="events"><tbody>{rows}</tbody></table>'
 
 
 def instant_button(instant: float) -> str:

@@ -57,7 +57,7 @@ def judge(mission: Mission) -> Verdict | None:
         found, end = _reached(vehicle)
         reasons += found
         ends += [] if end is None else [end]
-        reasons += _violated(vehicle)
+        reasons += _violated(vehicle, vehicle.plans[-1])
     reasons += _too_close(replace(mission, vehicles=tuple(vehicles)))
     undecided = ''
     if ends and not reasons:
@@ -117,8 +117,7 @@ def _can_be_judged(vehicle: Vehicle) -> bool:
 
 def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     """Return why a goal was missed; or when measurements end, if that is too early to tell."""
-    view, plan, states = vehicle.view, vehicle.plan, vehicle.states
-    assert plan is not None
+    view, plan, states = vehicle.view, vehicle.plans[-1], vehicle.states
     assert states is not None
     end = float(states.times[-1])
     late = f'{vehicle.name} was not at its goal'
@@ -127,7 +126,11 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
             return [], end
         at = states.at(np.array([min(plan.end, end)]))
         _, missed = goal_errors(view, plan.trajectory, at)
-        found = [f'{late} at the planned end{_worst(vehicle, at)}'] if (missed > 1.0).any() else []
+        found = (
+            [f'{late} at the planned end{_worst(vehicle, plan, at)}']
+            if (missed > 1.0).any()
+            else []
+        )
         return found + _conditions(vehicle, plan, at), None
     since = arrival(vehicle)
     since = plan.end if since is None else since
@@ -135,19 +138,18 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
         if end <= plan.end + view.settling:
             return [], end
         when = f' within {view.settling:g} s of the planned end'
-        return [f'{late}{when}{_worst(vehicle, states.at(np.array([end])))}'], None
+        return [f'{late}{when}{_worst(vehicle, plan, states.at(np.array([end])))}'], None
     if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
         return [], end
     return _conditions(vehicle, plan, states.at(np.array([end]))), None
 
 
-def _worst(vehicle: Vehicle, at: Signals) -> str:
+def _worst(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
-    assert vehicle.plan is not None
     view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
     parts = [
         f'{", ".join(names)} by {away[0]:.3g} {view.units.get(names[0], "")}'.rstrip()
-        for (names, allowed), away in view.missed_by(vehicle.plan.trajectory, columns)
+        for (names, allowed), away in view.missed_by(plan.trajectory, columns)
         if not away[0] < allowed
     ]
     return f': off in {"; ".join(parts)}' if parts else ''
@@ -165,15 +167,13 @@ def _conditions(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> list[str]:
     ]
 
 
-def _violated(vehicle: Vehicle) -> list[str]:
+def _violated(vehicle: Vehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
-    assert vehicle.plan is not None
     measured = margin_history(vehicle).measured
     if measured is None:
         return []
-    held = vehicle.view.is_held(vehicle.plan.trajectory)
-    start = vehicle.plans[0].start + _FIRST
-    judged = measured.between(start, math.inf if held else vehicle.plan.end)
+    held = vehicle.view.is_held(plan.trajectory)
+    judged = measured.between(vehicle.plans[0].start + _FIRST, math.inf if held else plan.end)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
@@ -195,8 +195,7 @@ def _too_close(mission: Mission) -> list[str]:
 
 def _criterion(vehicles: list[Vehicle]) -> str:
     """Return when the goal counts as reached and held."""
-    view, plan = vehicles[0].view, vehicles[0].plan
-    assert plan is not None
+    view, plan = vehicles[0].view, vehicles[0].plans[-1]
     within = [
         f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()
         for names, allowed in view.goal(plan.trajectory)[1]
