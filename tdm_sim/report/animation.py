@@ -60,8 +60,7 @@ def _vehicle(vehicle: Vehicle, times: Array, colour: int) -> dict[str, Any]:
         ('planned', planned_frames(vehicle, times)),
         ('measured', measured_frames(vehicle, times)),
     ):
-        drawn = None if frames is None else view.drawing(*frames)
-        found[kind] = None if not drawn else _shapes(drawn, times.size)
+        found[kind] = _shapes(view.drawing(*frames), times.size) if frames else []
     if vehicle.plan is not None:
         last = vehicle.plan.trajectory
         ends = dict(zip(last.state_names, last.states[-1:].T, strict=True))

@@ -27,7 +27,7 @@ _PADDING = 0.08
 _FROM_BELOW = ('measured', 'commanded', 'planned', 'error')
 
 # Within a JSON string these mean the same as the characters; in HTML they mean nothing.
-_ESCAPES = {'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'}
+_ESCAPES = str.maketrans({'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'})
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +130,7 @@ def json_for_html(data: Any) -> str:
         For a number that is not finite, which JSON cannot hold.
 
     """
-    text = json.dumps(data, allow_nan=False, separators=(',', ':'))
-    for character, escape in _ESCAPES.items():
-        text = text.replace(character, escape)
-    return text
+    return json.dumps(data, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
 
 
 def content_hash(script: str) -> str:

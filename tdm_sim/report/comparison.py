@@ -116,14 +116,12 @@ def _durations(mission: Mission) -> Iterator[Entry]:
     """
     note = _several(mission)
     planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
-    if len(planned) > 1:
-        longest = max(v.plans[0].trajectory.duration for v in planned)
+    lengths = {vehicle.name: vehicle.plans[0].trajectory.duration for vehicle in planned}
+    if len(lengths) > 1:
+        longest = max(lengths.values())
         yield Entry('duration', 'duration of all plans', 's', longest, note=note)
-    for vehicle in planned:
-        length = vehicle.plans[0].trajectory.duration
-        yield Entry(
-            'duration', 'duration of the plan', 's', length, vehicle=vehicle.name, note=note
-        )
+    for name, length in lengths.items():
+        yield Entry('duration', 'duration of the plan', 's', length, vehicle=name, note=note)
     rows = [_time_to_goal(vehicle, note) for vehicle in planned if vehicle.states is not None]
     if len(rows) > 1:
         due = [row.planned for row in rows if row.planned is not None]

@@ -22,16 +22,9 @@ from tdm_planner import __version__
 from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.report import animation
+from tdm_sim.report import animation, histories
 from tdm_sim.report.charts import Chart, chart_json, content_hash, json_for_html
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.histories import (
-    control_chart,
-    distance_chart,
-    error_chart,
-    margin_chart,
-    state_chart,
-)
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
@@ -102,11 +95,11 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
 def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show."""
     charts = [
-        state_chart(mission),
-        control_chart(mission),
-        distance_chart(mission, comparison),
-        margin_chart(mission, comparison),
-        error_chart(mission, comparison),
+        histories.state_chart(mission),
+        histories.control_chart(mission),
+        histories.distance_chart(mission, comparison),
+        histories.margin_chart(mission, comparison),
+        histories.error_chart(mission, comparison),
     ]
     return [chart for chart in charts if any(panel.curves for panel in chart.panels)]
 

@@ -190,7 +190,7 @@ def _mission(
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
-    notes += _gaps(topics, sites, vehicles, summaries, names)
+    notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
         title=sites[0].view.title or names[sites[0]],
         problem=next((s.problem for s in summaries.values()), ''),
@@ -223,7 +223,6 @@ def _gaps(
     sites: Sequence[Site],
     vehicles: Sequence[Vehicle],
     summaries: Mapping[int, PlanSummary],
-    names: Mapping[Site, str],
 ) -> list[str]:
     """Name what is missing in the recording, and the consequence."""
     found = []
@@ -249,11 +248,8 @@ def _gaps(
             'recording: neither cost nor limits of the plans are known.'
         )
     named = next(iter(summaries.values())).vehicles if summaries else {}
-    found += [
-        f'Nothing of {name}, which the plan names, is in the recording.'
-        for name in named
-        if name not in names.values()
-    ]
+    absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
+    found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
     for counts, fault in (
         (topics.malformed, 'do not match their type and were ignored'),
         (topics.not_finite, 'hold values that are not finite, or no attitude, which were ignored'),

@@ -122,10 +122,8 @@ def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> Plant
     for view in (PendulumView(), RobotView()):
         odometry = topics.stream(f'{namespace}/odom', ODOMETRY) if view.kind.odometry else None
         here = odometry is not None and odometry.frame == view.kind.frame
-        if (
-            here
-            or {j.name for j in view.kind.joints if j.name not in view.kind.odometry} <= joints
-        ):
+        own = {j.name for j in view.kind.joints if j.name not in view.kind.odometry}
+        if here or own <= joints:
             return view
     return None
 
@@ -147,7 +145,8 @@ def choose(
     """
     planners = list(dict.fromkeys(site.planner for site in sites))
     if namespace is None:
-        chosen = max(planners, key=lambda planner: _liveliness(topics, sites, planner))
+        lively = {p: _liveliness(topics, [s for s in sites if s.planner == p]) for p in planners}
+        chosen = max(planners, key=lambda planner: lively[planner])
     else:
         chosen = '/' + namespace.strip('/') if namespace.strip('/') else ''
         if chosen not in planners:
@@ -168,16 +167,14 @@ def _shown(planner: str) -> str:
     return untrusted.text(planner, 60) or '/'
 
 
-def _liveliness(
-    topics: RecordedTopics, sites: Sequence[Site], planner: str
-) -> tuple[bool, int, bool]:
+def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, int, bool]:
     """
     Return whether a plan's motion was measured, the number of plans, whether there is any data.
 
     A plan alone is no sign of life: it is latched, and published to late subscribers.
     """
     executed, plans, seen = False, 0, False
-    for site in (site for site in sites if site.planner == planner):
+    for site in sites:
         name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
         stream = topics.stream(f'{site.namespace}/{name}', kind)
         seen |= stream is not None

@@ -126,12 +126,10 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
             return [], end
         at = states.at(np.array([min(plan.end, end)]))
         _, missed = goal_errors(view, plan.trajectory, at)
-        found = (
-            [f'{late} at the planned end{_worst(vehicle, plan, at)}']
-            if (missed > 1.0).any()
-            else []
-        )
-        return found + _conditions(vehicle, plan, at), None
+        found = _conditions(vehicle, plan, at)
+        if (missed > 1.0).any():
+            found.insert(0, f'{late} at the planned end{_worst(vehicle, plan, at)}')
+        return found, None
     since = arrival(vehicle)
     since = plan.end if since is None else since
     if since > plan.end + view.settling:

@@ -117,11 +117,9 @@ def quantities(columns: Columns) -> list[Quantity]:
         return np.array([np.nan if v is None else float(v) for v in columns[name]])
 
     cost, duration = numbers('cost'), numbers('duration')
-    found = [Quantity('cost', 'cost J', cost)]
-    if np.array_equal(cost, duration, equal_nan=True):
-        found = [Quantity('duration', 'duration [s]', duration)]
-    else:
-        found.append(Quantity('duration', 'duration [s]', duration))
+    same = np.array_equal(cost, duration, equal_nan=True)
+    found = [] if same else [Quantity('cost', 'cost J', cost)]
+    found.append(Quantity('duration', 'duration [s]', duration))
     if 'flights' in columns:
         flights = numbers('flights')
         for name in ('caught', 'held'):
@@ -274,7 +272,7 @@ def _norm(quantity: Quantity) -> Normalize:
 
 def _codes(columns: Columns) -> list[str]:
     """Return the codes of what is not verified."""
-    return sorted({code for code in columns['code'] if code})
+    return sorted({*columns['code']} - {''})
 
 
 def _most(codes: Sequence[str]) -> str:
