@@ -143,8 +143,15 @@ class Scene:
         for part in self.parts:
             arguments = ['--ros-args', '-r', f'__ns:={part.namespace}']
             arguments += ['--params-file', str(self.file)]
-            how = self.speed, part == self.plants[0], self._rates, followers
-            settings = speed_settings(part.executable, self.file, *how, part.namespace)
+            settings = speed_settings(
+                part.executable,
+                self.file,
+                self.speed,
+                drives_clock=part == self.plants[0],
+                rates=self._rates,
+                followers=followers,
+                namespace=part.namespace,
+            )
             for key, value in {**settings, **part.parameters}.items():
                 told = value if isinstance(value, str) else json.dumps(value)
                 arguments += ['-p', f'{key}:={told}']

@@ -207,7 +207,7 @@ def events_table(mission: Mission) -> str:
     What came before the motion is dimmed.
     """
     rows = ''.join(
-        f'<tr class="{event.level.name}{" early" * mission.is_early(event)}">'
+        f'<tr class="{event.level.name}{" early" if mission.is_early(event) else ""}">'
         f'<td>{instant_button(event.time)}</td>'
         f'<td>{escape(event.source)}</td><td>{escape(event.text)}</td></tr>'
         for event in mission.events
