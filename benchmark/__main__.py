@@ -24,7 +24,7 @@ from typing import Any
 from benchmark import figures, page
 from benchmark.runner import run
 from benchmark.sections import Section, SECTIONS
-from tdm_sim.progress import make_progress, Progress
+from tdm_sim.progress import Progress
 
 QUICK_FOLDER = Path('build') / 'benchmark'
 
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder: Path = options.output or (QUICK_FOLDER if options.quick else page.DOCS)
     records = figures.read(folder)
     failed = []
-    with make_progress() as progress:
+    with Progress() as progress:
         began = time.monotonic()
         for number, name in enumerate(options.sections, 1):
             section, title = SECTIONS[name], f'[{number}/{len(options.sections)}] {name}'

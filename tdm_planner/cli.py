@@ -26,7 +26,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
-from tdm_sim.progress import make_progress
+from tdm_sim.progress import Progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
@@ -217,7 +217,7 @@ def _plan(options: argparse.Namespace) -> int:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
     problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
     problem = problem_class.from_parameters(read_parameters(options.params, options.set))
-    with make_progress(options.quiet) as progress:
+    with Progress(options.quiet) as progress:
         tell_of_compilation(progress.line)
         progress.phase('preparing')
         problem.prepare()
@@ -295,7 +295,7 @@ def _record(options: argparse.Namespace) -> int:
 def _report(options: argparse.Namespace) -> int:
     from tdm_sim.report.page import make_report
 
-    with make_progress(options.quiet) as progress:
+    with Progress(options.quiet) as progress:
         make_report(options.source, options.output, progress, options.namespace, options.problem)
     progress.line(f'written to {options.output}')
     if options.view:
@@ -311,7 +311,7 @@ def _study(options: argparse.Namespace) -> int:
     given = {name: value for name, value in asked.items() if value is not None}
     if given and not options.closed_loop:
         raise InvalidProblem(f"'--{next(iter(given))}' is of flights: it needs '--closed-loop'")
-    with make_progress(options.quiet) as progress:
+    with Progress(options.quiet) as progress:
         run(
             SHORT_NAMES.get(options.problem, options.problem),
             [parse_axis(text) for text in options.over],

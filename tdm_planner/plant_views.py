@@ -122,14 +122,18 @@ class PlantView:
         """Return what stands still around it."""
         return () if self._drawn is None else self._drawn.surroundings()
 
-    def errors(self, plan: Trajectory, states: Components) -> Array:
-        """Return how far states are from a plan's goal (n,), as shares of what is allowed."""
+    def missed_by(self, plan: Trajectory, states: Components) -> list[tuple[Tolerance, Array]]:
+        """Return the tolerances of a plan's goal, and how far states are from it by each (n,)."""
         goal, tolerances = self.goal(plan)
         at = dict(zip(plan.state_names, goal.tolist(), strict=True))
-        shares = [
-            np.sqrt(sum(self.away(name, states[name] - at[name]) ** 2 for name in names)) / allowed
-            for names, allowed in tolerances
+        return [
+            (t, np.sqrt(sum(self.away(name, states[name] - at[name]) ** 2 for name in t.states)))
+            for t in tolerances
         ]
+
+    def errors(self, plan: Trajectory, states: Components) -> Array:
+        """Return how far states are from a plan's goal (n,), as shares of what is allowed."""
+        shares = [away / tolerance.allowed for tolerance, away in self.missed_by(plan, states)]
         count = next(iter(states.values())).size
         return np.asarray(np.max([np.zeros(count), *shares], axis=0))
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import itertools
 from pathlib import Path
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
@@ -123,7 +124,7 @@ def _histories(
     handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
     if len(switches):
         handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
-    _legend(axes[0], handles)
+    legend_above(axes[0], handles)
     axes[-1].set_xlabel(TIME_LABEL)
 
 
@@ -147,14 +148,14 @@ def _label(axis: Axes, name: str, unit: str) -> None:
     axis.grid(alpha=0.25)
 
 
-def _legend(axis: Axes, handles: Mapping[str, Line2D]) -> None:
+def legend_above(axis: Axes, handles: Mapping[str, Artist], columns: int = 6) -> None:
     """Put a legend above a panel."""
     axis.legend(
         list(handles.values()),
         list(handles),
         loc='lower right',
         bbox_to_anchor=(1.0, 1.0),
-        ncols=6,
+        ncols=columns,
         fontsize='small',
         frameon=False,
     )
@@ -188,7 +189,7 @@ def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
     ground.autoscale_view()
     ground.set_xlabel('x [m]')
     ground.set_ylabel('y [m]')
-    _legend(ground, {name: Line2D([], [], color=colour) for name, colour in colours.items()})
+    legend_above(ground, {name: Line2D([], [], color=colour) for name, colour in colours.items()})
     if apart:
         _distances(axes[1], view, plans)
 

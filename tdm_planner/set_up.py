@@ -13,7 +13,7 @@ import sys
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.registry import load_problem, problem_names
-from tdm_sim.progress import make_progress
+from tdm_sim.progress import Progress
 
 
 def prepare_problems() -> dict[str, str]:
@@ -23,7 +23,7 @@ def prepare_problems() -> dict[str, str]:
     Returns what was wrong, by problem; empty if all is well.
     """
     failures: dict[str, str] = {}
-    with make_progress() as progress:
+    with Progress() as progress:
         for name in problem_names():
             progress.phase(f'compiling kernels of {name}')
             try:

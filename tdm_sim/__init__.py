@@ -5,7 +5,6 @@
 
 import tdm_planner  # noqa: F401  first: see tdm_planner.starting
 from tdm_sim.simulation import (
-    Disturbances,
     mismatched,
     mismatched_gains,
     pendulum_push,
@@ -16,7 +15,6 @@ from tdm_sim.simulation import (
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 __all__ = [
-    'Disturbances',
     'PlantSetup',
     'SimulatedPlant',
     'Walls',

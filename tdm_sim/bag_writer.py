@@ -19,7 +19,7 @@ from pathlib import Path
 import sqlite3
 import time
 from types import TracebackType
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from tdm_planner.exceptions import TdmError
@@ -34,49 +34,12 @@ StorageError = (OSError, sqlite3.Error)
 STORAGES = ('mcap', 'sqlite3')
 
 
-class Reserve:
-    """Reserved space: a file of `RESERVE` bytes, removed when the disk is full."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file = folder / '.reserve'
-
-    def take(self) -> None:
-        """Reserve the space; raises OSError if there is too little."""
-        with self._file.open('xb') as file:
-            os.posix_fallocate(file.fileno(), 0, RESERVE)
-
-    def release(self) -> None:
-        """Free the space."""
-        with suppress(OSError):
-            self._file.unlink()
-
-
-class Keeper(Protocol):
-    """Keeps written messages readable."""
-
-    def written(self, topic: int, stamp: int, data: bytes) -> None:
-        """Note that a message has been written."""
-
-    def complete(self) -> None:
-        """Complete what has been written last, so that it survives a kill."""
-
-    def rescue(self, counts: dict[int, int]) -> None:
-        """
-        Repair the storage after a failed write, with the reserve freed.
-
-        `counts`, messages by topic, are set to those of the storage.
-        """
-
-
-def make_keeper(storage: Any) -> Keeper:
-    """Return the keeper for a storage of `rosbags`."""
-    if hasattr(storage, 'bio'):
-        return _McapKeeper(storage)
-    return _SqliteKeeper(storage)
-
-
 class _McapKeeper:
-    """Blocks of an MCAP file: a block that was written in part is cut off, and written again."""
+    """
+    Keeps blocks of an MCAP file readable.
+
+    One that was written in part is cut off, and written again.
+    """
 
     def __init__(self, storage: Any) -> None:
         self._storage = storage
@@ -84,6 +47,7 @@ class _McapKeeper:
         self._end = int(storage.bio.tell())
 
     def written(self, topic: int, stamp: int, data: bytes) -> None:
+        """Note that a message has been written."""
         if self._storage.chunk.bio.tell() > LARGEST_BLOCK:
             self._storage.close_chunk()
         self._note_blocks()
@@ -95,11 +59,17 @@ class _McapKeeper:
             self._storage.bio.flush()
 
     def complete(self) -> None:
+        """Complete what has been written last, so that it survives a kill."""
         if self._storage.chunk.msgs:
             self._storage.close_chunk()
             self._note_blocks()
 
     def rescue(self, counts: dict[int, int]) -> None:
+        """
+        Repair the storage after a failed write, with the reserve freed.
+
+        `counts`, messages by topic, are set to those of the storage.
+        """
         file = self._storage.bio
         file.flush()
         file.seek(self._end)
@@ -110,9 +80,10 @@ class _McapKeeper:
 
 class _SqliteKeeper:
     """
-    Transactions of a database: SQLite rolls back the open one when the disk is full.
+    Keeps a database's transactions: SQLite rolls back the open one when the disk is full.
 
-    The messages in it are kept here until they are committed, to be written again.
+    The messages in it are kept here until they are committed, to be written again. Methods are
+    those of `_McapKeeper`.
     """
 
     def __init__(self, storage: Any) -> None:
@@ -151,6 +122,10 @@ class RecordingError(TdmError):
     code: ClassVar[str] = 'RECORDING'
 
 
+def _reason(error: Exception) -> str:
+    return getattr(error, 'strerror', None) or str(error)
+
+
 class BagWriter:
     """
     A context: the bag's folder is made on entering, and closed as a valid bag on leaving.
@@ -173,8 +148,8 @@ class BagWriter:
             )
         self.path = path
         self.failure = ''
-        self._reserve = Reserve(path)
-        self._keeper: Keeper | None = None
+        self._reserve = path / '.reserve'  # of space: removed when the disk is full
+        self._keeper: _McapKeeper | _SqliteKeeper | None = None
         self._completed = time.monotonic()
         self._topics: dict[int, str] = {}
         self._taken = f"the folder '{path}' exists already: choose another or remove it"
@@ -245,10 +220,14 @@ class BagWriter:
         except StorageError as error:
             self._fail(error)
 
+    def _release(self) -> None:
+        """Free the reserved space."""
+        with suppress(OSError):
+            self._reserve.unlink()
+
     def _fail(self, error: Exception) -> None:
-        reason = getattr(error, 'strerror', None) or str(error)
-        self.failure = f"the bag '{self.path}' cannot be written: {reason}"
-        self._reserve.release()
+        self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
+        self._release()
         assert self._keeper is not None
         with suppress(*StorageError):
             self._keeper.rescue(self._writer.counts)
@@ -261,12 +240,13 @@ class BagWriter:
             raise RecordingError(self._taken) from None
         except StorageError as error:
             raise RecordingError(
-                f"the folder '{self.path}' cannot be made: "
-                + (getattr(error, 'strerror', None) or str(error))
+                f"the folder '{self.path}' cannot be made: {_reason(error)}"
             ) from None
-        self._keeper = make_keeper(self._writer.storage)
+        storage: Any = self._writer.storage
+        self._keeper = _McapKeeper(storage) if hasattr(storage, 'bio') else _SqliteKeeper(storage)
         try:
-            self._reserve.take()
+            with self._reserve.open('xb') as file:
+                os.posix_fallocate(file.fileno(), 0, RESERVE)
         except OSError as error:
             self._fail(error)
         return self
@@ -278,13 +258,13 @@ class BagWriter:
         trace: TracebackType | None,
     ) -> None:
         """Write index and metadata, also after an error: the messages stay readable."""
-        self._reserve.release()
+        self._release()
         try:
             self._close()
         except StorageError as failure:
-            reason = getattr(failure, 'strerror', None) or str(failure)
             self.failure = (
-                f"the bag '{self.path}' could not be completed ({reason}): it has no index"
+                f"the bag '{self.path}' could not be completed ({_reason(failure)}): it has no "
+                'index'
             )
             self._writer.abort()
 

@@ -28,7 +28,7 @@ from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
 from tdm_sim.demo_scene import make_scene, Scene
 from tdm_sim.processes import NodeProcesses
-from tdm_sim.progress import make_progress, Progress
+from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import write_report
@@ -87,7 +87,7 @@ def run_demo(
     _prepare_folder(output)
     if not scene.file.exists():
         scene.file.write_text('/**:\n  ros__parameters: {}\n')
-    with make_progress(quiet) as progress:
+    with Progress(quiet) as progress:
         unclean = _conduct(scene, output, progress)
         progress.phase(f'reading {output}/bag')
         mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))
@@ -152,16 +152,15 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                 return True
 
             progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))
-            processes.start(
-                'recorder',
-                'tdm_planner.cli',
-                [
-                    'record',
-                    *('-o', str(output / 'bag')),
-                    *('--namespace', scene.namespace),
-                    '--quiet',
-                ],
-            )
+            words = [
+                'record',
+                '-o',
+                str(output / 'bag'),
+                '--namespace',
+                scene.namespace,
+                '--quiet',
+            ]
+            processes.start('recorder', 'tdm_planner.cli', words)
             for name, module, arguments in scene.nodes():
                 processes.start(name, module, arguments)
             if not wait(lambda: not scene.missing(client), _START_LIMIT):

@@ -40,20 +40,17 @@ NodeCommand = tuple[str, str, list[str]]
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 
 
-# Of the parameters of each node, those that cover what takes real time.
-_COVER_REAL_TIME: Mapping[str, tuple[str, ...]] = {
-    'planner': ('start.delay', 'start.max_age', 'replan.delay'),
-    'tracker': ('state_timeout', 'replan.interval'),
-    'pendulum_plant': ('command_timeout',),
-    'robot_plant': ('command_timeout',),
-    'plant': ('command_timeout',),
-}
-_DECLARED: Mapping[str, Callable[[], Mapping[str, ParameterSpec]]] = {
-    'planner': lambda: specifications(RequestParameters),
-    'tracker': lambda: tracker_specifications('pendulum'),
-    'pendulum_plant': lambda: specifications(SimulationParameters),
-    'robot_plant': lambda: specifications(SimulationParameters),
-    'plant': lambda: specifications(SimulationParameters),
+# The parameters of planners, trackers and plants, and those that cover what takes real time.
+_DECLARED: Mapping[str, tuple[Callable[[], Mapping[str, ParameterSpec]], tuple[str, ...]]] = {
+    'planner': (
+        lambda: specifications(RequestParameters),
+        ('start.delay', 'start.max_age', 'replan.delay'),
+    ),
+    'tracker': (
+        lambda: tracker_specifications('pendulum'),
+        ('state_timeout', 'replan.interval'),
+    ),
+    'plant': (lambda: specifications(SimulationParameters), ('command_timeout',)),
 }
 _NODES = 100  # that may speak at once
 
@@ -109,7 +106,8 @@ class Scene:
     Planner, trackers and plants in the planner's namespace and below it, seen from outside.
 
     `file` is the parameter file of all nodes; `parts` are the nodes, plants first; `rates` is how
-    many times more often than at real time they may be called in a second.
+    many times more often than at real time they may be called in a second. `now` is the instant
+    [s] of the newest state, in the plants' time; -inf before the first.
     """
 
     def __init__(
@@ -125,7 +123,7 @@ class Scene:
         self.connections = Connections()
         self._rates = rates
         self._view = view_of(problem)
-        self._now = -math.inf
+        self.now = -math.inf
         self._plan: dict[str, Any] = {}
         self._errors: dict[str, dict[str, float]] = {}
         self._near_since: dict[str, float] = {}
@@ -145,15 +143,14 @@ class Scene:
         for part in self.parts:
             arguments = ['--ros-args', '-r', f'__ns:={part.namespace}']
             arguments += ['--params-file', str(self.file)]
-            drives_clock = part == self.plants[0]
             settings = speed_settings(
                 part.executable,
                 self.file,
                 self.speed,
-                drives_clock,
-                self._rates,
-                followers,
-                part.namespace,
+                drives_clock=part == self.plants[0],
+                rates=self._rates,
+                followers=followers,
+                namespace=part.namespace,
             )
             for key, value in {**settings, **part.parameters}.items():
                 told = value if isinstance(value, str) else json.dumps(value)
@@ -181,7 +178,7 @@ class Scene:
         self._plan = json.loads(message.data)
 
     def _on_state(self, message: JointState) -> None:
-        self._now = seconds_of(message.header.stamp)
+        self.now = seconds_of(message.header.stamp)
 
     def _on_error(self, space: str, message: JointState) -> None:
         found = {}
@@ -228,14 +225,9 @@ class Scene:
         stamp = self._plan['stamp']
         return float(stamp['sec'] + 1e-9 * stamp['nanosec'])
 
-    @property
-    def now(self) -> float:
-        """Instant [s] of the newest state, in the plants' time; -inf before the first."""
-        return self._now
-
     def goes_on_from(self, instant: float) -> bool:
         """Whether a state newer than of the instant [s] was heard, or the demo is over."""
-        return self.over or self._now > instant
+        return self.over or self.now > instant
 
     @property
     def over(self) -> bool:
@@ -243,19 +235,19 @@ class Scene:
         if not self._plan:
             return False
         end = self._start + float(self._plan['duration'])
-        if self._now > end + self._view.settling + HOLD_TIME + _AFTER:
+        if self.now > end + self._view.settling + HOLD_TIME + _AFTER:
             return True
         if not self._view.near or len(self._near_since) < len(self.plants):
             return False
-        return self._now - max(end, *self._near_since.values()) > HOLD_TIME + _AFTER
+        return self.now - max(end, *self._near_since.values()) > HOLD_TIME + _AFTER
 
     def status(self) -> str:
         """Return the live line: time, and how far the plants are from their plans."""
-        if not math.isfinite(self._now):
+        if not math.isfinite(self.now):
             return 'waiting for the plants'
         parts = []
         if self._plan:
-            since, length = self._now - self._start, float(self._plan['duration'])
+            since, length = self.now - self._start, float(self._plan['duration'])
             parts.append(f't = {since:+6.2f} s of {length:.2f} s, off the plan by')
             several = len(self._errors) > 1
             for space, errors in self._errors.items():
@@ -282,14 +274,8 @@ def make_scene(plant: str, parameters: Path | None, output: Path) -> Scene:
     file = output / 'parameters.yaml' if parameters is None else parameters
     values = read_parameters(parameters, node='planner', required=False) if parameters else {}
     space = f'/{kind.name}'
-    parts = tuple(
-        Part(executable, space, {parameter: plant})
-        for executable, parameter in (
-            ('plant', 'problem'),
-            ('tracker', 'kind'),
-            ('planner', 'problem'),
-        )
-    )
+    named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
+    parts = tuple(Part(node, space, {parameter: plant}) for node, parameter in named)
     return Scene(kind.from_parameters(values), space, parts, file.resolve())
 
 
@@ -335,13 +321,14 @@ def speed_settings(
     """
     if speed == 1.0:
         return {}
-    declared = _DECLARED[executable]()
+    declare, cover_real_time = _DECLARED[executable.rpartition('_')[2]]
+    declared = declare()
     given = read_parameters(file, node=executable, namespace=namespace, required=False)
     settings: dict[str, Any] = {'use_sim_time': not drives_clock}
     if drives_clock:
         settings |= {'publish_clock': True, 'real_time_factor': speed}
         settings['clock_followers'] = list(followers)
-    for name in _COVER_REAL_TIME[executable]:
+    for name in cover_real_time:
         spec = declared[name]
         value = float(given.get(name, spec.default)) * max(speed, 1.0)
         settings[name] = min(value, spec.range.upper)

@@ -84,14 +84,17 @@ class PlantNode(ParameterNode):
         self.simulation = SimulatedPlant(setup, self.parameters.seed)
         kind = self.model.kind
         self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
-        self._clock_source = self._make_clock_source()
+        given: Any = self.parameters
+        self._clock_source = None
+        if given.publish_clock:
+            speed = given.real_time_factor
+            self._clock_source = ClockSource(self, 1.0 / given.rate, speed, given.clock_followers)
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._skipped = 0.0
         self._published = self._accepted = self._ignored = self._pushes = 0
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
-        given: Any = self.parameters
         self._name = self.model.name(given)
         self._picture = Picture(self.model.drawn(given), given.markers.trail, self._name)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
@@ -101,27 +104,16 @@ class PlantNode(ParameterNode):
         self._description: Any = None
         self._describe()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
-        self._clocks = None if self._clock_source is None else self._watch_for_other_clocks()
+        self._clocks = None
+        if self._clock_source is not None:
+            harm = 'simulated time leaps; let only one of them publish it'
+            update = self._diagnostics.update
+            self._clocks = PublisherCount(self, CLOCK_TOPIC, harm, update, 'nodes')
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
         self._jump = watch_set_back(self, self._on_clock_jump, on_change=True)
         self._timer = self._make_timer()
-
-    def _make_clock_source(self) -> ClockSource | None:
-        if not self.parameters.publish_clock:
-            return None
-        given = self.parameters
-        return ClockSource(self, 1.0 / given.rate, given.real_time_factor, given.clock_followers)
-
-    def _watch_for_other_clocks(self) -> PublisherCount:
-        return PublisherCount(
-            self,
-            CLOCK_TOPIC,
-            'simulated time leaps; let only one of them publish it',
-            self._diagnostics.update,
-            'nodes',
-        )
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate

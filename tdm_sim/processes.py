@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import signal
@@ -33,22 +33,18 @@ class NodeProcesses:
     As a context manager it ends everything on leaving, in the reverse order of starting.
     """
 
-    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.environment = {**os.environ, **(environment or {})}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(
-        self, name: str, module: str, arguments: Sequence[str] = (), within: Sequence[str] = ()
-    ) -> None:
-        """Run ``python -m MODULE ARGUMENTS`` under a name; `within` is put before the command."""
+    def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Run ``python -m MODULE ARGUMENTS`` under a name."""
         self.folder.mkdir(parents=True, exist_ok=True)
         again = name in self._processes  # why it ended before is in the log
         # A signal between start and registration would leave the process running.
         with self._log(name).open('ab' if again else 'wb') as output, uninterrupted():
             self._processes[name] = subprocess.Popen(
-                [*within, sys.executable, '-m', module, *arguments],
-                env=self.environment,
+                [sys.executable, '-m', module, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

@@ -39,8 +39,7 @@ class TopicChoice:
             return False
         if self.namespace is None:
             return not self.names
-        below = f'/{self.namespace.strip("/")}/'.replace('//', '/')
-        return topic.startswith(below) or topic in SHARED_TOPICS
+        return re.match(topics_pattern(self.namespace), topic) is not None
 
 
 def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) -> list[str]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import signal
 import sys
@@ -27,10 +27,9 @@ from rclpy.node import Node
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
-from tdm_sim.progress import make_progress
 from tdm_sim.progress import Progress as Shown
 from tdm_sim.record_command import RECORDING, TopicChoice
-from tdm_sim.wire_types import message_class, subscription_profile
+from tdm_sim.wire_types import AS_OFFERED, message_class
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
 PROGRESS_PERIOD = 0.5  # s between updates of the live line
@@ -89,13 +88,23 @@ class Recorder(Node):
         self._recorded: set[str] = set()
         self._skipped: set[str] = set()
         self._lost: dict[str, int] = {}
+        self._start = self._read_at = time.monotonic()
+        self._messages = 0
         self.create_timer(DISCOVERY_PERIOD, self.subscribe_new_topics)
         self.subscribe_new_topics()
 
     @property
-    def dropped(self) -> int:
-        """Messages that were sent but did not arrive, as far as the middleware tells."""
-        return sum(self._lost.values())
+    def progress_due(self) -> bool:
+        """Whether it is time to show the figures again."""
+        return time.monotonic() - self._read_at >= PROGRESS_PERIOD
+
+    def progress(self) -> Progress:
+        """Return the figures as they are, the rate since they were read last."""
+        now, counts = time.monotonic(), self._writer.counts
+        messages, dropped = sum(counts.values()), sum(self._lost.values())
+        rate = (messages - self._messages) / (now - self._read_at)
+        self._read_at, self._messages = now, messages
+        return Progress(now - self._start, counts, dropped, self._writer.size, rate)
 
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
@@ -129,7 +138,7 @@ class Recorder(Node):
             kind,
             topic,
             write,
-            subscription_profile([item.qos_profile for item in publishers]),
+            AS_OFFERED,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
         )
@@ -145,8 +154,6 @@ def record(
     storage: str = 'mcap',
     *,
     namespace: str | None = None,
-    duration: float | None = None,
-    stop: threading.Event | None = None,
     on_start: Callable[[], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Progress:
@@ -154,26 +161,24 @@ def record(
     Record topics to the new folder `output` until SIGINT or SIGTERM.
 
     Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
-    and what nodes share (`TopicChoice`); topics that appear later are recorded. Ends earlier after
-    `duration` s or when `stop` is set. `on_start` is called once the first message is written,
-    `on_progress` about twice a second. Returns the final figures. A recording that fails leaves
-    what it has.
+    and what nodes share (`TopicChoice`); topics that appear later are recorded. `on_start` is
+    called once the first message is written, `on_progress` about twice a second. Returns the final
+    figures. A recording that fails leaves what it has.
 
     Raises
     ------
     RecordingError
-        If the folder exists or cannot be made, the storage is unknown, or `rosbags` is missing.
+        If the folder exists or cannot be made, or the storage is unknown.
     IncompleteRecording
         If the disk gets full; the bag holds, and is closed with, what was recorded until then.
 
     """
     with (
-        _signals_set(stop or threading.Event()) as ended,
+        _asked_to_end() as ended,
         BagWriter(Path(output), storage) as writer,
         _own_context() as context,
     ):
         node = Recorder(writer, topics, namespace, context=context)
-        figures = _Figures(writer, node)
         executor = make_executor(context)
         executor.add_node(node)
         try:
@@ -183,17 +188,15 @@ def record(
                     on_start()
                     on_start = None
                 writer.keep()
-                if on_progress and figures.due:
-                    on_progress(figures.read())
-                if duration is not None and figures.elapsed >= duration:
-                    break
+                if on_progress and node.progress_due:
+                    on_progress(node.progress())
         except ExternalShutdownException:
             pass
         finally:
-            dropped = node.dropped
             executor.shutdown()
             node.destroy_node()
-    done = figures.final(dropped)
+    done = node.progress()
+    done = replace(done, rate=done.messages / done.elapsed)
     if writer.failure:
         raise IncompleteRecording(
             f'{writer.failure}; the recording ends there, with {done.messages} messages', done
@@ -209,39 +212,6 @@ class IncompleteRecording(RecordingError):
         self.progress = progress
 
 
-class _Figures:
-    """Figures of a recording under way."""
-
-    def __init__(self, writer: BagWriter, node: Recorder) -> None:
-        self._writer, self._node = writer, node
-        self._start = self._read_at = time.monotonic()
-        self._messages = 0
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the start."""
-        return time.monotonic() - self._start
-
-    @property
-    def due(self) -> bool:
-        """Whether it is time to show them again."""
-        return time.monotonic() - self._read_at >= PROGRESS_PERIOD
-
-    def read(self) -> Progress:
-        """Return the figures as they are, the rate since they were read last."""
-        now, counts = time.monotonic(), self._writer.counts
-        messages = sum(counts.values())
-        rate = (messages - self._messages) / (now - self._read_at)
-        self._read_at, self._messages = now, messages
-        return Progress(self.elapsed, counts, self._node.dropped, self._writer.size, rate)
-
-    def final(self, dropped: int) -> Progress:
-        """Return the figures of the whole recording, once it has been closed."""
-        elapsed, counts = self.elapsed, self._writer.counts
-        rate = sum(counts.values()) / elapsed
-        return Progress(elapsed, counts, dropped, self._writer.size, rate)
-
-
 @contextmanager
 def _own_context() -> Iterator[Any]:
     """Open an rclpy context beside any the process has, without signal handlers of rclpy's."""
@@ -254,17 +224,16 @@ def _own_context() -> Iterator[Any]:
 
 
 @contextmanager
-def _signals_set(event: threading.Event) -> Iterator[threading.Event]:
-    """Let SIGINT and SIGTERM set `event` instead of interrupting a write (main thread only)."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    previous = [signal.signal(number, lambda *_: event.set()) for number in numbers]
+def _asked_to_end() -> Iterator[threading.Event]:
+    """Let SIGINT and SIGTERM set an event instead of interrupting a write (main thread only)."""
+    event = threading.Event()
+    main = threading.current_thread() is threading.main_thread()
+    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
+    previous = {number: signal.signal(number, lambda *_: event.set()) for number in numbers}
     try:
         yield event
     finally:
-        for number, handler in zip(numbers, previous, strict=True):
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 
@@ -276,8 +245,17 @@ def run(
     namespace: str | None = None,
 ) -> int:
     """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
-    shown = make_progress(quiet)
-    told = _Telling(shown)
+    shown = Shown(quiet)
+    plain = PLAIN_PERIOD
+
+    def tell(progress: Progress) -> None:
+        nonlocal plain
+        if shown.live:
+            shown.update(str(progress))
+        elif progress.elapsed >= plain:
+            plain += PLAIN_PERIOD
+            shown.phase(str(progress))
+
     try:
         with shown:
             done = record(
@@ -286,7 +264,7 @@ def run(
                 storage,
                 namespace=namespace,
                 on_start=lambda: shown.phase(f'{RECORDING} {output}: Ctrl-C ends'),
-                on_progress=told,
+                on_progress=tell,
             )
     except IncompleteRecording as error:
         print(f'error: {error}', file=sys.stderr)
@@ -301,20 +279,3 @@ def run(
     for topic, count in sorted(done.counts.items()):
         shown.line(f'  {count:8d}  {topic}')
     return 0
-
-
-class _Telling:
-    """A live line twice a second on a terminal; elsewhere a plain one now and then."""
-
-    def __init__(self, shown: Shown) -> None:
-        self._shown = shown
-        self._live = sys.stdout.isatty()
-        self._next = PLAIN_PERIOD
-
-    def __call__(self, progress: Progress) -> None:
-        """Show the figures."""
-        if self._live:
-            self._shown.update(str(progress))
-        elif progress.elapsed >= self._next:
-            self._next += PLAIN_PERIOD
-            self._shown.phase(str(progress))

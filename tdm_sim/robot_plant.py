@@ -29,7 +29,7 @@ from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode, WARNING_PERIOD
-from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, robot_push, SimulatedPlant
+from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, robot_push, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 Array = NDArray[np.float64]
@@ -163,9 +163,7 @@ class RobotModel(PlantModel):
 
     def make_setup(self, parameters: RobotPlantParameters) -> PlantSetup:
         """Return the robot, its limits and its disturbances as `parameters` say."""
-        start, noise, limits = parameters.initial, parameters.noise, parameters.limits
-        gains = mismatched_gains(3, parameters.mismatch, parameters.mismatch_seed)
-        gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+        start, noise = parameters.initial, parameters.noise
         robot = mismatched(parameters.plant, parameters.mismatch, parameters.mismatch_seed)
         plant = WheeledRobot(robot)
         deviations = {
@@ -176,10 +174,8 @@ class RobotModel(PlantModel):
         return PlantSetup(
             plant=plant,
             initial=np.array([vars(start).get(name, 0.0) for name in plant.state_names]),
-            lower=np.array([0.0, -limits.thruster_rate, -limits.torque]),
-            upper=np.array([limits.thrust, limits.thruster_rate, limits.torque]),
             noise=np.array([deviations.get(name, 0.0) for name in plant.state_names]),
-            gains=gains,
+            **robot_actuators(parameters.limits, parameters.mismatch, parameters.mismatch_seed),
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
             contact=self._walls(parameters.arena, self.name(parameters)),
@@ -211,7 +207,7 @@ class RobotModel(PlantModel):
         assert isinstance(plant, WheeledRobot)
         impulse, direction = given.impulse, given.direction
         if direction is None:
-            direction = simulation.disturbances.direction()
+            direction = simulation.direction()
         return (
             lambda state: robot_push(plant.robot, state, impulse, direction),
             f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad',

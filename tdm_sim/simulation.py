@@ -13,40 +13,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
 Array = NDArray[np.float64]
 PlantType = TypeVar('PlantType')
 
 
-class Disturbances:
-    """The random part of a simulated plant, reproducible: one seed, one sequence of draws."""
-
-    def __init__(self, seed: int = 0) -> None:
-        # Independent streams: draws from one must not change the other.
-        self._noise, self._loss, self._direction = (
-            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
-        )
-
-    def measured(self, state: Array, deviation: Array) -> Array:
-        """`state` (nx,) with white Gaussian noise of standard `deviation` (nx,)."""
-        return state + deviation * self._noise.standard_normal(state.shape)
-
-    def loses_command(self, probability: float) -> bool:
-        """Whether the command that has just arrived is lost."""
-        return bool(self._loss.random() < probability)
-
-    def direction(self) -> float:
-        """Return an angle [rad], all directions being equally likely."""
-        return float(self._direction.uniform(-math.pi, math.pi))
+def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
+    """Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`."""
+    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
+    gains = mismatched_gains(3, mismatch, seed)
+    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+    return {'lower': upper * [0.0, -1.0, -1.0], 'upper': upper, 'gains': gains}
 
 
 def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
@@ -124,7 +110,8 @@ class SimulatedPlant:
 
     `time` [s] counts the simulated time since the start. A command acts from the moment it is
     given until the next one, for at most the command time-out. `breakdowns` counts how often the
-    motion became too violent to be integrated; the plant is then reset.
+    motion became too violent to be integrated; the plant is then reset. What is random follows
+    from `seed`.
     """
 
     def __init__(self, setup: PlantSetup, seed: int = 0) -> None:
@@ -136,7 +123,10 @@ class SimulatedPlant:
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
         self._released = False
-        self.disturbances = Disturbances(seed)
+        # Independent streams: draws from one must not change the other.
+        self._noise, self._loss, self._direction = (
+            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
+        )
 
     @property
     def state(self) -> Array:
@@ -166,7 +156,7 @@ class SimulatedPlant:
         values = np.array(control, dtype=float)
         if values.shape != self._command.shape or not np.isfinite(values).all():
             raise ValueError(f'a command must be {self._command.size} finite numbers')
-        if self.disturbances.loses_command(self.setup.command_loss):
+        if self._loss.random() < self.setup.command_loss:
             return
         self._command = values
         self._released = self._released or bool(values.any())
@@ -185,8 +175,12 @@ class SimulatedPlant:
         self._advance(end)
 
     def measure(self) -> Array:
-        """State (nx,) as the sensors see it."""
-        return self.disturbances.measured(self._state, self.setup.noise)
+        """State (nx,) as the sensors see it: with white Gaussian noise."""
+        return self._state + self.setup.noise * self._noise.standard_normal(self._state.shape)
+
+    def direction(self) -> float:
+        """Draw an angle [rad], all directions being equally likely."""
+        return float(self._direction.uniform(-math.pi, math.pi))
 
     def push(self, effect: Callable[[Array], Array]) -> None:
         """Change the state at once by `effect` (state before -> state after)."""

@@ -5,19 +5,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 import importlib
-import os
 from pathlib import Path
 import sys
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Nodetype,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.resources import ament_prefixes
 
-# Deep enough for a burst that arrives while a chunk is written to disk.
-_DEPTH = 1000
+# Quality of service that every publisher's offer matches, as strong as all of them allow; deep
+# enough for a burst that arrives while a chunk is written to disk.
+AS_OFFERED = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
 
 
 def message_class(type_name: str) -> Any:
@@ -37,28 +51,8 @@ def message_class(type_name: str) -> Any:
         raise InvalidProblem(f"its message type '{type_name}' is not installed here") from None
 
 
-def subscription_profile(offered: Sequence[QoSProfile]) -> QoSProfile:
-    """Quality of service that every publisher's offer matches, as strong as all of them allow."""
-    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in offered)
-    durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in offered)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE,
-    )
-
-
 def offered_profile(profile: QoSProfile) -> Any:
     """Return a publisher's offer as `rosbags` writes it."""
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
 
     def time(duration: Any) -> Any:
         return QosTime(*divmod(duration.nanoseconds, 10**9))
@@ -99,15 +93,11 @@ def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
 
 @cache
 def _standard_types() -> Any:
-    from rosbags.typesys import get_typestore, Stores
-
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def installed_types(type_name: str) -> Any:
     """Types read from the .msg files of the installed packages: `type_name` and its members."""
-    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-
     store = get_typestore(Stores.EMPTY)
     wanted = [type_name]
     while wanted:
@@ -122,8 +112,6 @@ def installed_types(type_name: str) -> Any:
 
 def _members(definition: Any) -> list[str]:
     """Names of the message types that a definition of `rosbags` refers to."""
-    from rosbags.interfaces import Nodetype
-
     names = []
     for _, (kind, detail) in definition[1]:
         if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
@@ -136,8 +124,7 @@ def _members(definition: Any) -> list[str]:
 def _definition_file(type_name: str) -> Path:
     package, _, name = type_name.partition('/msg/')
     file = Path('share', package, 'msg', f'{name}.msg')
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    for prefix in prefixes:
-        if prefix and (found := Path(prefix) / file).is_file():
-            return found
+    for prefix in (*ament_prefixes(package), Path(sys.prefix)):
+        if (prefix / file).is_file():
+            return prefix / file
     raise InvalidProblem(f"the definition of its message type '{type_name}' is not found")

@@ -60,8 +60,7 @@ def _vehicle(vehicle: Vehicle, times: Array, colour: int) -> dict[str, Any]:
         ('planned', planned_frames(vehicle, times)),
         ('measured', measured_frames(vehicle, times)),
     ):
-        drawn = None if frames is None else view.drawing(*frames)
-        found[kind] = None if not drawn else _shapes(drawn, times.size)
+        found[kind] = _shapes(view.drawing(*frames), times.size) if frames else []
     if vehicle.plan is not None:
         last = vehicle.plan.trajectory
         ends = dict(zip(last.state_names, last.states[-1:].T, strict=True))
@@ -98,14 +97,13 @@ def planned_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | No
     """
     if not vehicle.plans:
         return None
-    state, control = vehicle.planned(times)
+    states, controls = vehicle.planned(times)
     moving = np.zeros(times.size, dtype=bool)
     for plan in vehicle.plans:
         moving |= (times >= plan.start) & (times <= plan.followed_until)
-    motion = vehicle.plans[0].trajectory
     return (
-        dict(zip(motion.state_names, state.T, strict=True)),
-        dict(zip(motion.control_names, (moving[:, None] * control).T, strict=True)),
+        dict(zip(states.names, states.values.T, strict=True)),
+        dict(zip(controls.names, (moving[:, None] * controls.values).T, strict=True)),
     )
 
 
@@ -121,13 +119,11 @@ def measured_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | N
 
 def _read(name: str, times: Array, signals: Signals | None) -> Array:
     """Read a history at `times`, NaN outside and in the midst of gaps."""
-    nothing = np.full(times.size, np.nan)
-    if signals is None or name not in signals:
-        return nothing
-    known = np.isfinite(signals.column(name))
-    instants, values = signals.times[known], signals.column(name)[known]
-    if instants.size < 2:
-        return nothing
+    values = np.zeros(0) if signals is None else signals.select(name).values[:, 0]
+    known = np.isfinite(values)
+    if signals is None or known.sum() < 2:
+        return np.full(times.size, np.nan)
+    instants, values = signals.times[known], values[known]
     gap = max(_LONGEST_GAP, _GAP_RATIO * float(np.median(np.diff(instants))))
     after = np.clip(np.searchsorted(instants, times), 1, instants.size - 1)
     outside = (times < instants[0]) | (times > instants[-1])

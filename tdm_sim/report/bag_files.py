@@ -11,7 +11,7 @@ half a file - what comes before the damage is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 import os
 from pathlib import Path
 import re
@@ -22,7 +22,6 @@ from typing import ClassVar, NamedTuple
 
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report import untrusted
 import zstandard
@@ -31,7 +30,6 @@ STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
 _LARGEST = 2**30  # bytes of a record or a message; a longer one is damage
-_BLOCK = 2**20
 
 
 class UnreadableRecording(TdmError):
@@ -83,24 +81,16 @@ def check_recording(path: Path) -> None:
         )
 
 
-def messages(path: Path, wanted: Wanted) -> Iterator[Raw]:
-    """Read a whole recording; raises whatever the library does for one that is damaged."""
-    if path.suffix == _COMPRESSED or path.with_name(path.name + '-wal').exists():
-        raise UnreadableRecording(f"'{path}' must be unpacked first")
-    with Reader(path) as reader:
-        chosen = [c for c in reader.connections if wanted(c.topic, c.msgtype)]
-        for connection, stamp, data in reader.messages(chosen) if chosen else ():
-            yield Raw(connection.topic, connection.msgtype, stamp, _unpacked(data))
-
-
-def salvaged(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
-    """Read what is left of a damaged recording; `notes` say what is lost."""
+def messages(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+    """Read a recording as far as it can be read; `notes` say what is lost of a damaged one."""
     for file in _files(path) if path.is_dir() else [path]:
         with TemporaryDirectory(prefix='tdm_report') as folder:
-            plain = _copied(file, Path(folder), notes)
-            read = _salvaged_mcap if plain.suffix == '.mcap' else _salvaged_sqlite
+            plain = _readable(file, Path(folder), notes)
             try:
-                yield from read(plain, wanted)
+                if plain.suffix == '.mcap':
+                    yield from _of_mcap(plain, wanted)
+                else:
+                    yield from _of_sqlite(plain, wanted, untouched=plain == file)
             except Exception as error:  # noqa: B902
                 # The libraries raise many kinds where a file ends in the middle.
                 notes.append(
@@ -130,35 +120,38 @@ def _files(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: [int(n) for n in re.findall(r'\d{1,9}', path.name)])
 
 
-def _copied(path: Path, folder: Path, notes: list[str]) -> Path:
-    """Return a readable and writable copy of a file; the original is not touched."""
-    if path.suffix != _COMPRESSED and _storage(path) == '.mcap':
-        return path
+def _readable(path: Path, folder: Path, notes: list[str]) -> Path:
+    """Return a file that can be read as it is, or a copy in `folder` of one that cannot."""
     plain = folder / f'recording{_storage(path)}'
-    if path.suffix != _COMPRESSED:
-        shutil.copyfile(path, plain)
-        for ending in ('-wal', '-journal'):  # what SQLite has not yet moved into the file
-            beside = path.with_name(path.name + ending)
-            if beside.is_file():
-                shutil.copyfile(beside, plain.with_name(plain.name + ending))
-        # SQLite cannot open a file that is too short; it opens, but cannot read, pages of zeros.
-        with plain.open('rb') as file:
-            head = file.read(32).ljust(32, b'\0')
-        stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')
-        if plain.stat().st_size < stated < _LARGEST:
-            os.truncate(plain, stated)
+    if path.suffix == _COMPRESSED:
+        with path.open('rb') as source, plain.open('wb') as target:
+            stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
+            try:
+                shutil.copyfileobj(stream, target)
+            except zstandard.ZstdError:
+                notes.append(f'{path.name} is damaged: it was unpacked as far as it goes.')
         return plain
-    with path.open('rb') as source, plain.open('wb') as target:
-        stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
-        try:
-            while block := stream.read(_BLOCK):
-                target.write(block)
-        except zstandard.ZstdError:
-            notes.append(f'{path.name} is damaged: it was unpacked as far as it goes.')
+    if path.suffix == '.mcap':
+        return path
+    # SQLite cannot open a file that is too short; it opens, but cannot read, pages of zeros.
+    with path.open('rb') as database:
+        head = database.read(32).ljust(32, b'\0')
+    stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')
+    short = path.stat().st_size < stated < _LARGEST
+    # what SQLite has not yet moved into the file
+    beside = {end: path.with_name(path.name + end) for end in ('-wal', '-journal')}
+    if not short and not any(file.is_file() for file in beside.values()):
+        return path
+    shutil.copyfile(path, plain)
+    for end, file in beside.items():
+        if file.is_file():
+            shutil.copyfile(file, plain.with_name(plain.name + end))
+    if short:
+        os.truncate(plain, stated)
     return plain
 
 
-def _salvaged_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
+def _of_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
     topics: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
     with path.open('rb') as file:
@@ -166,16 +159,18 @@ def _salvaged_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
-                topics[record.id] = record.topic, schemas.get(record.schema_id, '')
-            elif isinstance(record, Message) and wanted(*topics.get(record.channel_id, ('', ''))):
+                told = record.topic, schemas.get(record.schema_id, '')
+                topics |= {record.id: told} if wanted(*told) else {}
+            elif isinstance(record, Message) and record.channel_id in topics:
                 with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
                     data = _unpacked(record.data)
                     yield Raw(*topics[record.channel_id], record.log_time, data)
 
 
-def _salvaged_sqlite(path: Path, wanted: Wanted) -> Iterator[Raw]:
-    database = sqlite3.connect(path)
-    try:
+def _of_sqlite(path: Path, wanted: Wanted, untouched: bool) -> Iterator[Raw]:
+    """Read a database; one that is `untouched` gets no files beside it."""
+    address = f'{path.absolute().as_uri()}?immutable={int(untouched)}'
+    with closing(sqlite3.connect(address, uri=True)) as database:
         database.text_factory = lambda text: text.decode('utf-8', 'replace')
         rows = database.execute('SELECT id, name, type FROM topics').fetchall()
         known = {key: (str(name), str(kind)) for key, name, kind in rows}
@@ -185,5 +180,3 @@ def _salvaged_sqlite(path: Path, wanted: Wanted) -> Iterator[Raw]:
         for key, stamp, data in database.execute(query, chosen):
             with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
                 yield Raw(*known[key], int(stamp), _unpacked(bytes(data)))
-    finally:
-        database.close()

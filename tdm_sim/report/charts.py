@@ -13,24 +13,21 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 import hashlib
-import html
 import json
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.drawing import COLOURS, LIMIT, SWITCH
+from tdm_planner.drawing import COLOURS
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
 
-# Shares of a panel's height that its title and the gap below it take.
-TITLE_SHARE, FOOT_SHARE = 0.17, 0.06
 _PADDING = 0.08
 _FROM_BELOW = ('measured', 'commanded', 'planned', 'error')
 
 # Within a JSON string these mean the same as the characters; in HTML they mean nothing.
-_ESCAPES = {'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'}
+_ESCAPES = str.maketrans({'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'})
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,106 +80,38 @@ class Chart:
     note: str = ''
 
 
-def plotly_json(chart: Chart, span: tuple[float, float]) -> dict[str, Any]:
-    """
-    Return the chart as plotly.js takes it, its numbers in single precision.
-
-    All panels share one time axis, so that zooming one zooms all.
-    """
+def chart_json(chart: Chart, span: tuple[float, float]) -> dict[str, Any]:
+    """Return the chart as the page's script takes it, its numbers in single precision."""
     traces = [
         {**trace, 'yaxis': f'y{index + 1}' if index else 'y'}
         for index, panel in enumerate(chart.panels)
         for trace in _traces(panel, span)
     ]
-    return {'data': traces, 'layout': _layout(chart)}
+    panels = [
+        {'title': p.title, 'description': p.description, 'unit': p.unit, 'range': p.value_range()}
+        for p in chart.panels
+    ]
+    return {'key': chart.key, 'data': traces, 'panels': panels}
 
 
 def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
     traces = []
-    low, high = panel.value_range()
     if panel.switches:
         instants = np.repeat(np.array(panel.switches), 3)
-        edges = np.tile([low, high, np.nan], len(panel.switches))
-        line = {'color': SWITCH, 'width': 1, 'dash': 'dot'}
-        traces.append(_trace('switching', instants, edges, line))
+        edges = np.tile([*panel.value_range(), np.nan], len(panel.switches))
+        traces.append(_trace('switching', instants, edges))
     # measured curves lie broad and pale below planned ones
-    order = sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind))
-    traces += [_curve_trace(curve) for curve in order]
+    for curve in sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind)):
+        how = {'colour': curve.colour % len(COLOURS), 'held': curve.held}
+        traces.append(_trace(curve.kind, curve.times, curve.values, curve.series, **how))
     if panel.limits:
         ends = np.tile([*span, np.nan], len(panel.limits))
-        levels = np.repeat(np.array(panel.limits), 3)
-        line = {'color': LIMIT, 'width': 1.3, 'dash': 'dash'}
-        traces.append(_trace('limit', ends, levels, line))
+        traces.append(_trace('limit', ends, np.repeat(np.array(panel.limits), 3)))
     return traces
 
 
-def _curve_trace(curve: Curve) -> dict[str, Any]:
-    line: dict[str, Any] = {'color': COLOURS[curve.colour % len(COLOURS)], 'width': 1.5}
-    if curve.held:
-        line['shape'] = 'hv'
-    trace = _trace(curve.kind, curve.times, curve.values, line, curve.series)
-    trace['meta']['colour'] = curve.colour % len(COLOURS)
-    if curve.kind == 'measured':
-        line['width'] = 3.5
-        trace['opacity'] = 0.5
-    elif curve.kind == 'error':
-        line['width'] = 1  # of a broad line, ripple would make a band
-    elif curve.kind == 'commanded':
-        line |= {'width': 1, 'dash': 'dot'}
-    return trace
-
-
-def _trace(
-    kind: Kind, x: Array, y: Array, line: dict[str, Any], series: str = ''
-) -> dict[str, Any]:
-    label = html.escape(f'{series} {kind}'.strip(), quote=False)  # plotly.js reads tags in names
-    return {
-        'name': label,
-        'type': 'scatter',
-        'x': packed(x),
-        'y': packed(y),
-        'mode': 'lines',
-        'line': line,
-        'hoverinfo': 'skip',
-        'meta': {'kind': kind, 'series': series},
-    }
-
-
-def _layout(chart: Chart) -> dict[str, Any]:
-    count = len(chart.panels)
-    layout: dict[str, Any] = {
-        'hovermode': False,
-        'dragmode': 'zoom',
-        'showlegend': False,  # the page has its own, shared by all charts
-        'xaxis': {'title': {'text': 'time from the start of the motion [s]'}, 'anchor': 'free',
-                  'position': 0, 'zeroline': False},
-        'annotations': [],
-    }  # fmt: skip
-    for index, panel in enumerate(chart.panels):
-        top = 1.0 - index / count
-        bottom = max(0.0, top - (1.0 - FOOT_SHARE) / count)
-        layout[f'yaxis{index + 1 if index else ""}'] = {
-            'domain': [bottom, top - TITLE_SHARE / count],
-            'range': list(panel.value_range()),
-            'zeroline': False,
-            'nticks': 5,
-            'automargin': False,
-            'exponentformat': 'power',
-        }
-        layout['annotations'].append(
-            {
-                'text': f'<b>{html.escape(panel.title, quote=False)}</b>',
-                'xref': 'paper',
-                'yref': 'paper',
-                'x': 0,
-                'y': top,
-                'xanchor': 'left',
-                'yanchor': 'top',
-                'showarrow': False,
-            }
-        )
-    layout['meta'] = {'panels': [[p.title, p.description, p.unit] for p in chart.panels]}
-    return layout
+def _trace(kind: Kind, x: Array, y: Array, series: str = '', **how: Any) -> dict[str, Any]:
+    return {'x': packed(x), 'y': packed(y), 'meta': {'kind': kind, 'series': series, **how}}
 
 
 def packed(values: ArrayLike) -> dict[str, str]:
@@ -201,10 +130,7 @@ def json_for_html(data: Any) -> str:
         For a number that is not finite, which JSON cannot hold.
 
     """
-    text = json.dumps(data, allow_nan=False, separators=(',', ':'))
-    for character, escape in _ESCAPES.items():
-        text = text.replace(character, escape)
-    return text
+    return json.dumps(data, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
 
 
 def content_hash(script: str) -> str:

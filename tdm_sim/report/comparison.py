@@ -94,12 +94,11 @@ def tracking_errors(vehicle: Vehicle) -> Signals | None:
         return None
     if vehicle.tracking_error is not None:
         return found
-    names = vehicle.plans[-1].trajectory.state_names
-    shown = found.select(*(name for name in names if name in found))
-    planned = vehicle.planned(shown.times).state
-    error = shown.values.copy()
+    planned, _ = vehicle.planned(found.times)
+    shown = found.select(*(name for name in planned.names if name in found))
+    error = shown.values - planned.select(*shown.names).values
     for k, name in enumerate(shown.names):
-        error[:, k] = vehicle.view.away(name, error[:, k] - planned[:, names.index(name)])
+        error[:, k] = vehicle.view.away(name, error[:, k])
     return Signals(shown.times, error, shown.names, shown.units)
 
 
@@ -117,14 +116,12 @@ def _durations(mission: Mission) -> Iterator[Entry]:
     """
     note = _several(mission)
     planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
-    if len(planned) > 1:
-        longest = max(v.plans[0].trajectory.duration for v in planned)
+    lengths = {vehicle.name: vehicle.plans[0].trajectory.duration for vehicle in planned}
+    if len(lengths) > 1:
+        longest = max(lengths.values())
         yield Entry('duration', 'duration of all plans', 's', longest, note=note)
-    for vehicle in planned:
-        length = vehicle.plans[0].trajectory.duration
-        yield Entry(
-            'duration', 'duration of the plan', 's', length, vehicle=vehicle.name, note=note
-        )
+    for name, length in lengths.items():
+        yield Entry('duration', 'duration of the plan', 's', length, vehicle=name, note=note)
     rows = [_time_to_goal(vehicle, note) for vehicle in planned if vehicle.states is not None]
     if len(rows) > 1:
         due = [row.planned for row in rows if row.planned is not None]
@@ -163,8 +160,7 @@ def _due(vehicle: Vehicle) -> float:
     """Return when the first plan's own states are at its goal for good [s]; inf if never."""
     motion = vehicle.plans[0].trajectory
     times = np.linspace(0.0, motion.duration, min(int(motion.duration / _STEP) + 2, _MOST_STEPS))
-    names = motion.state_names
-    states = Signals(times, motion.sample(times).state, names, ('',) * len(names))
+    states = Signals.of(motion, times, motion.sample(times).state, motion.state_names)
     return held_from(*goal_errors(vehicle.view, motion, states))
 
 
@@ -190,8 +186,8 @@ def _landings(mission: Mission) -> Iterator[Entry]:
         for k, name in enumerate(motion.state_names):
             planned = said.get(name, said.get(f'{vehicle.name}.{name}'))
             achieved = None
-            if vehicle.states is not None and name in vehicle.states:
-                measured = vehicle.states.select(name).at(np.array([plan.end]))[:, 0]
+            if vehicle.states is not None:
+                measured = vehicle.states.select(name).at(np.array([plan.end])).values[:, 0]
                 away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0])
                 achieved = away if math.isfinite(away) else None
             if planned is not None or achieved is not None:
@@ -212,8 +208,16 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
         history = histories[vehicle.name]
         planned, measured = smallest(history.planned), smallest(history.measured)
         planned = planned or _said(mission, vehicle)
+        controls = () if vehicle.plan is None else vehicle.plan.trajectory.control_names
         for name in dict.fromkeys([*planned, *measured]):
-            yield _margin(name, planned.get(name), measured.get(name), vehicle)
+            achieved = measured.get(name)
+            # of a control: the plant could not do more
+            at_limit = achieved is not None and abs(achieved.worst) <= ROUNDING
+            yield replace(
+                _smallest('margin', f'margin of {name}', planned.get(name), achieved),
+                vehicle=vehicle.name,
+                mark='saturated' if at_limit and name in controls else '',
+            )
 
 
 def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
@@ -228,21 +232,6 @@ def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
             if name not in found or margin.worst < found[name].worst:
                 found[name] = Margin(margin.worst, at, margin.unit)
     return found
-
-
-def _margin(
-    name: str, planned: Margin | None, achieved: Margin | None, vehicle: Vehicle | None
-) -> Entry:
-    controls: tuple[str, ...] = ()
-    if vehicle is not None and vehicle.plan is not None:
-        controls = vehicle.plan.trajectory.control_names
-    # of a control: the plant could not do more
-    at_limit = name in controls and achieved is not None and abs(achieved.worst) <= ROUNDING
-    return replace(
-        _smallest('margin', f'margin of {name}', planned, achieved),
-        vehicle='' if vehicle is None else vehicle.name,
-        mark='saturated' if at_limit else '',
-    )
 
 
 def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | None) -> Entry:
@@ -267,7 +256,7 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
             None if m is None else Margin(m.worst - least, m.instant, 'm')
             for m in (nearest, closest)
         )
-        yield _margin('separation', due, kept, None)
+        yield _smallest('margin', 'margin of separation', due, kept)
     if len(names) > 1:
         for name in names:
             yield _smallest('distance', name, planned.get(name), measured.get(name))

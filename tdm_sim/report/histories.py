@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from tdm_sim.report.charts import Chart, Curve, Kind, Panel
 from tdm_sim.report.comparison import Comparison
+from tdm_sim.report.margins import smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]
@@ -79,7 +80,14 @@ def error_chart(mission: Mission, comparison: Comparison) -> Chart:
 def distance_chart(mission: Mission, comparison: Comparison) -> Chart:
     """Distances of pairs of robots, of many pairs those that come closest."""
     history = comparison.separations
-    names = _closest_pairs(history.planned, history.measured)
+    nearest: dict[str, float] = {}
+    for name, distance in [
+        *smallest(history.planned).items(),
+        *smallest(history.measured).items(),
+    ]:
+        nearest[name] = min(nearest.get(name, np.inf), distance.worst)
+    closest = sorted(nearest, key=lambda name: nearest[name])[:SHOWN_PAIRS]
+    names = [name for name in nearest if name in closest]
     most = points_per_curve(mission)
     curves = []
     both: dict[Kind, Signals | None] = {'planned': history.planned, 'measured': history.measured}
@@ -93,9 +101,8 @@ def distance_chart(mission: Mission, comparison: Comparison) -> Chart:
     minimum = mission.vehicles[0].view.separation if mission.vehicles else None
     limits = () if minimum is None else (minimum,)
     panel = Panel('distance', 'm', tuple(curves), 'between centres', limits)
-    found = 0 if not curves else len(_pairs(history.planned) | _pairs(history.measured))
-    note = f'The {len(names)} of {found} pairs that come closest.' if found > len(names) else ''
-    return Chart('distances', 'Distances', (panel,), note)
+    note = f'The {len(names)} of {len(nearest)} pairs that come closest.'
+    return Chart('distances', 'Distances', (panel,), note if len(nearest) > len(names) else '')
 
 
 def _history(mission: Mission, sources: Sources, held: bool = False) -> tuple[Panel, ...]:
@@ -121,23 +128,20 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
         for kind, source in sources.items():
             signals = source(vehicle)
             colour = k if several else _COLOURS[kind]
-            steps = held and kind == 'planned' and _is_held(vehicle)
+            steps = held and kind == 'planned'
+            steps &= any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
             for name in () if signals is None else signals.names:
                 assert signals is not None
                 thin = signals.select(name).thinned(most)
                 series = vehicle.name if several else ''
                 curve = Curve(kind, thin.times, thin.values[:, 0], colour, series, steps)
                 curves.setdefault(name, []).append(curve)
-                units[name] = units.get(name, '') or signals.unit(name)
+                units[name] = units.get(name, '') or thin.units[0]
     words = mission.vehicles[0].view.labels if mission.vehicles else {}
     return tuple(
         Panel(name, units[name], tuple(found), words.get(name, ''))
         for name, found in curves.items()
     )
-
-
-def _is_held(vehicle: Vehicle) -> bool:
-    return any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
 
 
 def _planned(mission: Mission, vehicle: Vehicle, group: Group) -> Signals | None:
@@ -154,8 +158,7 @@ def _planned(mission: Mission, vehicle: Vehicle, group: Group) -> Signals | None
         values += [read, np.full((1, read.shape[1]), np.nan)]
     motion = vehicle.plans[0].trajectory
     names = motion.state_names if group == 'states' else motion.control_names
-    units = tuple(motion.units.get(name, '') for name in names)
-    return Signals(np.concatenate(times), np.concatenate(values), names, units)
+    return Signals.of(motion, np.concatenate(times), np.concatenate(values), names)
 
 
 def _switches(plan: FollowedPlan) -> Array:
@@ -188,20 +191,3 @@ def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
     # an instant and its double, rounded differently, would make a needle in a held control
     apart: Array = instants[np.append(True, np.diff(instants) > 1e-9)]
     return apart
-
-
-def _pairs(signals: Signals | None) -> set[str]:
-    return set() if signals is None else set(signals.names)
-
-
-def _closest_pairs(*histories: Signals | None) -> list[str]:
-    nearest: dict[str, float] = {}
-    for signals in histories:
-        for name in () if signals is None else signals.names:
-            assert signals is not None
-            column = signals.column(name)
-            known = column[np.isfinite(column)]
-            if known.size:
-                nearest[name] = min(nearest.get(name, np.inf), float(known.min()))
-    closest = sorted(nearest, key=lambda name: nearest[name])[:SHOWN_PAIRS]
-    return [name for name in nearest if name in closest]

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import heapq
 import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import LOWER_THRUST
 from tdm_planner.verification import Constraint, dense_times
 from tdm_sim.report.mission import Margin, Mission, Signals, Vehicle
@@ -37,27 +39,21 @@ class History:
 
 def margin_history(vehicle: Vehicle) -> History:
     """Return the margin of every constraint over time; negative values are violations."""
-    if vehicle.plan is None:
-        return History()
-    constraints = vehicle.view.constraints(vehicle.plan.trajectory)
+    plan = vehicle.plan
+    constraints = () if plan is None else vehicle.view.constraints(plan.trajectory)
     if not constraints:
         return History()
     return History(_planned(vehicle, constraints), _measured(vehicle, constraints))
 
 
-def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
+def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals:
+    """Margins of all plans as long as they were followed."""
     parts = []
     for plan in vehicle.plans:
-        motion = plan.trajectory
-        times = dense_times(motion, motion.duration / _INSTANTS)
+        times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)
         times = times[times + plan.start <= plan.followed_until]
-        if times.size:
-            values = _margins(constraints, times, *motion.sample(times))
-            parts.append((times + plan.start, values))
-    if not parts:
-        return None
-    times = np.concatenate([part[0] for part in parts])
-    return _signals(times, np.concatenate([part[1] for part in parts]), constraints)
+        parts.append((times + plan.start, times, *plan.trajectory.sample(times)))
+    return _margins(constraints, *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
@@ -67,36 +63,34 @@ def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | 
     states = vehicle.states.between(vehicle.plans[0].start, np.inf)
     if not states.times.size:
         return None
-    plan = vehicle.plans[-1].trajectory
-    nothing = np.full(states.times.size, np.nan)
-    own = [states.column(n) if n in states else nothing for n in plan.state_names]
-    controls = np.full((states.times.size, len(plan.control_names)), np.nan)
+    plan = vehicle.plans[-1]
+    own = states.select(*plan.trajectory.state_names).values
+    names = plan.trajectory.control_names
+    controls = np.full((states.times.size, len(names)), np.nan)
     if vehicle.controls is not None:
-        found = vehicle.controls.at(states.times)
-        for k, name in enumerate(plan.control_names):
-            if name in vehicle.controls:
-                controls[:, k] = found[:, vehicle.controls.names.index(name)]
-    times = states.times - vehicle.plans[-1].start
-    values = _margins(constraints, times, np.stack(own, axis=1), controls)
-    return _signals(states.times, values, constraints)
+        controls = vehicle.controls.select(*names).at(states.times).values
+    return _margins(constraints, states.times, states.times - plan.start, own, controls)
 
 
 def _margins(
-    constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
-) -> Array:
-    with np.errstate(invalid='ignore'):
-        columns = [np.asarray(c.margin(times, states, controls), dtype=float) for c in constraints]
-    return np.stack(columns, axis=1)
-
-
-def _signals(times: Array, values: Array, constraints: Sequence[Constraint]) -> Signals:
-    shown = [
-        k
-        for k, constraint in enumerate(constraints)  # a robot that coasts is at the lower bound
-        if constraint.name != LOWER_THRUST or (values[:, k] < -ROUNDING).any()
-    ]
-    units = tuple(constraints[k].unit for k in shown)
-    return Signals(times, values[:, shown], tuple(constraints[k].name for k in shown), units)
+    constraints: Sequence[Constraint],
+    instants: Array,
+    times: Array,
+    states: Array,
+    controls: Array,
+) -> Signals:
+    """Return margins at `instants` of the mission, which are `times` of the plan."""
+    shown: list[Constraint] = []
+    found: list[Array] = []
+    for constraint in constraints:
+        with np.errstate(invalid='ignore'):
+            margin = np.asarray(constraint.margin(times, states, controls), dtype=float)
+        # a robot that coasts is at the lower bound
+        if constraint.name != LOWER_THRUST or (margin < -ROUNDING).any():
+            shown.append(constraint)
+            found.append(margin)
+    names, units = tuple(c.name for c in shown), tuple(c.unit for c in shown)
+    return Signals(instants, np.stack(found, axis=1), names, units)
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:
@@ -116,46 +110,47 @@ def separations(mission: Mission) -> History:
     Return the distance of every pair of vehicles over time, called ``one - other``.
 
     Of more than `MOST_PAIRS` pairs those that come closest.
+
+    Raises
+    ------
+    InvalidProblem
+        If a vehicle lacks a state of its place.
+
     """
     moving = [v for v in mission.vehicles if v.view.place]
-    planned = {v.name: v for v in moving if v.plans}
+    planned = [v for v in moving if v.plans]
     seen = {v.name: v.states for v in moving if v.states is not None}
     found = History()
     if len(planned) > 1:
-        start = min(v.plans[0].start for v in planned.values())
-        end = max(v.plans[-1].end for v in planned.values())
+        start, end = min(v.plans[0].start for v in planned), max(v.plans[-1].end for v in planned)
         times = np.linspace(start, end, min(int((end - start) / _STEP) + 2, 20_000))
-        places = {name: planned_place(v, times) for name, v in planned.items()}
-        found = History(planned=_distances(places, times))
+        states = {v.name: v.planned(times)[0] for v in planned}
+        found = History(planned=_distances(states, times, moving[0].view.place))
     if len(seen) > 1:
-        place = moving[0].view.place
         times = max(seen.values(), key=lambda states: states.times.size).times
-        places = {name: states.select(*place).at(times) for name, states in seen.items()}
-        found = History(found.planned, _distances(places, times))
+        found = History(found.planned, _distances(seen, times, moving[0].view.place))
     return found
 
 
-def planned_place(vehicle: Vehicle, times: Array) -> Array:
-    """Return where a vehicle is planned to be at instants, (n, 2)."""
-    names = vehicle.plans[0].trajectory.state_names
-    return vehicle.planned(times).state[:, [names.index(name) for name in vehicle.view.place]]
+def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ...]) -> Signals:
+    for name, known in states.items():
+        lacking = [state for state in place if state not in known]
+        if lacking:
+            raise InvalidProblem(
+                f"the states of '{name}' lack '{lacking[0]}', without which its distance from "
+                f'others is not known; there is: {", ".join(known.names) or "none"}'
+            )
+    places = {name: known.select(*place).at(times).values for name, known in states.items()}
+    pairs = list(itertools.combinations(places, 2))
 
+    def distance(number: int) -> Array:
+        one, other = pairs[number]
+        return np.asarray(np.hypot(*(places[one] - places[other]).T))
 
-def _distances(places: Mapping[str, Array], times: Array) -> Signals:
-    found: list[tuple[float, str, Array]] = []
-    for one, other in itertools.combinations(places, 2):
-        distance = np.hypot(*(places[one] - places[other]).T)
-        nearest = float(np.nanmin(distance)) if np.isfinite(distance).any() else np.inf
-        found.append((nearest, f'{one} - {other}', distance))
-        if len(found) > 2 * MOST_PAIRS:
-            found = _closest(found)
-    found = _closest(found)
-    names = tuple(name for _, name, _ in found)
-    values = np.stack([distance for _, _, distance in found], axis=1)
+    def nearest(number: int) -> float:
+        return float(np.nanmin(distance(number), initial=np.inf))
+
+    closest = sorted(heapq.nsmallest(MOST_PAIRS, range(len(pairs)), key=nearest))
+    names = tuple(' - '.join(pairs[number]) for number in closest)
+    values = np.stack([distance(number) for number in closest], axis=1)
     return Signals(times, values, names, ('m',) * len(names))
-
-
-def _closest(found: list[tuple[float, str, Array]]) -> list[tuple[float, str, Array]]:
-    if len(found) <= MOST_PAIRS:
-        return found
-    return sorted(found, key=lambda item: item[0])[:MOST_PAIRS]

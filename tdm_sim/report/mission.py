@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plant_views import PlantView
-from tdm_planner.trajectory import Sample, TimedTrajectory
+from tdm_planner.trajectory import TimedTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,13 @@ class Signals:
         assert self.values.shape == (self.times.size, len(self.names))
         assert len(self.units) == len(self.names)
 
+    @classmethod
+    def of(
+        cls, motion: Trajectory, times: Array, values: Array, names: tuple[str, ...]
+    ) -> Signals:
+        """Return histories whose names, and so their units, are those of a trajectory."""
+        return cls(times, values, names, tuple(motion.units.get(name, '') for name in names))
+
     def __contains__(self, name: object) -> bool:
         """Whether there is a history called `name`."""
         return name in self.names
@@ -52,30 +59,26 @@ class Signals:
         """Return the history called `name`, (n,)."""
         return self.values[:, self.names.index(name)]
 
-    def unit(self, name: str) -> str:
-        """Return the unit of the history called `name`."""
-        return self.units[self.names.index(name)]
-
     def select(self, *names: str) -> Signals:
-        """Return the histories called `names`, in this order."""
-        index = [self.names.index(name) for name in names]
-        units = tuple(self.units[i] for i in index)
-        return Signals(self.times, self.values[:, index], names, units)
+        """Return the histories called `names`, in this order; NaN where there is none."""
+        units = dict(zip(self.names, self.units, strict=True))
+        values = np.full((self.times.size, len(names)), np.nan)
+        for k, name in enumerate(names):
+            if name in units:
+                values[:, k] = self.column(name)
+        return Signals(self.times, values, names, tuple(units.get(name, '') for name in names))
 
     def between(self, start: float, end: float) -> Signals:
         """Return what lies in [start, end] s."""
         inside = (self.times >= start) & (self.times <= end)
         return Signals(self.times[inside], self.values[inside], self.names, self.units)
 
-    def at(self, times: Array) -> Array:
-        """Return the values at `times` (k,) by linear interpolation, (k, m); NaN outside."""
-        columns = [
-            np.interp(times, self.times, column, left=np.nan, right=np.nan)
-            if self.times.size
-            else np.full(np.shape(times), np.nan)
-            for column in self.values.T
-        ]
-        return np.stack(columns, axis=-1) if columns else np.zeros((np.size(times), 0))
+    def at(self, times: Array) -> Signals:
+        """Return the histories at `times` (k,) by linear interpolation; NaN outside."""
+        values = np.full((times.size, len(self.names)), np.nan)
+        for k, column in enumerate(self.values.T if self.times.size else ()):
+            values[:, k] = np.interp(times, self.times, column, left=np.nan, right=np.nan)
+        return Signals(times, values, self.names, self.units)
 
     def thinned(self, most: int) -> Signals:
         """
@@ -96,10 +99,7 @@ def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
     per_bin = 2 + 2 * m
     edges = np.linspace(0, n, max(1, most // per_bin) + 1).astype(int)
     kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
-    low, high = (
-        np.where(np.isnan(values), np.inf, values),
-        np.where(np.isnan(values), -np.inf, values),
-    )
+    low, high = (np.where(np.isnan(values), end, values) for end in (np.inf, -np.inf))
     for start, end in itertools.pairwise(edges):
         kept += [start + low[start:end].argmin(axis=0), start + high[start:end].argmax(axis=0)]
     return np.unique(np.concatenate(kept))
@@ -150,7 +150,7 @@ class Vehicle:
         """Return the controls as applied or, if that was not recorded, as commanded."""
         return self.commands if self.applied is None else self.applied
 
-    def planned(self, times: Array) -> Sample:
+    def planned(self, times: Array) -> tuple[Signals, Signals]:
         """
         Return planned states and controls at instants (n,), of the plans in turn.
 
@@ -160,7 +160,11 @@ class Vehicle:
         for plan in self.plans[1:]:
             during = times >= plan.start
             state[during], control[during] = plan.sample(times[during])
-        return Sample(state, control)
+        motion = self.plans[0].trajectory
+        return (
+            Signals.of(motion, times, state, motion.state_names),
+            Signals.of(motion, times, control, motion.control_names),
+        )
 
 
 @dataclass(frozen=True)

@@ -22,19 +22,12 @@ from tdm_planner import __version__
 from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_json
+from tdm_sim.report import animation, histories
+from tdm_sim.report.charts import Chart, chart_json, content_hash, json_for_html
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.histories import (
-    control_chart,
-    distance_chart,
-    error_chart,
-    margin_chart,
-    state_chart,
-)
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.tables import events_table, parameters_table, summary_table
+from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
@@ -45,9 +38,9 @@ _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 _LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
-def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> int:
+def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> None:
     """
-    Write the report on a mission to `path`; returns the file's size in bytes.
+    Write the report on a mission to `path`.
 
     Raises
     ------
@@ -55,9 +48,7 @@ def write_report(mission: Mission, path: Path, comparison: Comparison | None = N
         If the file cannot be written.
 
     """
-    page = report_page(mission, comparison).encode()
-    write_file(path, page)
-    return len(page)
+    write_file(path, report_page(mission, comparison).encode())
 
 
 def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
@@ -71,7 +62,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
             'motion': list(motion_span(mission)),
             'speed': f'{playing_speed(mission):g}',
             'scene': scene,
-            'charts': [{'key': c.key, **plotly_json(c, mission.span)} for c in charts],
+            'charts': [chart_json(chart, mission.span) for chart in charts],
         }
     )
     plotly = get_plotlyjs()
@@ -104,11 +95,11 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
 def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show."""
     charts = [
-        state_chart(mission),
-        control_chart(mission),
-        distance_chart(mission, comparison),
-        margin_chart(mission, comparison),
-        error_chart(mission, comparison),
+        histories.state_chart(mission),
+        histories.control_chart(mission),
+        histories.distance_chart(mission, comparison),
+        histories.margin_chart(mission, comparison),
+        histories.error_chart(mission, comparison),
     ]
     return [chart for chart in charts if any(panel.curves for panel in chart.panels)]
 
@@ -166,14 +157,17 @@ def _columns(
 
     On a phone they are read one after the other, in the order of their `order`.
     """
-    stage = '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
-    cards = [(0, f'{stage}{_key(mission)}</section>')] if moving else []
-    table = summary_table(mission, comparison)
-    cards.append((1, f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'))
-    cards += [(int(chart.key not in _LEFT), _chart(chart)) for chart in charts]
+    cards = [(1, 'Summary', summary_table(mission, comparison), 'id="summary"')]
+    if moving:
+        stage = f'<div id="scene"></div>{_key(mission)}'
+        cards.insert(0, (0, 'Motion', stage, 'id="animation"'))
+    for chart in charts:
+        note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
+        drawn = f'{note}<div class="chart" id="chart-{chart.key}"></div>'
+        cards.append((int(chart.key not in _LEFT), chart.title, drawn, ''))
     halves = ['', '']
-    for order, (side, html) in enumerate(cards):
-        halves[side] += html.replace('<section', f'<section style="order: {order}"', 1)
+    for order, (side, title, body, identity) in enumerate(cards):
+        halves[side] += card(title, body, f'style="order: {order}" {identity}'.rstrip())
     return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
 
 
@@ -193,25 +187,14 @@ def _details(mission: Mission) -> str:
         early = sum(map(mission.is_early, grave))
         count = f'{len(mission.events)} events, {len(grave)} of them warnings or errors'
         count += f' ({early} before the motion)' if early else ''
-        parts.append(
-            '<section class="card" id="events"><h2>Events</h2>'
-            f'<p class="note">{count}</p>'
-            f'<div class="scroll">{events_table(mission)}</div></section>'
-        )
+        table = f'<div class="scroll">{events_table(mission)}</div>'
+        parts.append(card('Events', f'<p class="note">{count}</p>{table}', 'id="events"'))
     if mission.parameters:
         parts.append(
             '<section class="card" id="parameters"><details><summary>Parameters of the problem'
             f'</summary>{parameters_table(mission.parameters)}</details></section>'
         )
     return ''.join(parts)
-
-
-def _chart(chart: Chart) -> str:
-    note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
-    return (
-        f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
-        f'<div class="chart" id="chart-{chart.key}"></div></section>'
-    )
 
 
 def _key(mission: Mission) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
+import math
 from typing import Any, cast, get_args
 
 from tdm_planner.exceptions import TdmError
@@ -72,14 +73,13 @@ def read_summary(data: str) -> PlanSummary | None:
         document = untrusted.mapping(json.loads(data))
     except (ValueError, RecursionError):
         return None
-    stamp = untrusted.mapping(document.get('stamp'))
-    sec, nanosec = (untrusted.whole(stamp.get(name)) for name in ('sec', 'nanosec'))
-    if sec is None or nanosec is None or 'problem' not in document:
-        return None
-    if not (abs(sec) < 2**31 and 0 <= nanosec < _SECOND):
+    stamp = untrusted.numbers(document.get('stamp'))
+    sec, nanosec = (stamp.get(name, math.nan) for name in ('sec', 'nanosec'))
+    whole = sec.is_integer() and nanosec.is_integer()
+    if not (whole and abs(sec) < 2**31 and 0 <= nanosec < _SECOND and 'problem' in document):
         return None
     return PlanSummary(
-        start=sec * _SECOND + nanosec,
+        start=int(sec) * _SECOND + int(nanosec),
         problem=untrusted.text(document['problem'], 100),
         document=document,
         vehicles={
@@ -115,27 +115,25 @@ def _vehicle(document: Mapping[str, Any]) -> PlannedVehicle:
 
 
 def problem_of(
-    name: str, parameters: Mapping[str, object], given: type[Problem] | None, notes: list[str]
-) -> Problem | None:
+    name: str, parameters: Mapping[str, object], given: type[Problem] | None
+) -> tuple[Problem | None, str]:
     """
-    Return the problem that was planned for; None where it is not known.
+    Return the problem that was planned for, or None and the reason where it is not known.
 
     It is of the class `given` if that has the name, else an installed one: a module that a
-    recording names is not imported. `notes` say why a problem cannot be made.
+    recording names is not imported.
     """
     if given is None or given.name != name:
         if name not in problem_names():
-            if name:
-                notes.append(
-                    f"The problem '{name}' is not installed: goal, limits and picture are not "
-                    'known. `--problem module:Class` tells them.'
-                )
-            return None
+            absent = (
+                f"The problem '{name}' is not installed: goal, limits and picture are not known. "
+                '`--problem module:Class` tells them.'
+            )
+            return None, absent if name else ''
         given = load_problem(name)
     if not parameters:
-        return None
+        return None, ''
     try:
-        return given.from_parameters(parameters)
+        return given.from_parameters(parameters), ''
     except TdmError as error:
-        notes.append(f'Limits are not known: the recorded parameters are invalid ({error}).')
-        return None
+        return None, f'Limits are not known: the recorded parameters are invalid ({error}).'

@@ -18,7 +18,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
+from tdm_sim.report.bag_files import check_recording, messages, UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
 from tdm_sim.report.plan_documents import plan_figures, PlanSummary, problem_of, read_summary
 from tdm_sim.report.recorded_topics import (
@@ -42,8 +42,6 @@ from tdm_sim.report.recorded_vehicles import (
 )
 
 _MOST_NAMED = 8  # topics that an error message lists
-
-Summaries = dict[str, dict[int, PlanSummary]]  # by namespace and start [ns]
 
 
 def read_mission(
@@ -84,7 +82,8 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     name = untrusted.text(document['problem'], 100)
     figures = plan_figures(document, 0.0)
     missing = ['This is a plan file without a recording: nothing is measured.']
-    problem = problem_of(name, figures.parameters, given, missing)
+    problem, unknown = problem_of(name, figures.parameters, given)
+    missing += [unknown] if unknown else []
     if not figures.parameters:
         missing.append(
             'The file does not hold the parameters of the problem: no limits are drawn.'
@@ -107,62 +106,25 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     )
 
 
-def _read_bag(
-    path: Path, namespace: str | None = None, given: type[Problem] | None = None
-) -> Mission:
-    """
-    Read the mission that a recording holds, that below `namespace` if it holds several.
-
-    `given` is the class of a problem that is not installed.
-
-    Raises
-    ------
-    UnreadableRecording
-        If it is no recording, cannot be read at all, or holds nothing of the planner's.
-
-    """
+def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) -> Mission:
+    """Read the mission that a recording holds, that below `namespace` if it holds several."""
     check_recording(path)
     notes: list[str] = []
-    topics = _topics(path, notes)
-    summaries = _summaries(topics, notes)
-    reasons: dict[str, list[str]] = {planner: [] for planner in summaries}
-    planners = {
-        planner: Planner(
-            _problem(found, given, reasons[planner]),
-            {name: told.kind for name, told in found[max(found)].vehicles.items()},
-        )
-        for planner, found in summaries.items()
-    }
-    sites = find_sites(topics, planners)
-    if not sites:
-        raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
-    chosen = choose(sites, topics, namespace, notes)
-    planner = chosen[0].planner
-    notes += reasons.get(planner, [])
-    return _mission(topics, summaries.get(planner, {}), chosen, path, notes)
-
-
-def _topics(path: Path, notes: list[str]) -> RecordedTopics:
-    """Read the recording as a whole or, failing that, whatever of it can be read."""
-    try:
-        topics = gather(messages(path, wanted))
-        if topics.types:
-            return topics
-    except Exception:  # noqa: B902
-        # The libraries raise many kinds of errors for a damaged file: read what is left.
-        notes.append('The recording was not closed properly, or is damaged.')
-    found: list[str] = []
     everything: dict[str, str] = {}
 
     def noted(topic: str, kind: str) -> bool:
         everything[topic] = kind
         return wanted(topic, kind)
 
-    topics = gather(salvaged(path, noted, found))
-    notes += found
-    if not topics.types:
-        raise UnreadableRecording(_nothing_of_ours(path, everything, found))
-    return topics
+    topics = gather(messages(path, noted, notes))
+    planners = _planners(topics, given, notes)
+    sites = find_sites(topics, planners)
+    if not sites:
+        raise UnreadableRecording(_nothing_of_ours(path, everything, notes))
+    chosen = choose(sites, topics, namespace, notes)
+    planner = planners.get(chosen[0].planner)
+    notes += [planner.unknown] if planner is not None and planner.unknown else []
+    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
 
 
 def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str]) -> str:
@@ -177,24 +139,24 @@ def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str
     )
 
 
-def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
-    found: Summaries = {}
-    for topic, received in topics.of_type(STRING, 'plan_summary').items():
+def _planners(
+    topics: RecordedTopics, given: type[Problem] | None, notes: list[str]
+) -> dict[str, Planner]:
+    """Return what planners told of their plans, by namespace, with the problem asked last."""
+    found: dict[str, dict[int, PlanSummary]] = {}
+    for topic, received in topics.of_type(STRING).items():
         for item in received:
             summary = read_summary(item.message.data)
             if summary is None:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
             else:
                 found.setdefault(namespace_of(topic), {})[summary.start] = summary
-    return found
-
-
-def _problem(
-    summaries: Mapping[int, PlanSummary], given: type[Problem] | None, notes: list[str]
-) -> Problem | None:
-    """Return the problem as it was asked last."""
-    last = summaries[max(summaries)]
-    return problem_of(last.problem, last.figures(0).parameters, given, notes)
+    planners = {}
+    for planner, summaries in found.items():
+        last = summaries[max(summaries)]
+        problem, unknown = problem_of(last.problem, last.figures(0).parameters, given)
+        planners[planner] = Planner(problem, unknown, summaries)
+    return planners
 
 
 def _mission(
@@ -214,7 +176,10 @@ def _mission(
         }
         plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
     starts = sorted({start for found in plans.values() for start in found})
-    origin = (starts or sorted(summaries) or _firsts(topics, sites))[0]
+    spaces = {site.namespace for site in sites}
+    streams = [stream for topic, stream in topics.streams.items() if namespace_of(topic) in spaces]
+    firsts = (int(stream.instants[0]) for stream in streams if stream.instants.size)
+    origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
     figures = [summaries[start].figures(origin) for start in sorted(summaries)]
     vehicles = []
     for site in sites:
@@ -225,7 +190,7 @@ def _mission(
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
-    notes += _gaps(topics, sites, vehicles, summaries, names)
+    notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
         title=sites[0].view.title or names[sites[0]],
         problem=next((s.problem for s in summaries.values()), ''),
@@ -253,23 +218,11 @@ def _names(sites: Sequence[Site], summaries: Mapping[int, PlanSummary]) -> dict[
     return names
 
 
-def _firsts(topics: RecordedTopics, sites: Sequence[Site]) -> list[int]:
-    """Return the instant of the first measurement [ns]."""
-    own = {site.namespace for site in sites}
-    firsts = [
-        int(stream.instants[0])
-        for topic, stream in topics.streams.items()
-        if namespace_of(topic) in own and stream.instants.size
-    ]
-    return sorted(firsts) or [0]
-
-
 def _gaps(
     topics: RecordedTopics,
     sites: Sequence[Site],
     vehicles: Sequence[Vehicle],
     summaries: Mapping[int, PlanSummary],
-    names: Mapping[Site, str],
 ) -> list[str]:
     """Name what is missing in the recording, and the consequence."""
     found = []
@@ -295,14 +248,11 @@ def _gaps(
             'recording: neither cost nor limits of the plans are known.'
         )
     named = next(iter(summaries.values())).vehicles if summaries else {}
-    found += [
-        f'Nothing of {name}, which the plan names, is in the recording.'
-        for name in named
-        if name not in names.values()
-    ]
+    absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
+    found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
     for counts, fault in (
         (topics.malformed, 'do not match their type and were ignored'),
-        (topics.not_finite, 'hold values that are not finite, which were ignored'),
+        (topics.not_finite, 'hold values that are not finite, or no attitude, which were ignored'),
     ):
         found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
     return found

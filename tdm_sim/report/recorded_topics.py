@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.nodes.reading import nanoseconds_of
+from rosbags.typesys import get_typestore, Stores
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import nanoseconds_of, yaw_of
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
@@ -29,8 +32,6 @@ DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
 LOG = 'rcl_interfaces/msg/Log'
 CLOCK = 'rosgraph_msgs/msg/Clock'
-
-ODOMETRY_COLUMNS = ('x', 'y', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'omega')
 
 _STREAMS = (JOINT_STATE, ODOMETRY)
 _MESSAGES = (PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
@@ -58,21 +59,13 @@ class Stream:
     """
     Numbers of a topic: `instants` (n,) ns, increasing, and columns by name (n,).
 
-    Columns of a JointState are ``joint.position`` and so on. NaN: not in that message.
+    Columns are ``joint.position`` and so on; of an odometry those of x, y and yaw, in the frame of
+    its pose. NaN: not in that message.
     """
 
     instants: NDArray[np.int64]
     columns: Mapping[str, Array]
     frame: str = ''
-
-    def column(self, name: str) -> Array:
-        """Return a column; NaN throughout if there is none of this name."""
-        return self.columns.get(name, np.full(self.instants.size, np.nan))
-
-    @property
-    def joints(self) -> frozenset[str]:
-        """Names of the joints."""
-        return frozenset(name.rsplit('.', 1)[0] for name in self.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +86,13 @@ class RecordedTopics:
     malformed: Mapping[str, int]
     not_finite: Mapping[str, int]
 
-    def of_type(self, kind: str, name: str = '') -> dict[str, Sequence[Received]]:
-        """Return the messages of every topic of a type, and of the name `name` if it is given."""
-        return {
-            topic: found
-            for topic, found in self.messages.items()
-            if self.types[topic] == kind and (not name or topic.rsplit('/', 1)[-1] == name)
-        }
+    def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
+        """Return the messages of every topic of a type."""
+        return {topic: got for topic, got in self.messages.items() if self.types[topic] == kind}
+
+    def received(self, topic: str, kind: str) -> Sequence[Received]:
+        """Return the messages of a topic; none if it is not of this type."""
+        return self.messages.get(topic, ()) if self.types.get(topic) == kind else ()
 
     def stream(self, topic: str, kind: str) -> Stream | None:
         """Return the numbers of a topic; None if there are none of this type."""
@@ -118,11 +111,8 @@ class _StreamParts:
 
     def take(self, message: Any, stamp: int) -> None:
         """Keep a message's numbers; ValueError where it contradicts itself."""
-        if hasattr(message, 'pose'):
-            row = dict(zip(ODOMETRY_COLUMNS, _odometry(message), strict=True))
-            self.frame = message.header.frame_id
-        else:
-            row = _joints(message)
+        row = _odometry(message) if hasattr(message, 'pose') else _joints(message)
+        self.frame = message.header.frame_id
         if len({**self.names, **row}) > _MOST_COLUMNS:
             raise ValueError('too many joints')
         self.names |= dict.fromkeys(row)
@@ -157,17 +147,26 @@ def _joints(message: Any) -> dict[str, float]:
     return row
 
 
-def _odometry(message: Any) -> list[float]:
-    pose, twist = message.pose.pose, message.twist.twist
-    turn = pose.orientation
-    at = [pose.position.x, pose.position.y, turn.x, turn.y, turn.z, turn.w]
-    return [*at, twist.linear.x, twist.linear.y, twist.angular.z]
+def _odometry(message: Any) -> dict[str, float]:
+    """Return the numbers of an odometry; NaN for what an attitude that is none leaves unknown."""
+    place, rates = message.pose.pose, message.twist.twist
+    try:
+        yaw = yaw_of(place.orientation)
+    except InvalidProblem:
+        yaw = math.nan
+    c, s = math.cos(yaw), math.sin(yaw)
+    return {
+        'x.position': place.position.x,
+        'x.velocity': c * rates.linear.x - s * rates.linear.y,
+        'y.position': place.position.y,
+        'y.velocity': s * rates.linear.x + c * rates.linear.y,
+        'yaw.position': yaw,
+        'yaw.velocity': rates.angular.z,
+    }
 
 
 def gather(messages: Iterable[Raw]) -> RecordedTopics:
     """Sort the messages of a recording by topic and read them."""
-    from rosbags.typesys import get_typestore, Stores
-
     store = get_typestore(Stores.ROS2_JAZZY)
     parts: dict[str, _StreamParts] = {}
     others: dict[str, list[Received]] = {}

@@ -9,8 +9,9 @@ A topic is recognised by its last name and its content, in any namespace.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,11 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Signals
+from tdm_sim.report.plan_documents import PlanSummary
 from tdm_sim.report.recorded_topics import (
     JOINT_STATE,
     ODOMETRY,
     PLAN,
-    Received,
     RecordedTopics,
     STATUSES,
     Stream,
@@ -39,7 +40,6 @@ Columns = dict[str, Array]
 
 _TURN = 2 * np.pi
 _STATES = 'joint_states', JOINT_STATE
-_UNIT = 1e-3  # that the length of a quaternion may differ from 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +52,20 @@ class Site:
 
 
 class Planner(NamedTuple):
-    """A planner's summaries: the problem, if it is known, and the vehicles' joints."""
+    """
+    What a planner told: its last problem or why that is not known, and its summaries.
+
+    These are by the starts of their motions [ns]; there is one at least.
+    """
 
     problem: Problem | None
-    kinds: Mapping[str, PlantKind | None]
+    unknown: str
+    summaries: Mapping[int, PlanSummary]
+
+    @property
+    def last(self) -> PlanSummary:
+        """Return what was told of the last plan."""
+        return self.summaries[max(self.summaries)]
 
 
 def namespace_of(topic: str) -> str:
@@ -91,35 +101,29 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     """Return the plant that a planner told of: of its problem, or as its summary names joints."""
     if planner.problem is not None:
         return view_of(planner.problem)
-    only = next(iter(planner.kinds.values())) if len(planner.kinds) == 1 else None
-    kind = planner.kinds.get(namespace.rsplit('/', 1)[-1], only)
-    return None if kind is None else PlantView(kind)
+    told = planner.last.vehicles
+    only = next(iter(told.values())) if len(told) == 1 else None
+    vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
+    return None if vehicle is None or vehicle.kind is None else PlantView(vehicle.kind)
 
 
 def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
     """Return the joints that a vehicle's topics name."""
     found: set[str] = set()
-    for received in _plans(topics, namespace)[:1]:
+    for received in topics.received(f'{namespace}/trajectory', PLAN)[:1]:
         found |= set(received.message.joint_names)
     for name in ('joint_states', 'joint_command'):
         stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
-        found |= stream.joints if stream is not None else frozenset()
+        found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
     return found
-
-
-def _plans(topics: RecordedTopics, namespace: str) -> Sequence[Any]:
-    topic = f'{namespace}/trajectory'
-    return topics.messages.get(topic, ()) if topics.types.get(topic) == PLAN else ()
 
 
 def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> PlantView | None:
     for view in (PendulumView(), RobotView()):
         odometry = topics.stream(f'{namespace}/odom', ODOMETRY) if view.kind.odometry else None
         here = odometry is not None and odometry.frame == view.kind.frame
-        if (
-            here
-            or {j.name for j in view.kind.joints if j.name not in view.kind.odometry} <= joints
-        ):
+        own = {j.name for j in view.kind.joints if j.name not in view.kind.odometry}
+        if here or own <= joints:
             return view
     return None
 
@@ -141,7 +145,8 @@ def choose(
     """
     planners = list(dict.fromkeys(site.planner for site in sites))
     if namespace is None:
-        chosen = max(planners, key=lambda planner: _liveliness(topics, sites, planner))
+        lively = {p: _liveliness(topics, [s for s in sites if s.planner == p]) for p in planners}
+        chosen = max(planners, key=lambda planner: lively[planner])
     else:
         chosen = '/' + namespace.strip('/') if namespace.strip('/') else ''
         if chosen not in planners:
@@ -162,32 +167,24 @@ def _shown(planner: str) -> str:
     return untrusted.text(planner, 60) or '/'
 
 
-def _liveliness(
-    topics: RecordedTopics, sites: Sequence[Site], planner: str
-) -> tuple[bool, int, bool]:
+def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, int, bool]:
     """
     Return whether a plan's motion was measured, the number of plans, whether there is any data.
 
     A plan alone is no sign of life: it is latched, and published to late subscribers.
     """
     executed, plans, seen = False, 0, False
-    for site in (site for site in sites if site.planner == planner):
+    for site in sites:
         name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
         stream = topics.stream(f'{site.namespace}/{name}', kind)
         seen |= stream is not None
-        for start, end in _motions(topics, site):
-            plans += 1
-            if stream is not None:
-                executed |= bool(((stream.instants >= start) & (stream.instants <= end)).any())
+        for start, motion in _by_start(topics, site.namespace).items():
+            if motion.points:
+                plans += 1
+                end = start + nanoseconds_of(motion.points[-1].time_from_start)
+                at = np.zeros(0) if stream is None else stream.instants
+                executed |= bool(((at >= start) & (at <= end)).any())
     return executed, plans, seen
-
-
-def _motions(topics: RecordedTopics, site: Site) -> Iterator[tuple[int, int]]:
-    """Yield start and end of every planned motion [ns]."""
-    for received in _plans(topics, site.namespace):
-        if received.message.points:
-            start = nanoseconds_of(received.message.header.stamp)
-            yield start, start + nanoseconds_of(received.message.points[-1].time_from_start)
 
 
 def measured(
@@ -199,18 +196,22 @@ def measured(
     Angles are counted on the turn on which the first plan that was followed starts.
     """
     kind = site.view.kind
-    units = site.view.units
 
-    def signals(name: str, joints: Sequence[Joint], wanted: Sequence[str]) -> Signals | None:
-        stream = topics.stream(f'{site.namespace}/{name}', JOINT_STATE)
-        if stream is None:
+    def signals(
+        name: str, joints: Sequence[Joint], wanted: Sequence[str], type_name: str = JOINT_STATE
+    ) -> Signals | None:
+        stream = topics.stream(f'{site.namespace}/{name}', type_name)
+        columns = {} if stream is None else columns_of(stream, joints, wanted)
+        if stream is None or all(np.isnan(column).all() for column in columns.values()):
             return None
-        return _signals(stream, origin, columns_of(stream, joints, wanted), units)
+        times = np.asarray((stream.instants - origin) * NANOSECOND, dtype=np.float64)
+        units = tuple(site.view.units.get(name, '') for name in columns)
+        return Signals(times, np.stack(list(columns.values()), axis=1), tuple(columns), units)
 
     states = signals('joint_states', kind.measured, kind.state_names)
-    odometry = topics.stream(f'{site.namespace}/odom', ODOMETRY) if kind.odometry else None
     if kind.odometry:
-        states = None if odometry is None else _moving(odometry, states, site.view, origin, units)
+        moved = [joint for joint in kind.joints if joint.name in kind.odometry]
+        states = _moving(signals('odom', moved, kind.state_names, ODOMETRY), states, kind)
     return {
         'states': None if states is None else _on_planned_turn(states, plans, site.view),
         'commands': signals('joint_command', kind.actuated, kind.control_names),
@@ -231,64 +232,33 @@ def columns_of(stream: Stream, joints: Sequence[Joint], wanted: Sequence[str]) -
     }
 
 
-def _signals(
-    stream: Stream, origin: int, columns: Columns, units: Mapping[str, str]
-) -> Signals | None:
-    """Return histories; None if nothing at all was measured."""
-    if not columns:
+def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
+    """Return the states by an odometry, angles without jumps by a turn, and those of joints."""
+    if odometry is None:
         return None
-    values = np.stack(list(columns.values()), axis=1)
-    if np.isnan(values).all():
-        return None
-    times = np.asarray((stream.instants - origin) * NANOSECOND, dtype=np.float64)
-    return Signals(times, values, tuple(columns), tuple(units.get(name, '') for name in columns))
-
-
-def _moving(
-    odometry: Stream,
-    joints: Signals | None,
-    view: PlantView,
-    origin: int,
-    units: Mapping[str, str],
-) -> Signals | None:
-    """Return the states by an odometry, its twist turned into its frame, and those of joints."""
-    qx, qy, qz, qw = (odometry.column(name) for name in ('qx', 'qy', 'qz', 'qw'))
-    yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-    yaw[~(np.abs(np.sqrt(qx**2 + qy**2 + qz**2 + qw**2) - 1.0) < _UNIT)] = np.nan
-    c, s = np.cos(yaw), np.sin(yaw)
-    known = ~np.isnan(yaw)
-    yaw[known] = np.unwrap(yaw[known])
-    vx, vy = odometry.column('vx'), odometry.column('vy')
-    motions = (
-        (odometry.column('x'), c * vx - s * vy),
-        (odometry.column('y'), s * vx + c * vy),
-        (yaw, odometry.column('omega')),
+    for name, column in zip(odometry.names, odometry.values.T, strict=True):
+        if name in kind.angles:
+            column[np.isfinite(column)] = np.unwrap(column[np.isfinite(column)])
+    parts = [odometry, *([] if joints is None else [joints.at(odometry.times)])]
+    both = Signals(
+        times=odometry.times,
+        values=np.concatenate([part.values for part in parts], axis=1),
+        names=tuple(name for part in parts for name in part.names),
+        units=tuple(unit for part in parts for unit in part.units),
     )
-    table = {joint.name: joint for joint in view.kind.joints}
-    found: Columns = {}
-    for name, pair in zip(view.kind.odometry, motions, strict=True):
-        found |= zip((table[name].position, table[name].velocity), pair, strict=True)
-    if joints is not None:
-        times = np.asarray((odometry.instants - origin) * NANOSECOND, dtype=np.float64)
-        found |= zip(joints.names, joints.at(times).T, strict=True)
-    ordered = {name: found[name] for name in view.kind.state_names if name in found}
-    return _signals(odometry, origin, ordered, units)
+    return both.select(*(name for name in kind.state_names if name in both))
 
 
 def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: PlantView) -> Signals:
     """Shift angles by whole turns to where the first plan that was followed has them."""
     for plan in plans[:1]:
-        values = states.values.copy()
-        motion = plan.trajectory
-        for name in set(view.kind.angles) & set(states.names) & set(motion.state_names):
-            k = states.names.index(name)
-            planned = plan.sample(states.times).state[:, motion.state_names.index(name)]
-            during = (states.times >= plan.start) & (states.times <= plan.followed_until)
-            away = values[during, k] - planned[during]
-            if np.isfinite(away).any():
-                first = away[np.isfinite(away)][0]
-                values[:, k] -= _TURN * np.round(first / _TURN)
-        return Signals(states.times, values, states.names, states.units)
+        during = states.between(plan.start, plan.followed_until)
+        motion, read = plan.trajectory, plan.sample(during.times).state
+        planned = Signals.of(motion, during.times, read, motion.state_names)
+        away = during.values - planned.select(*states.names).values
+        for k in (k for k, name in enumerate(states.names) if name in view.kind.angles):
+            turns = np.round(away[np.isfinite(away[:, k]), k] / _TURN)
+            states.values[:, k] -= _TURN * turns[0] if turns.size else 0.0
     return states
 
 
@@ -311,7 +281,7 @@ def read_plans(
     cannot be read is told in `notes`, and so are those that the tracker never began: it rejected
     them, or they were superseded while pending.
     """
-    motions = _by_start(topics, f'{namespace}/trajectory')
+    motions = _by_start(topics, namespace)
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
         notes.append(
@@ -331,27 +301,19 @@ def read_plans(
 def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan, ...]:
     """Return plans with times from `origin` [ns], each until the next one starts."""
     times = [(start - origin) * NANOSECOND for start in plans]
-    ends = [*times[1:], None][: len(times)]
-    return tuple(
-        FollowedPlan(plan, time, until)
-        for plan, time, until in zip(plans.values(), times, ends, strict=True)
-    )
+    return tuple(starmap(FollowedPlan, zip_longest(plans.values(), times, times[1:])))
 
 
 def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
     """Return the starts [ns] of plans that ended before they began, by what a tracker told."""
     told: dict[int, set[int]] = {}
-    if topics.types.get(topic) == STATUSES:
-        for item in topics.messages.get(topic, ()):
-            for status in item.message.status_list:
-                start = nanoseconds_of(status.goal_info.stamp)
-                told.setdefault(start, set()).add(int(status.status))
+    for item in topics.received(topic, STATUSES):
+        for status in item.message.status_list:
+            told.setdefault(nanoseconds_of(status.goal_info.stamp), set()).add(int(status.status))
     return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}
 
 
-def _by_start(topics: RecordedTopics, topic: str) -> dict[int, Any]:
-    """Messages of a topic of trajectories by the start of their motion; the last one counts."""
-    if topics.types.get(topic) != PLAN:
-        return {}
-    found: Sequence[Received] = topics.messages.get(topic, ())
+def _by_start(topics: RecordedTopics, namespace: str) -> dict[int, Any]:
+    """Messages of a vehicle's plans by the start of their motion; the last one counts."""
+    found = topics.received(f'{namespace}/trajectory', PLAN)
     return {nanoseconds_of(item.message.header.stamp): item.message for item in found}

@@ -5,15 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from html import escape
+import math
 
 from tdm_sim.report.comparison import Comparison, Entry, Kind
 from tdm_sim.report.margins import ROUNDING
-from tdm_sim.report.mission import Event, Mission
+from tdm_sim.report.mission import Mission
 
-MOST_EVENTS = 300
 MINUS = '\N{MINUS SIGN}'
 
 _HEADINGS: dict[Kind, str] = {
@@ -33,6 +33,12 @@ _NOTES: Mapping[Kind, str] = {
     'Events only.',
 }
 _NOTHING = 1e-12  # below this a figure is shown as 0
+
+
+def card(title: str, body: str, attributes: str = '') -> str:
+    """Return a part of the page with a heading; `body` and `attributes` are HTML."""
+    head = f'<section {attributes} class="card">' if attributes else '<section class="card">'
+    return f'{head}<h2>{escape(title)}</h2>{body}</section>'
 
 
 def summary_table(mission: Mission, comparison: Comparison) -> str:
@@ -101,25 +107,22 @@ def _worst(entries: Iterable[Entry]) -> list[Entry]:
 
 def _worst_of(group: Sequence[Entry]) -> Entry:
     """Return the smallest margins, else the largest amounts, planned and achieved."""
-    if len(group) == 1:
-        return group[0]
 
-    def gravity(value: float) -> float:
+    def gravity(value: float | None) -> float:
+        if value is None:
+            return -math.inf
         return -value if group[0].kind == 'margin' else abs(value)
 
-    def worst(value: Callable[[Entry], float | None]) -> Entry | None:
-        found = [(gravity(v), e) for e in group if (v := value(e)) is not None]
-        return max(found, key=lambda item: item[0])[1] if found else None
-
-    planned, achieved = worst(lambda e: e.planned), worst(lambda e: e.achieved)
+    planned = max(group, key=lambda entry: gravity(entry.planned))
+    achieved = max(group, key=lambda entry: gravity(entry.achieved))
     return replace(
         group[0],
-        planned=None if planned is None else planned.planned,
-        planned_at=None if planned is None else planned.planned_at,
-        achieved=None if achieved is None else achieved.achieved,
-        achieved_at=None if achieved is None else achieved.achieved_at,
-        mark='' if achieved is None else achieved.mark,
-        vehicle=(achieved or planned or group[0]).vehicle,
+        planned=planned.planned,
+        planned_at=planned.planned_at,
+        achieved=achieved.achieved,
+        achieved_at=achieved.achieved_at,
+        mark=achieved.mark,
+        vehicle=(planned if achieved.achieved is None else achieved).vehicle,
     )
 
 
@@ -203,20 +206,13 @@ def events_table(mission: Mission) -> str:
 
     What came before the motion is dimmed.
     """
-    events = mission.events[:MOST_EVENTS]
-    rows = ''.join(_event_row(event, mission.is_early(event)) for event in events)
-    if len(mission.events) > len(events):
-        left = len(mission.events) - len(events)
-        rows += f'<tr><td colspan="3">and {left} more</td></tr>'
-    return f'<table class="events"><tbody>{rows}</tbody></table>'
-
-
-def _event_row(event: Event, early: bool) -> str:
-    style = f'{event.level.name} early' if early else event.level.name
-    return (
-        f'<tr class="{style}"><td>{instant_button(event.time)}</td>'
+    rows = ''.join(
+        f'<tr class="{event.level.name}{" early" if mission.is_early(event) else ""}">'
+        f'<td>{instant_button(event.time)}</td>'
         f'<td>{escape(event.source)}</td><td>{escape(event.text)}</td></tr>'
+        for event in mission.events
     )
+    return f'<table class="events"><tbody>{rows}</tbody></table>'
 
 
 def instant_button(instant: float) -> str:

@@ -34,12 +34,6 @@ def number(value: object) -> float | None:
     return found if math.isfinite(found) else None
 
 
-def whole(value: object) -> int | None:
-    """Return an integer; None if it is none."""
-    found = number(value)
-    return int(found) if found is not None and found == int(found) else None
-
-
 def mapping(value: object) -> dict[str, Any]:
     """Return a mapping with clean names; empty if it is none."""
     if not isinstance(value, Mapping):
@@ -55,13 +49,10 @@ def numbers(value: object) -> dict[str, float]:
 
 def parameters(value: object) -> dict[str, object]:
     """Return a mapping's values that a parameter may have: scalars and flat lists of them."""
-    return {name: _scalars(item) for name, item in mapping(value).items()}
-
-
-def _scalars(value: object) -> object:
-    if isinstance(value, (list, tuple)):
-        return [_scalar(item) for item in value[:MOST_ENTRIES]]
-    return _scalar(value)
+    return {
+        name: [*map(_scalar, item[:MOST_ENTRIES])] if isinstance(item, list) else _scalar(item)
+        for name, item in mapping(value).items()
+    }
 
 
 def _scalar(value: object) -> object:

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plant_views import PlantView
-from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
-from tdm_sim.report.reader import read_mission
 
 Array = NDArray[np.float64]
 
@@ -44,24 +41,6 @@ class Verdict:
         return not self.reasons and not self.undecided
 
 
-def verdict(
-    bag: Path | str, namespace: str | None = None, problem: type[Problem] | None = None
-) -> Verdict | None:
-    """
-    Judge a recording; None if it lacks what that requires.
-
-    `namespace` chooses among several planners, `problem` is the class of one that is not
-    installed.
-
-    Raises
-    ------
-    TdmError
-        If nothing can be read from it.
-
-    """
-    return judge(read_mission(bag, namespace, problem))
-
-
 def judge(mission: Mission) -> Verdict | None:
     """
     Judge a mission; None if it lacks what that requires.
@@ -78,7 +57,7 @@ def judge(mission: Mission) -> Verdict | None:
         found, end = _reached(vehicle)
         reasons += found
         ends += [] if end is None else [end]
-        reasons += _violated(vehicle)
+        reasons += _violated(vehicle, vehicle.plans[-1])
     reasons += _too_close(replace(mission, vehicles=tuple(vehicles)))
     undecided = ''
     if ends and not reasons:
@@ -102,11 +81,11 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
     """Return instants [s] and how far states are from a plan's goal then, as shares allowed."""
     _, tolerances = view.goal(plan)
     needed = [name for names, _ in tolerances for name in names]
-    if not needed or not set(needed) <= set(states.names):
+    if not needed:
         return np.zeros(0), np.zeros(0)
-    known = np.isfinite(states.select(*needed).values).all(axis=1)
-    columns = {name: states.column(name)[known] for name in needed}
-    return states.times[known], view.errors(plan, columns)
+    values = states.select(*needed).values
+    known = np.isfinite(values).all(axis=1)
+    return states.times[known], view.errors(plan, dict(zip(needed, values[known].T, strict=True)))
 
 
 def arrival(vehicle: Vehicle) -> float | None:
@@ -138,50 +117,39 @@ def _can_be_judged(vehicle: Vehicle) -> bool:
 
 def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     """Return why a goal was missed; or when measurements end, if that is too early to tell."""
-    view, plan, states = vehicle.view, vehicle.plan, vehicle.states
-    assert plan is not None
+    view, plan, states = vehicle.view, vehicle.plans[-1], vehicle.states
     assert states is not None
     end = float(states.times[-1])
     late = f'{vehicle.name} was not at its goal'
     if not view.is_held(plan.trajectory):
         if end < plan.end - _LAST:
             return [], end
-        at = _at(states, min(plan.end, end))
+        at = states.at(np.array([min(plan.end, end)]))
         _, missed = goal_errors(view, plan.trajectory, at)
-        found = [f'{late} at the planned end{_worst(vehicle, at)}'] if (missed > 1.0).any() else []
-        return found + _conditions(vehicle, plan, at), None
+        found = _conditions(vehicle, plan, at)
+        if (missed > 1.0).any():
+            found.insert(0, f'{late} at the planned end{_worst(vehicle, plan, at)}')
+        return found, None
     since = arrival(vehicle)
     since = plan.end if since is None else since
     if since > plan.end + view.settling:
         if end <= plan.end + view.settling:
             return [], end
         when = f' within {view.settling:g} s of the planned end'
-        return [f'{late}{when}{_worst(vehicle, _at(states, end))}'], None
+        return [f'{late}{when}{_worst(vehicle, plan, states.at(np.array([end])))}'], None
     if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
         return [], end
-    return _conditions(vehicle, plan, _at(states, end)), None
+    return _conditions(vehicle, plan, states.at(np.array([end]))), None
 
 
-def _at(states: Signals, instant: float) -> Signals:
-    at = np.array([instant])
-    return Signals(at, states.at(at), states.names, states.units)
-
-
-def _worst(vehicle: Vehicle, at: Signals) -> str:
+def _worst(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
-    assert vehicle.plan is not None
-    goal, tolerances = vehicle.view.goal(vehicle.plan.trajectory)
-    motion = vehicle.plan.trajectory
-    parts = []
-    for names, allowed in tolerances:
-        wanted = [float(goal[motion.state_names.index(name)]) for name in names]
-        away = [
-            float(vehicle.view.away(name, at.column(name)[:1] - value)[0])
-            for name, value in zip(names, wanted, strict=True)
-        ]
-        unit = vehicle.view.units.get(names[0], '')
-        if not math.hypot(*away) < allowed:
-            parts.append(f'{", ".join(names)} by {math.hypot(*away):.3g} {unit}'.rstrip())
+    view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
+    parts = [
+        f'{", ".join(names)} by {away[0]:.3g} {view.units.get(names[0], "")}'.rstrip()
+        for (names, allowed), away in view.missed_by(plan.trajectory, columns)
+        if not away[0] < allowed
+    ]
     return f': off in {"; ".join(parts)}' if parts else ''
 
 
@@ -197,15 +165,13 @@ def _conditions(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> list[str]:
     ]
 
 
-def _violated(vehicle: Vehicle) -> list[str]:
+def _violated(vehicle: Vehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
-    assert vehicle.plan is not None
     measured = margin_history(vehicle).measured
     if measured is None:
         return []
-    held = vehicle.view.is_held(vehicle.plan.trajectory)
-    start = vehicle.plans[0].start + _FIRST
-    judged = measured.between(start, math.inf if held else vehicle.plan.end)
+    held = vehicle.view.is_held(plan.trajectory)
+    judged = measured.between(vehicle.plans[0].start + _FIRST, math.inf if held else plan.end)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
@@ -227,11 +193,9 @@ def _too_close(mission: Mission) -> list[str]:
 
 def _criterion(vehicles: list[Vehicle]) -> str:
     """Return when the goal counts as reached and held."""
-    view, plan = vehicles[0].view, vehicles[0].plan
-    assert plan is not None
-    units = vehicles[0].view.units
+    view, plan = vehicles[0].view, vehicles[0].plans[-1]
     within = [
-        f'{", ".join(names)} within {allowed:.3g} {units.get(names[0], "")}'.rstrip()
+        f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()
         for names, allowed in view.goal(plan.trajectory)[1]
     ]
     goal = '; '.join(within) or 'no state is given'

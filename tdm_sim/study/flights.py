@@ -36,7 +36,7 @@ from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 from tdm_sim.report.verdict import arrival, goal_errors, HOLD_TIME, judge
-from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 
 Array = NDArray[np.float64]
 
@@ -154,24 +154,22 @@ def tracked(
     The plant's constants and actuator gains differ from the tracker's by up to `mismatch`; `noise`
     is that of its sensors, relative to what the estimator assumes.
     """
-    changes: dict[str, Any] = {}
+    actuators: dict[str, Any] = {}
+    plant: Any
     if isinstance(tracker, StatedTracker):
-        plant = changes['plant'] = DirectPlant(mismatched(tracker.problem, mismatch, seed))
+        plant = DirectPlant(mismatched(tracker.problem, mismatch, seed))
         lower, upper = np.clip(plant.control_range, -LARGEST, LARGEST)
+        actuators = {'lower': lower, 'upper': upper}
     else:
-        changes['plant'] = mismatched(tracker.plant, mismatch, seed)
+        plant = mismatched(tracker.plant, mismatch, seed)
     if isinstance(tracker, PendulumTracker):
-        upper = np.array([tracker.parameters.limits.torque])
-        lower = -upper
+        torque = np.array([tracker.parameters.limits.torque])
+        actuators = {'lower': -torque, 'upper': torque}
     elif isinstance(tracker, RobotTracker):
-        limits = tracker.parameters.limits
-        upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-        lower = upper * [0.0, -1.0, -1.0]
-        gains = mismatched_gains(3, mismatch, seed)
-        gains[1] = 1.0  # the thruster turns by a servo, which has no such error
-        changes |= {'gains': gains, 'largest_step': 5e-3}
+        actuators = robot_actuators(tracker.parameters.limits, mismatch, seed)
+        actuators['largest_step'] = 5e-3
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
-    setup = PlantSetup(initial=initial, lower=lower, upper=upper, noise=sensors, **changes)
+    setup = PlantSetup(plant, initial, noise=sensors, **actuators)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 

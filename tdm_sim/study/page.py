@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from tdm_planner import __version__
 from tdm_planner.plan_files import write_file
+from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
 from tdm_sim.study.pictures import Columns
@@ -80,12 +81,12 @@ def write_page(
     verified, total = sum(columns['verified']), len(columns['row'])
     over = ', '.join(f'{axis.name} ({len(axis.values)} values)' for axis in axes)
     cards = [_figure(title, data) for title, data in pictures.values()]
-    cards.append(_card('Verified', _counts(columns)))
-    cards.append(_card('Figures', _figures(columns)))
-    cards.append(_card('What was varied', _table(('parameter', 'values'), _values(axes))))
+    cards.append(card('Verified', _counts(columns)))
+    cards.append(card('Figures', _figures(columns)))
+    cards.append(card('What was varied', _table(('parameter', 'values'), _values(axes))))
     if shared:
         rows = [(name, str(value)) for name, value in shared.items()]
-        cards.append(_card('What was the same', _table(('', ''), rows)))
+        cards.append(card('What was the same', _table(('', ''), rows)))
     halves = cards[::2], cards[1::2]
     page = _PAGE.format(
         version=__version__,
@@ -97,14 +98,10 @@ def write_page(
     write_file(path, page.encode())
 
 
-def _card(title: str, body: str) -> str:
-    return f'<section class="card"><h2>{escape(title)}</h2>{body}</section>'
-
-
 def _figure(title: str, data: bytes) -> str:
     source = base64.b64encode(data).decode()
     body = f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{source}"></figure>'
-    return _card(title[:1].upper() + title[1:], body)
+    return card(title[:1].upper() + title[1:], body)
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

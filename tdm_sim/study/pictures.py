@@ -20,6 +20,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import COLOURS
+from tdm_planner.plotting import legend_above
 from tdm_sim.study.axes import Axis
 
 Array = NDArray[np.float64]
@@ -116,11 +117,9 @@ def quantities(columns: Columns) -> list[Quantity]:
         return np.array([np.nan if v is None else float(v) for v in columns[name]])
 
     cost, duration = numbers('cost'), numbers('duration')
-    found = [Quantity('cost', 'cost J', cost)]
-    if np.array_equal(cost, duration, equal_nan=True):
-        found = [Quantity('duration', 'duration [s]', duration)]
-    else:
-        found.append(Quantity('duration', 'duration [s]', duration))
+    same = np.array_equal(cost, duration, equal_nan=True)
+    found = [] if same else [Quantity('cost', 'cost J', cost)]
+    found.append(Quantity('duration', 'duration [s]', duration))
     if 'flights' in columns:
         flights = numbers('flights')
         for name in ('caught', 'held'):
@@ -273,7 +272,7 @@ def _norm(quantity: Quantity) -> Normalize:
 
 def _codes(columns: Columns) -> list[str]:
     """Return the codes of what is not verified."""
-    return sorted({code for code in columns['code'] if code})
+    return sorted({*columns['code']} - {''})
 
 
 def _most(codes: Sequence[str]) -> str:
@@ -287,19 +286,11 @@ def _hatch(code: str) -> str:
 
 def _legend(axis: Axes, columns: Columns) -> None:
     """Explain the hatches above a picture."""
-    handles: list[Any] = axis.get_legend_handles_labels()[0]
-    scattered = any(isinstance(handle, Line2D) for handle in handles)
-    if not scattered:
-        handles = [
-            Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code), label=code)
-            for code in _codes(columns)
-        ]
+    lines, labels = axis.get_legend_handles_labels()
+    handles: dict[str, Any] = dict(zip(labels, lines, strict=True))
+    if not any(isinstance(line, Line2D) for line in lines):
+        handles = {
+            code: Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)) for code in _codes(columns)
+        }
     if handles:
-        axis.legend(
-            handles=handles,
-            loc='lower right',
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=4,
-            fontsize='small',
-            frameon=False,
-        )
+        legend_above(axis, handles, columns=4)

@@ -35,7 +35,7 @@ from tdm_planner.resources import config_file
 from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.demo_scene import Connections, speed_settings
-from tdm_sim.progress import LiveProgress, make_progress
+from tdm_sim.progress import Progress as Lines
 from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
@@ -226,7 +226,7 @@ def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() 
 
 def test_piped_there_are_plain_lines_and_when_quiet_none(capsys):
     for quiet, lines in ((False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')):
-        with make_progress(quiet) as progress:
+        with Lines(quiet) as progress:
             progress.phase('first')
             progress.update('live only')
             progress.line('[b]')
@@ -242,9 +242,9 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('TERM', 'xterm')
     monkeypatch.setenv('COLUMNS', '100')
     monkeypatch.setattr(sys, 'stdout', terminal)
-    assert not isinstance(make_progress(quiet=True), LiveProgress)
-    progress = make_progress()
-    assert isinstance(progress, LiveProgress)
+    assert not Lines(quiet=True).live
+    progress = Lines()
+    assert progress.live
     with progress:
         progress.phase('first [part]')
         progress.update('live only')

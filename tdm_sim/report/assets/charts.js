@@ -3,6 +3,12 @@ const NARROW = 700;  // px of the page below which it is laid out for a phone
 const KINDS = { planned: 'planned', measured: 'measured', commanded: 'commanded', error: 'error', limit: 'limits',
   switching: 'switching points' };
 
+// Measured curves are broad and pale; of a broad error, ripple would make a band.
+const LINES = { planned: { width: 1.5 }, measured: { width: 3.5 }, commanded: { width: 1, dash: 'dot' },
+  error: { width: 1 }, limit: { width: 1.3, dash: 'dash' }, switching: { width: 1, dash: 'dot' } };
+// Shares of a panel's height that its title and the gap below it take.
+const TITLE_SHARE = 0.17, FOOT_SHARE = 0.06;
+
 // Colours of the page's scheme, dark or light.
 function currentTheme() {
   const style = getComputedStyle(document.documentElement);
@@ -39,8 +45,7 @@ function chartSet(charts, clock) {
   }
 
   function toggle(group, name) {
-    const set = hidden[group];
-    if (!set.delete(name)) set.add(name);
+    if (!hidden[group].delete(name)) hidden[group].add(name);
     drawAll();
   }
 
@@ -63,15 +68,11 @@ function chartSet(charts, clock) {
 function chartView(chart, clock) {
   const node = document.getElementById(`chart-${chart.key}`);
   for (const trace of chart.data) { trace.x = unpack(trace.x); trace.y = unpack(trace.y); }
-  const panels = chart.layout.meta.panels;
+  const { panels } = chart;
   const overlay = document.createElement('div');
   overlay.className = 'overlay';
-  const add = (name) => {
-    const element = document.createElement('div');
-    element.className = name;
-    overlay.appendChild(element);
-    return element;
-  };
+  const add = (className) =>
+    overlay.appendChild(Object.assign(document.createElement('div'), { className }));
   const cursors = panels.map(() => add('cursor'));
   const readings = panels.map(() => add('reading'));
   const legend = [];
@@ -82,33 +83,34 @@ function chartView(chart, clock) {
     margin = { l: 54, r: 10, t: 4, b: 44 };
     height = margin.t + margin.b + panels.length * (narrow ? 132 : 150);
     const axis = { gridcolor: theme.grid, linecolor: theme.faint, tickcolor: theme.faint,
-      tickfont: { size: 11 }, automargin: false };
+      tickfont: { size: 11 }, automargin: false, zeroline: false };
+    const count = panels.length;
     const result = {
-      ...chart.layout, width: node.clientWidth, height, margin,
+      width: node.clientWidth, height, margin, hovermode: false,
+      showlegend: false,  // the page has its own, shared by all charts
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: theme.text },
       paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
       dragmode: matchMedia('(pointer: coarse)').matches || narrow ? false : 'zoom',
-      annotations: chart.layout.annotations.map((annotation, k) => ({ ...annotation,
-        text: panelTitle(annotation, panels[k], narrow), font: { size: 12.5 } })),
+      xaxis: { ...axis, anchor: 'free', position: 0,
+        range: range ? range.slice() : node.layout.xaxis.range.slice(),
+        title: { text: 'time from the start of the motion [s]', font: { size: 12 }, standoff: 8 } },
+      annotations: panels.map((panel, k) => ({ text: panelTitle(panel, narrow), x: 0, y: 1 - k / count,
+        xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'top', showarrow: false, font: { size: 12.5 } })),
     };
-    for (const name of Object.keys(result)) {
-      if (/^[xy]axis/.test(name)) result[name] = { ...result[name], ...axis };
-    }
-    result.xaxis.range = range ? range.slice() : node.layout.xaxis.range.slice();
-    result.xaxis.title = { ...result.xaxis.title, font: { size: 12 }, standoff: 8 };
-    if (drawn) {
-      panels.forEach((_, k) => {
-        const key = `yaxis${k ? k + 1 : ''}`;
-        result[key].range = node.layout[key].range.slice();
-      });
-    }
+    panels.forEach((panel, k) => {
+      const key = `yaxis${k ? k + 1 : ''}`, top = 1 - k / count;
+      result[key] = { ...axis, nticks: 5, exponentformat: 'power',
+        domain: [Math.max(0, top - (1 - FOOT_SHARE) / count), top - TITLE_SHARE / count],
+        range: drawn ? node.layout[key].range.slice() : panel.range };
+    });
     return result;
   }
 
   function draw(colours, range, hidden) {
     theme = colours;
-    const data = chart.data.map((trace) => ({ ...trace,
-      line: { ...trace.line, color: traceColour(theme, trace) },
+    const data = chart.data.map((trace) => ({ ...trace, type: 'scatter', mode: 'lines', hoverinfo: 'skip',
+      line: { ...LINES[trace.meta.kind], shape: trace.meta.held ? 'hv' : 'linear', color: traceColour(theme, trace) },
+      opacity: trace.meta.kind === 'measured' ? 0.5 : 1,
       visible: !hidden.kind.has(trace.meta.kind) && !hidden.series.has(trace.meta.series) }));
     const config = { displaylogo: false, responsive: false, doubleClick: 'reset',
       displayModeBar: false, showTips: false };
@@ -136,8 +138,7 @@ function chartView(chart, clock) {
       if (trace) entries.set(`kind ${kind}`, { group: 'kind', name: kind, meta: trace.meta });
     }
     for (const { group, name, meta } of entries.values()) {
-      const button = document.createElement('button');
-      button.type = 'button';
+      const button = Object.assign(document.createElement('button'), { type: 'button' });
       const swatch = document.createElement('span');
       swatch.className = `swatch ${group === 'series' ? 'series' : name}`;
       button.append(swatch, group === 'series' ? name : KINDS[name]);
@@ -182,31 +183,28 @@ function chartView(chart, clock) {
 
   // The values at the cursor in the title's line, as many as there is room for.
   function read(element, panel, t, width) {
-    const axis = panel ? `y${panel + 1}` : 'y';
+    const number = panel ? panel + 1 : '';
     const title = node.layout.annotations[panel].text.replace(/<[^>]*>/g, '');
     const room = Math.floor((width - 7.5 * title.length - 12) / 66);
-    const [low, high] = node.layout[`yaxis${panel ? panel + 1 : ''}`].range.map(Number);
+    const [low, high] = node.layout[`yaxis${number}`].range.map(Number);
     const scale = Math.abs(high - low);
     let values = [];
     for (const trace of node.data) {
       const { kind } = trace.meta;
-      const wanted = kind === 'planned' || kind === 'measured' || kind === 'error';
-      if (!wanted || trace.visible === false || (trace.yaxis || 'y') !== axis) continue;
-      const value = valueAt(trace.x, trace.y, t, trace.line.shape === 'hv');
+      const wanted = ['planned', 'measured', 'error'].includes(kind) && trace.visible !== false;
+      if (!wanted || (trace.yaxis || 'y') !== `y${number}`) continue;
+      const value = valueAt(trace.x, trace.y, t, trace.meta.held);
       if (Number.isFinite(value)) values.push({ value, kind, colour: traceColour(theme, trace) });
     }
     if (values.length > room) values = values.filter(({ kind }) => kind !== 'planned');
     if (values.length > room) values = [];
-    while (element.children.length < values.length) {
-      element.appendChild(document.createElement('span'));
-    }
-    while (element.children.length > values.length) element.lastChild.remove();
-    values.forEach(({ value, kind, colour }, k) => {
-      const span = element.children[k];
+    element.replaceChildren(...values.map(({ value, kind, colour }) => {
+      const span = document.createElement('span');
       span.className = kind;
       span.style.setProperty('--colour', colour);
       span.textContent = brief(value, scale);
-    });
+      return span;
+    }));
   }
 
   // Hovering, or drawing a finger across, moves the instant shown everywhere.
@@ -224,11 +222,11 @@ function chartView(chart, clock) {
   return { node, draw, addLegend, cursor };
 }
 
-// The title as plotly writes it: its name is escaped already, the rest is escaped here.
-function panelTitle(annotation, [, description, unit], narrow) {
-  const escaped = (text) => text.replace(/&/g, '&amp;').replace(/</g, '&lt;');
+// The title as plotly writes it, which reads tags in texts.
+function panelTitle({ title, description, unit }, narrow) {
+  const escaped = (text) => text.replace(/&/g, '&amp;').replace(/</g, '&lt;').replace(/>/g, '&gt;');
   const words = description && !narrow ? ` ${description}` : '';
-  return annotation.text + escaped(words + (unit ? ` [${unit}]` : ''));
+  return `<b>${escaped(title)}</b>${escaped(words + (unit ? ` [${unit}]` : ''))}`;
 }
 
 // A value as briefly as its axis can tell it: what cannot be seen on the axis' scale is 0.

@@ -4,13 +4,8 @@ class Clock {
     this.listeners = [];
     this.speed = 1;
     this.playing = false;
-    this.setRange(start, end);
-    this.t = start;
-  }
-
-  setRange(start, end) {
-    this.start = start;
-    this.end = end;
+    this.onChange = () => {};
+    Object.assign(this, { start, end, t: start });
   }
 
   listen(listener) {
@@ -28,12 +23,12 @@ class Clock {
     this.playing = true;
     this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
-    this.changed();
+    this.onChange(true);
   }
 
   pause() {
     this.playing = false;
-    this.changed();
+    this.onChange(false);
   }
 
   tick(now) {
@@ -44,14 +39,10 @@ class Clock {
     if (this.t >= this.end - 1e-9) this.pause();
     else requestAnimationFrame((next) => this.tick(next));
   }
-
-  changed() {
-    if (this.onChange) this.onChange(this.playing);
-  }
 }
 
 // The bar at the foot of the page: play, slider, speed, and what part of the time is shown.
-function connectControls(clock, format) {
+function connectControls(clock) {
   const button = document.getElementById('play');
   const slider = document.getElementById('time');
   const label = document.getElementById('instant');
@@ -62,7 +53,7 @@ function connectControls(clock, format) {
   };
   clock.listen((t) => {
     slider.value = t;
-    label.textContent = format(t);
+    label.textContent = `${t < -5e-4 ? '−' : ''}${Math.abs(t).toFixed(2)} s`;
     slider.setAttribute('aria-valuetext', label.textContent);
     const share = (t - clock.start) / ((clock.end - clock.start) || 1);
     slider.style.setProperty('--share', `${(100 * share).toFixed(2)}%`);
@@ -83,9 +74,9 @@ function connectControls(clock, format) {
   clock.onChange(false);
 }
 
-function fitSlider(clock) {
+// Show a part of the time.
+function choosePart(clock, [start, end]) {
+  Object.assign(clock, { start, end });
   const slider = document.getElementById('time');
-  slider.min = clock.start;
-  slider.max = clock.end;
-  slider.step = (clock.end - clock.start) / 1000 || 0.001;
+  Object.assign(slider, { min: start, max: end, step: (end - start) / 1000 || 0.001 });
 }

@@ -28,7 +28,7 @@ const SVG = 'http://www.w3.org/2000/svg';
 
 function draw(parent, tag, attributes, text) {
   const element = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes || {})) element.setAttribute(name, value);
+  place(element, attributes);
   if (text !== undefined) element.textContent = text;
   parent.appendChild(element);
   return element;
@@ -46,12 +46,8 @@ function pointList(points) {
 function way(points) {
   let pen = 'M';
   return points.map((point) => {
-    if (!point) {
-      pen = 'M';
-      return '';
-    }
-    const step = `${pen}${point[0].toFixed(1)} ${point[1].toFixed(1)}`;
-    pen = 'L';
+    const step = point ? `${pen}${point[0].toFixed(1)} ${point[1].toFixed(1)}` : '';
+    pen = point ? 'L' : 'M';
     return step;
   }).join('');
 }

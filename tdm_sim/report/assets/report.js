@@ -2,8 +2,7 @@
 function startReport() {
   const report = JSON.parse(document.getElementById('report-data').textContent);
   const clock = new Clock(...report.span);
-  const format = (t) => `${t < -5e-4 ? '−' : ''}${Math.abs(t).toFixed(2)} s`;
-  connectControls(clock, format);
+  connectControls(clock);
 
   const holder = document.getElementById('scene');
   const scene = report.scene && holder ? plantScene(report.scene, holder) : null;
@@ -17,8 +16,7 @@ function startReport() {
 
   function choose(name) {
     part = name;
-    clock.setRange(...ranges[name]);
-    fitSlider(clock);
+    choosePart(clock, ranges[name]);
     for (const button of document.querySelectorAll('[data-part]')) {
       button.setAttribute('aria-pressed', String(button.dataset.part === name));
     }

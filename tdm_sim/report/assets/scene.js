@@ -97,14 +97,14 @@ function sceneView(name, axes, up, { vehicles, ground, times, holder, wide }) {
 
   function drawVehicle(vehicle, index) {
     const colour = (kind) => (several ? `--c${vehicle.colour}` : `--${kind}`);
-    const group = (kind, role = kind) => draw(svg, 'g', { class: `vehicle ${role}`, 'data-vehicle': index,
+    const group = (kind, role, number = {}) => draw(svg, 'g', { class: `vehicle ${role}`, ...number,
       style: `stroke: var(${colour(kind)}); fill: var(${colour(kind)})` });
-    const goal = draw(svg, 'g', { class: 'vehicle goal', style: `stroke: var(${colour('planned')}); fill: var(${colour('planned')})` });
+    const goal = group('planned', 'goal');
     vehicle.goal.forEach((shape) => put(element(goal, shape, ''), shape, shape.at(0)));
     const alone = !vehicle.measured.length;
     for (const kind of ['planned', 'measured']) {
       if (!vehicle[kind].length) continue;
-      const parent = group(kind, kind === 'planned' && alone ? 'planned alone' : kind);
+      const parent = group(kind, kind === 'planned' && alone ? 'planned alone' : kind, { 'data-vehicle': index });
       const body = { shapes: vehicle[kind], parent, parts: [], trails: [], name: null };
       for (const shape of vehicle[kind].filter((s) => s.trail)) {
         const points = Array.from({ length: shape.frames }, (_, k) => traced(shape, shape.at(k)))

@@ -52,13 +52,6 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     return prepare
 
 
-def test_ends_by_itself_after_its_duration(publish, tmp_path):
-    publish(())
-    done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
-    assert done.elapsed == pytest.approx(0.2, abs=0.011)
-    assert read_with_mcap(tmp_path / 'bag') == {}
-
-
 def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
     publish, tmp_path, monkeypatch
 ):

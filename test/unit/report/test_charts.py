@@ -30,12 +30,11 @@ from missions import (
     unpacked,
 )
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.animation import measured_frames, planned_frames, scene
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json
+from tdm_sim.report.charts import Chart, chart_json, Curve, Panel
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.histories import control_chart, distance_chart, plan_instants, state_chart
 from tdm_sim.report.margins import MOST_PAIRS
@@ -154,22 +153,22 @@ def test_distances_of_the_closest_pairs() -> None:
         assert nearest.values == pytest.approx(np.ones(nearest.values.size))
 
 
-def test_one_plotly_figure_for_a_chart() -> None:
+def test_one_figure_for_a_chart() -> None:
     t = np.array([0.0, 1.0])
     curve = Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y')
     first = Panel('a<b', 'm', (curve,), '', (2.0,))
     second = Panel('c', '', (Curve('measured', t, t, 9),))
-    data = plotly_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
-    go.Figure({**data, 'data': [t | {'x': [], 'y': []} for t in data['data']]})  # checks each name
+    data = chart_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
     planned, limit, measured = data['data']
-    assert planned['name'] == 'x&amp;y planned'
+    assert planned['meta'] == {'kind': 'planned', 'series': 'x&y', 'colour': 0, 'held': False}
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
     assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
     assert np.isnan(unpacked(planned['y'])[1])
-    assert data['layout']['annotations'][0]['text'] == '<b>a&lt;b</b>'
-    domains = [data['layout'][axis]['domain'] for axis in ('yaxis', 'yaxis2')]
-    assert 0.0 <= domains[1][0] < domains[1][1] < domains[0][0] < domains[0][1] <= 1.0
-    low, high = data['layout']['yaxis']['range']
+    assert [(panel['title'], panel['unit']) for panel in data['panels']] == [
+        ('a<b', 'm'),
+        ('c', ''),
+    ]
+    low, high = data['panels'][0]['range']
     assert low < 0.0 < 2.0 < high
 
 
@@ -243,7 +242,8 @@ def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -
     mission = robots_mission(names=names, rate=200.0, after=58.0)
     mission.vehicles[0].states.values[1_234, 0] = 3.9
     file = tmp_path / 'report.html'
-    assert write_report(mission, file) == file.stat().st_size < 8_000_000
+    write_report(mission, file)
+    assert file.stat().st_size < 8_000_000
     (data,) = [s for a, s in Parts(file.read_text()).scripts if a.get('id') == 'report-data']
     (chart,) = [chart for chart in json.loads(data)['charts'] if chart['key'] == 'states']
     measured = next(t for t in chart['data'] if t['meta']['kind'] == 'measured')
@@ -289,15 +289,10 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
     assert re.findall('<td class="bad">([^ ]*)', table) == [f'{MINUS}0.02']
 
 
-def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None:
+def test_events_are_dimmed_before_the_motion() -> None:
     events = (
         Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
         Event(1.0, Severity.WARN, '/p/tracker', 'late'),
     )
     table = events_table(replace(pendulum_mission(), events=events))
     assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
-    many = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
-    table = events_table(pendulum_mission(events=many))
-    assert 'event 299<' in table
-    assert 'event 300<' not in table
-    assert 'and 700 more' in table

@@ -12,6 +12,7 @@ from typing import Any
 from missions import DURATION, formation_mission, pendulum_mission, robot_parameters
 import numpy as np
 import pytest
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
@@ -237,6 +238,21 @@ def test_every_part_may_be_missing(part: str, mission: Mission) -> None:
     comparison = compare(replace(mission, vehicles=vehicles, figures=()))
     assert all(e.achieved is None or math.isfinite(e.achieved) for e in comparison.entries)
     assert comparison.verdict is None
+
+
+@pytest.mark.parametrize('planned', [True, False])
+def test_distances_of_robots_whose_place_is_not_known_are_refused(planned: bool) -> None:
+    mission = formation()
+    first, *others = mission.vehicles
+    names = tuple('place' if name == 'y' else name for name in first.states.names)
+    if planned:
+        plan = first.plans[0]
+        motion = replace(plan.trajectory, state_names=names)
+        strange = replace(first, plans=(replace(plan, trajectory=motion),), states=None)
+    else:
+        strange = replace(first, states=replace(first.states, names=names))
+    with pytest.raises(InvalidProblem, match=f"states of '{first.name}' lack 'y'.* is: x, place"):
+        compare(replace(mission, vehicles=(strange, *others)))
 
 
 def test_tracking_errors_are_computed_where_none_were_published() -> None:

@@ -28,7 +28,7 @@ from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.verdict import held_from, judge, verdict
+from tdm_sim.report.verdict import held_from, judge
 
 PROBLEMS = {
     'pendulum': PendulumSwingUp.from_parameters({'limits.torque': 0.05}),
@@ -279,12 +279,12 @@ def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> Non
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
     sled = replace(mission(Sled(), 0.0), parameters={'limit': 2.0})
     bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
-    found: Any = verdict(bag, problem=Sled)
+    found: Any = judge(read_mission(bag, problem=Sled))
     assert found.reached, found
     drawn: Any = scene(read_mission(bag, problem=Sled))
     assert [shape['kind'] for shape in drawn['vehicles'][0]['measured']] == ['disc']
     # what a recording names is not imported
-    assert verdict(bag) is None
+    assert judge(read_mission(bag)) is None
     assert any("'sled' is not installed" in text for text in read_mission(bag).missing)
 
 

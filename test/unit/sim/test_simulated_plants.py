@@ -23,7 +23,6 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim.simulation import (
-    Disturbances,
     mismatched,
     mismatched_gains,
     pendulum_push,
@@ -211,18 +210,22 @@ def test_a_push_changes_momentum_alone(state: tuple[float, ...], push: float, wa
 
 
 def test_disturbances_are_as_asked() -> None:
-    disturbances = Disturbances(seed=1)
-    state, deviation = np.array([1.0, -2.0, 3.0]), np.array([0.0, 0.5, 2.0])
-    draws = np.array([disturbances.measured(state, deviation) for _ in range(10_000)])
-    np.testing.assert_allclose(draws.mean(axis=0), state, atol=0.05)
+    deviation = np.array([0.0, 0.5, 2.0, 0.0])
+    plant = SimulatedPlant(replace(SWINGING, noise=deviation), seed=1)
+    draws = np.array([plant.measure() for _ in range(10_000)])
+    np.testing.assert_allclose(draws.mean(axis=0), plant.state, atol=0.05)
     np.testing.assert_allclose(draws.std(axis=0), deviation, rtol=0.03)
     in_time = np.corrcoef(draws[1:, 1], draws[:-1, 1])[0, 1]
-    between = np.corrcoef(draws[:, 1:].T)[0, 1]
+    between = np.corrcoef(draws[:, 1:3].T)[0, 1]
     assert max(abs(in_time), abs(between)) < 0.03
     for probability, slack in ((0.0, 0.0), (0.2, 0.02), (1.0, 0.0)):
-        lost = [disturbances.loses_command(probability) for _ in range(4000)]
+        plant.setup, lost = replace(SWINGING, command_loss=probability), []
+        for _ in range(4000):
+            plant.reset()
+            plant.command(TORQUE)
+            lost.append(not plant.commanded)
         assert abs(np.mean(lost) - probability) <= slack
-    angles = np.array([disturbances.direction() for _ in range(4000)])
+    angles = np.array([plant.direction() for _ in range(4000)])
     assert np.abs(np.exp(1j * angles).mean()) < 0.05
     assert np.histogram(angles, bins=8, range=(-np.pi, np.pi))[0].min() > 400
 
@@ -252,10 +255,10 @@ def test_noise_is_in_the_measurement_alone_and_streams_do_not_disturb_each_other
     np.testing.assert_array_equal(plant.state, quiet.state)
     np.testing.assert_array_equal(quiet.measure(), quiet.state)
     # one seed, one sequence
-    state, deviation = np.zeros(4), np.ones(4)
-    one, two, other = Disturbances(5), Disturbances(5), Disturbances(6)
-    two.loses_command(0.5)
+    noisy = replace(SWINGING, noise=np.ones(4), command_loss=0.5)
+    one, two, other = (SimulatedPlant(noisy, seed) for seed in (5, 5, 6))
+    two.command(TORQUE)
     two.direction()
-    first = one.measured(state, deviation)
-    np.testing.assert_array_equal(first, two.measured(state, deviation))
-    assert not np.array_equal(first, other.measured(state, deviation))
+    first = one.measure()
+    np.testing.assert_array_equal(first, two.measure())
+    assert not np.array_equal(first, other.measure())
