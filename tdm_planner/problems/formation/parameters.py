@@ -123,8 +123,8 @@ class FormationSolver(SolverParameters):
     )
     starts: int = parameter(
         4,
-        'initial guesses from which the minimiser starts; thrust_arcs of five robots and more take '
-        'four times as many',
+        'initial guesses from which the minimiser starts; thrust_arcs take four times as many '
+        'where robots are five or more',
         allowed=Range(1, 1000),
     )
     longest: float = parameter(
