@@ -3,8 +3,6 @@
 
 """For tests of what records: messages of a bag by topic, as they were written; a full disk."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 import errno
 import os

@@ -9,8 +9,6 @@ with its simulated plant, a `TrackedPlant`; `Loop` steps one of them, `RecedingH
 `benchmark.receding` several with a replanner. Nothing here looks at the computer's clock.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 import functools

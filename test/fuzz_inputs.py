@@ -7,8 +7,6 @@ What users, files and the network may hand over: strategies of Hypothesis.
 Cases are plain values (numbers, strings, lists, mappings): one that escapes can be kept as JSON.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 import math

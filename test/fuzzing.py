@@ -10,8 +10,6 @@ fuzz_corpus.json holds every case that ever escaped, with what it did.
 with many new ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial

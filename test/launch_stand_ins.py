@@ -7,8 +7,6 @@ Stand-ins for the few classes of `launch` and `launch_ros` that the launch files
 There are no wheels of `launch`; test/nightly/test_real_launch.py uses the real one where it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """What every MarkerArray must satisfy for a viewer to draw it, and a viewer's memory."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

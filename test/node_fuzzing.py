@@ -10,8 +10,6 @@ themselves announce; afterwards they serve as if nothing had been. They are in t
 many new ones.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 import itertools
 import json
@@ -27,9 +25,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy.parameter
 from ros_harness import PATIENCE
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
@@ -174,7 +170,7 @@ class SixNodes:
             for number in (4, 2, 1, 3):
                 assert self.ros.change(f'{space}/planner', number), number
         else:
-            assert self.ros.call(f'{SPACES[space]}/{action}', Trigger).success
+            assert self.ros.call(f'{SPACES[space]}/{action}').success
         self.check()
 
     def set_items(self, node: str, items: list[Parameter], atomically: bool = False) -> list[Any]:
@@ -211,7 +207,7 @@ class SixNodes:
 
     def ignore_stamps_that_no_clock_shows(self) -> None:
         """One once ended every planner that heard it."""
-        publisher = self.ros.publisher('/pendulum/plan_summary', String, LATCHED)
+        publisher = self.ros.publisher('/pendulum/plan_summary')
         for second in ('9' * 4000, '-1', '1e300', str(2**31)):
             publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
             self.ros.spin_for(1.0)
@@ -231,11 +227,11 @@ class SixNodes:
             assert not refused, refused
         for planner, plant in SPACES.items():
             self.ros.set_parameters(f'{planner}/planner', solver__deadline=PATIENCE)
-            states = self.ros.subscribe(f'{plant}/joint_states', JointState, 1000)
-            commands = self.ros.subscribe(f'{plant}/joint_command', JointState, 1000)
+            states = self.ros.subscribe(f'{plant}/joint_states')
+            commands = self.ros.subscribe(f'{plant}/joint_command')
 
             def moved(planner: str = planner, plant: str = plant, states: Any = states) -> bool:
-                assert self.ros.call(f'{plant}/reset', Trigger).success
+                assert self.ros.call(f'{plant}/reset').success
                 assert self.plan(planner)
                 return self.ros.spin_until(lambda: any(any(s.effort) for s in states), 3.0)
 

@@ -9,8 +9,6 @@ deadlines are long: one that cuts a search short makes the plan depend on the ma
 Used by `unit/problems/test_problems.py` and `nightly/test_packaging.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -3,8 +3,6 @@
 
 """Random statements of problems, sound or not: a plan that a replay confirms, or one sentence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from time import process_time
 from types import SimpleNamespace

@@ -8,8 +8,6 @@ The classical Runge-Kutta method with steps of at most 0.5 ms (pendulum) and 5 m
 all samples; limits are looked at after every step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import math
 from typing import Any

@@ -8,8 +8,6 @@ Faults put into the solvers, each of a drawn size: what leaves them must be righ
 files; replays.py tells what is wrong with them, by equations of its own.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace

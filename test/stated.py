@@ -3,8 +3,6 @@
 
 """Problems stated for tests, and `changed`, which makes another of one: functions by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -18,7 +18,6 @@ from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
 from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
@@ -96,7 +95,7 @@ def test_every_code_of_the_planner_has_its_exception():
 
 def test_without_a_planner_there_is_no_answer(ros, user):
     with PlanClient('nowhere', node=user) as client:
-        stranger = ros.publisher('/nowhere/plan_summary', String, LATCHED)
+        stranger = ros.publisher('/nowhere/plan_summary')
         for data in ('no JSON', '[]', '{"vehicles": {"1 2": 3}}', '{"vehicles": {}}'):
             stranger.publish(String(data=data))
         with pytest.raises(NoAnswer, match='no planner serves /nowhere/plan_with'):

@@ -13,7 +13,6 @@ import pytest
 from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_sim.live.geometry import about
 from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
@@ -22,7 +21,6 @@ from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import drag_handles_of
 from tdm_sim.live.sliders import slider_of
-from trajectory_msgs.msg import JointTrajectory
 
 SPACE = 'seen'
 
@@ -42,7 +40,7 @@ class Seen(Space):
         self.texts: list[str] = []
         recordings = Recordings(folder, SPACE)
         self.operations = Operations(self.rig, self.listener, recordings, self.texts.append)
-        self.plans = self.hear('trajectory', JointTrajectory, LATCHED)
+        self.plans = self.hear('trajectory')
         roles = PLANNING, TRACKING, SIMULATION
         assert ros.spin_until(lambda: all(map(self.listener.parameters_of, roles)))
         self.rig.follow(self.values(PLANNING))

@@ -14,7 +14,7 @@ from typing import Any
 import warnings
 
 from action_msgs.msg import GoalStatusArray
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
@@ -28,7 +28,7 @@ from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.nodes.messages import LATCHED, SERVICE
+from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
@@ -43,7 +43,7 @@ def test_diagnostics_are_published_every_second_and_on_change(ros):
     for level in Level:
         assert bytes([level]) == getattr(DiagnosticStatus, level.name)
     reports = [Report(Level.OK, 'fine', {'figure': 1 / 3, 'count': 2})]
-    received = ros.subscribe('/diagnostics', DiagnosticArray)
+    received = ros.subscribe('/diagnostics')
     diagnostics = Diagnostics(ros.node, 'something', lambda: reports[-1])
     ros.spin_for(1.1)
     (array,) = received
@@ -96,7 +96,7 @@ def test_the_mode_is_what_the_tracker_tells(ros):
     """By the status of plans, by their starts; where the clock is set a plan goes on."""
     clock = Unset()
     watch = TrackerWatch(ros.node, clock, 'told/', PendulumTrackerParameters)
-    publisher = ros.publisher('told/tracker_status', GoalStatusArray, LATCHED)
+    publisher = ros.publisher('told/tracker_status')
 
     def tell(statuses: dict[int, int]) -> None:
         plans = [goal_status(start, status) for start, status in statuses.items()]

@@ -20,20 +20,17 @@ import numpy as np
 import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.direct_method import Budget
 from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.markers import LIFETIME
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import PendulumSwingUp, Problem, Search, Solution, SolverParameters
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import verify
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 
 FAILURES = {  # of a solver: the error, then code, reason and level
     'crash': (ZeroDivisionError('a bug\nin the solver'), 'INTERNAL',
@@ -159,7 +156,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     answer = space.plan()
     assert answer['duration'] == pytest.approx(1.0)
     assert answer['summary'] == 'there in two strokes'
-    states = space.hear('trajectory', JointTrajectory, LATCHED)
+    states = space.hear('trajectory')
     assert ros.meet(lambda: bool(states))
     assert list(states[0].joint_names) == ['position', 'velocity', 'force']
     positions = [list(point.positions[:2]) for point in states[0].points]
@@ -169,9 +166,9 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     # Measured, it waits for its state.
     space.set('planner', start__source='measured')
     assert space.refusal()[0] == 'NO_STATE'
-    pending = ros.request(f'{space.space}/plan', Trigger)
+    pending = ros.request(f'{space.space}/plan')
     state = JointState(name=['position'], position=[-2.0])
-    space.publisher('joint_states', JointState).publish(state)
+    space.publisher('joint_states').publish(state)
     assert ros.spin_until(pending.done)
     assert pending.result().success, pending.result().message
     ros.settle()
@@ -227,8 +224,8 @@ class Loop(Space):
         self.start('plant', {'problem': problem, 'mismatch': 0.02})
         self.start('tracker', {'kind': problem})
         self.start('planner', {'problem': problem, 'start.source': 'parameters', **planner})
-        self.states = self.hear('joint_states', JointState)
-        plans = self.plans = self.hear('trajectory', JointTrajectory)
+        self.states = self.hear('joint_states')
+        plans = self.plans = self.hear('trajectory')
         self.plan()
         points = plans[-1].points
         ranges = np.ptp([point.positions for point in points], axis=0)
@@ -263,8 +260,8 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
 
 def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
     loop = Loop(ros, f'{__name__}:Rail')
-    moving = loop.hear('plant_markers', MarkerArray)
-    plan = loop.hear('markers', MarkerArray, LATCHED)
+    moving = loop.hear('plant_markers')
+    plan = loop.hear('markers')
     assert max(loop.away(loop.end), loop.away(loop.end + 5 * 10**8)) < ALLOWED
     assert list(loop.states[-1].name) == list(loop.plans[-1].joint_names) == ['cart', 'u']
     for array in moving:

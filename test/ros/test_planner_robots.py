@@ -8,20 +8,17 @@ import json
 import math
 from typing import Any
 
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED, to_quaternion, to_stamp
+from tdm_planner.nodes.messages import to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
 
 FORMATION = {'problem': 'robot_formation'}
 ROBOTS = ['robot1', 'robot2', 'robot3']
@@ -34,12 +31,10 @@ class Fleet(Space):
     def __init__(self, ros: Stepped, name: str, **parameters: Any) -> None:
         super().__init__(ros, name)
         self.here = self.start('planner', {**FORMATION, **parameters})
-        self.motions = {
-            name: self.hear(f'{name}/trajectory', JointTrajectory, LATCHED) for name in ROBOTS
-        }
-        self.paths = {name: self.hear(f'{name}/path', Path, LATCHED) for name in ROBOTS}
-        self.odometry = {name: self.publisher(f'{name}/odom', Odometry) for name in ROBOTS}
-        self.joints = {name: self.publisher(f'{name}/joint_states', JointState) for name in ROBOTS}
+        self.motions = {name: self.hear(f'{name}/trajectory') for name in ROBOTS}
+        self.paths = {name: self.hear(f'{name}/path') for name in ROBOTS}
+        self.odometry = {name: self.publisher(f'{name}/odom') for name in ROBOTS}
+        self.joints = {name: self.publisher(f'{name}/joint_states') for name in ROBOTS}
 
     def motion(self, name: str) -> tuple[Trajectory, int]:
         motion = self.motions[name][-1]
@@ -91,9 +86,9 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
         assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
         assert len(path.poses) == plan.times.size
     assert len(starts) == 1
-    markers = fleet.latched('markers', MarkerArray).markers
+    markers = fleet.latched('markers').markers
     assert {marker.ns for marker in markers} >= {'limit', 'planned_path', 'goal', 'reach'}
-    summary = json.loads(fleet.latched('plan_summary', String).data)
+    summary = json.loads(fleet.latched('plan_summary').data)
     assert summary['plan_id'] == answer['plan_id']
     assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
     assert list(summary['vehicles']) == ROBOTS

@@ -25,10 +25,10 @@ class Plant(Space):
     def __init__(self, ros: Stepped, role: str, name: str, given: dict[str, Any]) -> None:
         super().__init__(ros, name)
         self.name = f'/{name}/{role}: simulation'
-        self.states = self.hear('joint_states', JointState, 1000)
-        self.odom = self.hear('odom', Odometry, 1000)
+        self.states = self.hear('joint_states')
+        self.odom = self.hear('odom')
         self.process = self.start(role, {'command_timeout': 30.0, **given})
-        self.commands = self.publisher('joint_command', JointState)
+        self.commands = self.publisher('joint_command')
 
     def command(self, names: list[str], effort: list[float], **more: Any) -> None:
         self.commands.publish(JointState(name=names, effort=effort, **more))

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from pendulum_rig import PendulumRig
 import pytest
-from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
@@ -25,7 +23,7 @@ class Rig(PendulumRig):
 
     def __init__(self, ros: Stepped, namespace: str, **parameters: dict[str, Any]) -> None:
         super().__init__(ros, namespace, **parameters)
-        self.summaries = self._hear('plan_summary', String, LATCHED)
+        self.summaries = self.hear('plan_summary')
         # Go on at a tenth of a second, however long it took that nodes have met.
         ros.spin_for((10**8 - ros.now % 10**8) * 1e-9)
 

@@ -8,16 +8,14 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from nav_msgs.msg import Odometry
 import numpy as np
 from pendulum_rig import measured_state
 import pytest
 from ros_harness import Space
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes import plan_intake
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
+from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -45,8 +43,8 @@ class Bench(Space):
     def __init__(self, ros: Stepped, name: str = '', **given: Any) -> None:
         super().__init__(ros, name)
         self.given = given or STRONG
-        self.commands = self.hear('joint_command', JointState)
-        self.errors = self.hear('tracking_error', JointState)
+        self.commands = self.hear('joint_command')
+        self.errors = self.hear('tracking_error')
         self.name = f'{self.space}/tracker: tracking'
         self.tracker = self.start('tracker', self.given)
 
@@ -69,7 +67,7 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
     made = Bench(ros)
-    made.states = made.publisher('joint_states', JointState)
+    made.states = made.publisher('joint_states')
     said = lambda: None if made.theta is None else made.state()  # noqa: E731
     timer = ros.node.create_timer(EVERY, said)
     yield made
@@ -85,7 +83,7 @@ def idle(bench: Bench) -> Bench:
 
 @pytest.fixture
 def plans(bench: Bench) -> Iterator[Any]:
-    made = bench.publisher('trajectory', JointTrajectory, LATCHED)
+    made = bench.publisher('trajectory')
     yield made
     bench.ros.node.destroy_publisher(made)
 
@@ -149,7 +147,7 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):
     topic = f'{idle.space}/trajectory'
-    other = idle.publisher('trajectory', JointTrajectory, LATCHED)
+    other = idle.publisher('trajectory')
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
     assert idle.says(f'2 planners publish {topic}')
     plans.publish(message(ros, plan, 0.5))
@@ -185,7 +183,7 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
 @pytest.mark.usefixtures('laborious')
 def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     """All of them would take more time than the commands leave; the last must not be lost."""
-    followed = bench.hear('active_trajectory', JointTrajectory, LATCHED)
+    followed = bench.hear('active_trajectory')
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)
@@ -212,8 +210,8 @@ class Rig(Bench):
         ros.start('pendulum_plant', {**STRONG, **given, 'mismatch': 0.05}, 'rig')
         again = {'replan.on_deviation': True, 'replan.interval': 0.2}
         super().__init__(ros, 'rig', **STRONG, **again)
-        self.measured = self.hear('joint_states', JointState)
-        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
+        self.measured = self.hear('joint_states')
+        self.plans = self.publisher('trajectory')
 
     def follow(self, plan: Trajectory, delay: float = SOON) -> None:
         self.plans.publish(message(self.ros, plan, delay))
@@ -296,8 +294,8 @@ class Scout(Bench):
         }
         ros.start('robot_plant', {**given, 'mismatch': 0.05}, 'fleet/scout')
         super().__init__(ros, 'fleet/scout', kind='robot')
-        self.odom = self.hear('odom', Odometry)
-        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
+        self.odom = self.hear('odom')
+        self.plans = self.publisher('trajectory')
 
     def offer(self, spoil: Callable[[Any], Any], delay: float = 1.0) -> None:
         plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))

@@ -19,14 +19,12 @@ import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_harness import ENOUGH, SOURCE, Space
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.nodes.markers import LIFETIME, to_quaternion
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
 
@@ -70,7 +68,7 @@ def jet(scene: Scene) -> complex:
 def test_the_simulated_pendulum_draws_itself(ros):
     space = Space(ros, 'sim')
     plant = space.start('pendulum_plant', {'initial.theta': 0.5})
-    description = space.hear('robot_description', String, LATCHED)
+    description = space.hear('robot_description')
     assert ros.meet(lambda: bool(description))
     viewer = Viewer(ros, '/sim/plant_markers')
     assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
@@ -105,7 +103,7 @@ class Robots(Space):
         given = {'problem': 'robot_formation', 'start.source': 'parameters'}
         self.here = self.start('planner', given)
         self.picture = Viewer(ros, f'/{name}/markers', LATCHED)
-        self.trajectories = self.hear('robot1/trajectory', JointTrajectory, LATCHED)
+        self.trajectories = self.hear('robot1/trajectory')
         self.live = Viewer(ros, f'/{name}/robot1/plant_markers')
         self._goals = self.publisher('robot1/goal_pose', PoseStamped)
         assert ros.meet(lambda: bool(self.picture.arrays))
@@ -217,7 +215,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
     names = ['thruster', 'reaction_wheel']
     command = JointState(name=names, velocity=[0.0, 0.0], effort=[0.5, 0.0])
     robots.clear()
-    ros.publisher('/hall/robot1/joint_command', JointState).publish(command)
+    ros.publisher('/hall/robot1/joint_command').publish(command)
     assert robots.live.shows(lambda scene: abs(jet(scene)) > 0.01)
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
@@ -231,8 +229,8 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
 def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     viewer = Viewer(ros, '/hall/robot2/plant_markers')
     assert viewer.shows_nothing()  # nothing is measured yet
-    odometry = ros.publisher('/hall/robot2/odom', Odometry)
-    joints = ros.publisher('/hall/robot2/joint_states', JointState)
+    odometry = ros.publisher('/hall/robot2/odom')
+    joints = ros.publisher('/hall/robot2/joint_states')
     message = Odometry()
     message.header.frame_id = 'arena'
     message.pose.pose.position.x, message.pose.pose.position.y = 1.5, 2.5

@@ -5,10 +5,9 @@
 
 from pathlib import Path
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.msg import GoalStatus
 from bag_contents import read_with_mcap
 from signal_scenes import SCENES, survivors
-from tdm_planner.nodes.messages import LATCHED
 
 
 def test_a_goal_that_cannot_be_planned_is_no_success(ros, tmp_path):
@@ -26,7 +25,7 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     bag = tmp_path / 'bag'
     recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
     assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
-    followed = ros.subscribe('/pendulum/tracker_status', GoalStatusArray, LATCHED)
+    followed = ros.subscribe('/pendulum/tracker_status')
     demo = SCENES['demo executing'](ros)
 
     def moves() -> bool:

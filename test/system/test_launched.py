@@ -10,7 +10,6 @@ from typing import Any
 from launch_stand_ins import described, ExecuteProcess, stand_ins  # noqa: F401
 import pytest
 from ros_harness import MODULES, NodeProcess, Ros, ros_arguments
-from sensor_msgs.msg import JointState
 import yaml
 
 pytestmark = pytest.mark.usefixtures('stand_ins')
@@ -49,7 +48,7 @@ def test_two_robots_are_launched_planned_for_recorded_and_ended(ros, tmp_path):
         '/hall/planner', solver__deadline=30.0, start__delay=31.0, start__max_age=10.0
     )
     assert reasons == ['', '', '']
-    states = ros.subscribe('/hall/robot2/joint_states', JointState)
+    states = ros.subscribe('/hall/robot2/joint_states')
     assert ros.spin_until(lambda: bool(states))
     done, answer = ros.trigger('/hall/plan')
     assert done, answer

@@ -28,7 +28,6 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 import pytest
 from ros_harness import ENOUGH, Ros
-from std_srvs.srv import Trigger
 from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
@@ -173,7 +172,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
 
     wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
-    future = ros.request('/pendulum/plan', Trigger)
+    future = ros.request('/pendulum/plan')
     client.ask()
     assert ros.spin_until(future.done)
     assert any(fine for fine, _ in (client.reply(), client.reply()))

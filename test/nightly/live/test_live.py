@@ -21,15 +21,12 @@ if find_spec('selenium') is None or find_spec('viser') is None:
     pytest.skip('needs selenium and viser', allow_module_level=True)
 
 from selenium.webdriver.common.action_chains import ActionChains
-from sensor_msgs.msg import JointState
 from signal_scenes import survivors
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
 from tdm_sim.live.geometry import axes_of, view_on
 from tdm_sim.live.scene import drag_handles_of
 from tools.browser import chromium, open_browser, set_window
-from trajectory_msgs.msg import JointTrajectory
 import yaml
 
 if chromium() is None:
@@ -216,7 +213,7 @@ def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
 
 @pytest.mark.timeout(900)
 def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
-    plans = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
+    plans = ros.subscribe('/robots/robot1/trajectory')
     page = open_page('robots', DESKTOP)
     handle = drag_handles_of(RobotFormation())[0]
     place, turn = handle.pose({})
@@ -252,7 +249,7 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
 @pytest.mark.timeout(900)
 def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_page):
     space = '/double_integrator'
-    states = ros.subscribe(f'{space}/joint_states', JointState)
+    states = ros.subscribe(f'{space}/joint_states')
     page = open_page(OWN)
     page.driver.switch_to.new_window('tab')
     other = open_page(space)  # joins the nodes that run
