@@ -58,7 +58,8 @@ def _unhurried() -> Iterator[None]:
 
     @functools.wraps(solve)
     def solve_unhurried(problem: Any, deadline: Any = None, *args: Any, **options: Any) -> Any:
-        if deadline is None and problem.solver.deadline == type(problem.solver).deadline:
+        usual = type(problem.solver).deadline
+        if deadline is None and problem.solver.deadline == usual:
             deadline = ENOUGH
         return solve(problem, deadline, *args, **options)
 

@@ -27,8 +27,6 @@ PROBLEMS: dict[str, type[Problem]] = {
 SPECIFICATIONS = {name: kind.parameter_specifications({}) for name, kind in PROBLEMS.items()}
 TRACKERS = {'pendulum': PendulumTrackerParameters, 'robot': RobotTrackerParameters}
 
-# Numbers and parameters.
-
 SPECIAL_NUMBERS = [
     math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e-30, -1e-30, 1e-9,
     1.0, -1.0, 3.0, math.pi, 1e3, 1e6, 1e12, 1.0000001e12, 1e18, -1e18, 1e150, 1e154, 1e300,
@@ -109,9 +107,8 @@ def parameter_sets(draw: Any, specs: Mapping[str, ParameterSpec]) -> dict[str, A
     """Parameters by dotted name: some near their defaults, some in corners, some of any kind."""
     ways: list[Callable[..., Any]] = [near, valid, lambda _: anything]
     one = draw(st.sampled_from([near, near, valid, valid, ways[2], None]))
-    values: dict[str, Any] = {}
-    for name in draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True)):
-        values[name] = draw((one or draw(st.sampled_from(ways)))(specs[name]))
+    names = draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True))
+    values = {name: draw((one or draw(st.sampled_from(ways)))(specs[name])) for name in names}
     if draw(st.integers(0, 19)) == 0:
         values[draw(st.text(max_size=10))] = draw(anything)
     return values
@@ -296,31 +293,22 @@ def quiet_plans(draw: Any, plant: str) -> Any:
     size = len(JOINTS[plant])
     small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
     efforts = few(small | doubles.filter(math.isfinite), [size])
-    step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
+    step, count = draw(st.tuples(*map(st.sampled_from, ([1, 10**6, 10**8, 10**10], [2, 4, 20]))))
     rest = {'positions': [0.0] * size, 'velocities': draw(few(small, [size]))}
-    points = [
-        {**rest, 'effort': draw(efforts), 'time_from_start': _instant(k * step)}
-        for k in range(draw(st.sampled_from([2, 4, 20])))
-    ]
-    header = {'stamp': _instant(0), 'frame_id': ''}
-    return {'header': header, 'joint_names': JOINTS[plant], 'points': points}
+    points = [{**rest, 'effort': draw(efforts), 'time_from_start': _instant(k * step)}
+              for k in range(count)]  # fmt: skip
+    return {'joint_names': JOINTS[plant], 'points': points}
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
-    joints = messages(message_type('sensor_msgs/JointState'))
-    if plant == 'pendulum':
-        return joints
-    odometry, calm = message_type('nav_msgs/Odometry'), st.floats(-4, 4)
-    return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
+    joints, odometry = map(message_type, ('sensor_msgs/JointState', 'nav_msgs/Odometry'))
+    moved = messages(odometry) | messages(odometry, double=st.floats(-4, 4))
+    return messages(joints) if plant == 'pendulum' else st.tuples(moved, messages(joints))
 
 
 @st.composite
 def histories(draw: Any, plant: str) -> dict[str, Any]:
-    """
-    Parameters of a tracker and the events of its life, without ROS.
-
-    Messages, ticks and jumps of the clock come in any order; an instant [s] goes with every event.
-    """
+    """Draw parameters of a tracker and events of its life in any order, each with an instant."""
     any_plans = plans('JointTrajectory', st.just(JOINTS[plant]) | joint_names)
     kinds: list[tuple[str, list[Any]]] = [
         ('tick', []),
@@ -329,8 +317,7 @@ def histories(draw: Any, plant: str) -> dict[str, Any]:
         *[('good state', [])] * 3,
         *[('plan', [quiet_plans(plant), st.sampled_from([0.0, 0.005, 0.05])])] * 2,
     ]
-    events: list[Any] = []
-    now = 100.0
+    events, now = list[Any](), 100.0
     for _ in range(draw(st.integers(1, 12))):
         now += draw(st.sampled_from([0.0, 0.005, 0.005, 0.05, 1.0, -5.0, 5.0]))
         kind, made = draw(st.sampled_from(kinds))
@@ -338,6 +325,5 @@ def histories(draw: Any, plant: str) -> dict[str, Any]:
         if kind == 'plan':
             event[-1] += now
         events.append(event)
-    sets = parameter_sets(specifications(TRACKERS[plant]))
-    chosen = draw(sets) if draw(st.booleans()) else {}
+    chosen = draw(st.just({}) | parameter_sets(specifications(TRACKERS[plant])))
     return {'plant': plant, 'parameters': chosen, 'events': events}

@@ -5,9 +5,8 @@
 Six nodes on a hostile network: every kind once, in an empty home, in the namespaces of the policy.
 
 `SixNodes.endure` does whatever a participant of the network may do, with the types that the nodes
-themselves announce; afterwards they serve as if nothing had been. They are in the test's process
-(`stepped_ros`): test/ros/test_hostile_network.py has few cases, test/nightly/fuzz/test_inputs.py
-many new ones.
+themselves announce; afterwards they serve as if nothing had been. test/ros/test_hostile_network.py
+has few cases, test/nightly/fuzz/test_inputs.py many new ones.
 """
 
 from contextlib import suppress
