@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from double_integrator import DoubleIntegrator
+from double_integrator import CartStart, DoubleIntegrator
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.parameters import parameter
-from tdm_planner.problems import PendulumSwingUp, Solution
+from tdm_planner.parameters import group, parameter, Validated
+from tdm_planner.problems import PendulumSwingUp, Problem, Solution, SolverParameters
 from visualization_msgs.msg import Marker
 
 FAILURES = {  # of a solver: the error, then code, reason and level
@@ -50,6 +50,23 @@ class FailingSwingUp(PendulumSwingUp):
         if self.failure in FAILURES:
             raise FAILURES[self.failure][0]
         return super().solve(*args, **kwargs)
+
+
+@dataclass(frozen=True)
+class Cart(Problem, Validated):
+    """A problem that is not stated, and gets its plans from elsewhere."""
+
+    name: ClassVar[str] = 'cart'
+
+    start: CartStart = group(CartStart)
+    limit: float = parameter(1.0, 'largest acceleration')
+    solver: SolverParameters = group(SolverParameters)
+
+    def solve(self, *args: Any, **options: Any) -> Solution:
+        return DoubleIntegrator(start=self.start, limit=self.limit).solve(*args, **options)
+
+    def search(self, *of: Any) -> Any:
+        raise NotImplementedError
 
 
 def start(ros: Stepped, problem: str, name: str = '', **given: Any) -> Space:
@@ -86,11 +103,11 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(ros):
 
 
 def test_a_problem_of_another_kind_is_served_by_names(ros):
-    space = start(ros, 'double_integrator:DoubleIntegrator', limit=4)
+    space = start(ros, f'{__name__}:Cart', limit=4)
     plans = space.hear('trajectory')
     answer = space.plan()
     assert answer['duration'] == pytest.approx(1.0, rel=1e-3)
-    assert answer['summary']
+    assert answer['summary'].startswith('J = 1.000')
     assert list(plans[-1].joint_names) == ['x', 'v', 'u']
     first, *_, last = plans[-1].points
     assert [*first.positions[:2]] == [-1.0, 0.0]
