@@ -4,8 +4,7 @@
 """
 Faults put into the solvers, each of a drawn size: what leaves them must be right still.
 
-`published` yields plans that leave sabotaged solvers of drawn problems, as they are written to
-files; replays.py tells what is wrong with them, by equations of its own.
+replays.py tells what is wrong with the plans, as they are written to files, by its own equations.
 """
 
 from collections import Counter
@@ -76,13 +75,8 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
 
 def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
     """Let robots fly each other's trajectories."""
-
-    def swapped(motions: Motions) -> Motions:
-        flown = list(motions.values())
-        order = rng.permutation(len(flown)).tolist()
-        return {name: flown[k] for name, k in zip(motions, order, strict=True)}
-
-    _formations(patch, swapped)
+    swapped = lambda names: rng.permutation(list(names)).tolist()  # noqa: E731
+    _formations(patch, lambda m: dict(zip(m, map(m.__getitem__, swapped(m)), strict=True)))
 
 
 def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
@@ -105,11 +99,8 @@ def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:
 def _cut(rng: Generator, size: float, t: Trajectory) -> Trajectory:
     """Lose the last samples, or one on the way."""
     kept = np.ones(t.times.size, dtype=bool)
-    if rng.uniform() < 0.5:
-        lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
-        kept[-lost:] = False
-    else:
-        kept[rng.integers(1, t.times.size - 1)] = False
+    last = slice(-int(rng.integers(1, 1 + max(1, t.times.size // 3))), None)
+    kept[last if rng.uniform() < 0.5 else rng.integers(1, t.times.size - 1)] = False
     rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}
     return replace(t, **rest) if kept.sum() > 1 else t
 
@@ -122,16 +113,12 @@ def _mirror(rng: Generator, size: float, t: Trajectory) -> Trajectory:
 
 
 CHANGES: dict[str, Change] = {
-    'scaled_controls': lambda rng, s, t: replace(t, controls=_scale(rng, s, t.controls)),
-    'scaled_durations': lambda rng, s, t: replace(
-        t, times=to_nanoseconds(_scale(rng, s, t.times))
-    ),
-    'shifted_states': lambda rng, s, t: replace(
-        t, states=t.states + s * rng.normal(size=t.states.shape)
-    ),
+    'scaled_controls': lambda g, s, t: replace(t, controls=_scale(g, s, t.controls)),
+    'scaled_durations': lambda g, s, t: replace(t, times=to_nanoseconds(_scale(g, s, t.times))),
+    'shifted_states': lambda g, s, t: replace(t, states=g.normal(t.states, s)),
     'truncated_samples': _cut,
     'mirrored_controls': _mirror,
-}
+}  # fmt: skip
 
 
 def sabotaged(change: Change, patch: Patch, rng: Generator, size: float) -> None:
