@@ -17,6 +17,7 @@ from tdm_planner.problems import Problem
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
 WAITING = {'autostart': False}
+NODES = 'planner', 'tracker'
 FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters', **WAITING}
 
 
@@ -99,9 +100,8 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros
     process = space.start('planner', {**FROM_PARAMETERS, 'method': 'magic'})
     manager = Manager(ros, '/wrong/planner')
     assert manager.refuses('configure')
-    said = "cannot configure: parameter 'method' = 'magic' is not allowed"
+    assert manager.says(said := "cannot configure: parameter 'method' = 'magic' is not allowed")
     assert said in process.output
-    assert manager.says(said)
     space.set('planner', method='switching')
     manager.do('configure', 'activate')
     # One without a manager starts by itself then.
@@ -122,12 +122,8 @@ def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(ros,
     manager.do('configure', 'activate')
     ros.settle()
     solve, go_on = Problem.solve, threading.Event()
-
-    def solve_later(self: Problem, *args: Any, **options: Any) -> Any:
-        assert go_on.wait(60.0)
-        return solve(self, *args, **options)
-
-    monkeypatch.setattr(Problem, 'solve', solve_later)
+    later = lambda *asked, **options: go_on.wait(60.0) and solve(*asked, **options)  # noqa: E731
+    monkeypatch.setattr(Problem, 'solve', later)
     pending = ros.request('/undecided/plan')
     assert manager.says('planning')
     assert space.refusal()[0] == 'BUSY'
@@ -156,12 +152,9 @@ class Rig(Space):
         given = {'limits.torque': 0.09, 'tolerance.path': 1.5, **WAITING}
         self.process = self.start('tracker', given)
         self.start('planner', {**STRONG, **WAITING, 'start.delay': 0.3})
-        self.states = self.hear('joint_states')
-        self.commands = self.hear('joint_command')
-        self.plans = self.hear('trajectory')
-        self.statuses = self.hear('tracker_status')
-        self.planner = Manager(ros, f'{self.space}/planner')
-        self.tracker = Manager(ros, f'{self.space}/tracker')
+        self.states, self.commands = self.hear('joint_states'), self.hear('joint_command')
+        self.plans, self.statuses = self.hear('trajectory'), self.hear('tracker_status')
+        self.planner, self.tracker = (Manager(ros, f'{self.space}/{n}') for n in NODES)
         assert ros.spin_until(lambda: bool(self.states))
 
     def status(self) -> list[int]:
@@ -169,16 +162,14 @@ class Rig(Space):
 
     def tracked(self) -> None:
         self.commands.clear()
-        assert self.ros.spin_until(
-            lambda: len(self.commands) > 2 and abs(self.commands[-1].effort[0]) > 1e-3
-        )
+        assert self.ros.spin_until(lambda: any(abs(c.effort[0]) > 1e-3 for c in self.commands[2:]))
 
 
 def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros):
     rig = Rig(ros, 'swing')
     assert silent(ros, rig.commands)
-    for manager in (rig.tracker, rig.planner):
-        manager.do('configure', 'activate')
+    rig.tracker.do('configure', 'activate')
+    rig.planner.do('configure', 'activate')
     rig.plan()
     for _ in range(2):
         rig.tracked()
@@ -221,8 +212,8 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.tracked()
     rig.planner.do('deactivate', 'cleanup')  # the tracker has the plan
     rig.tracked()
-    for manager in (rig.tracker, rig.planner):
-        manager.do('shutdown')
+    rig.tracker.do('shutdown')
+    rig.planner.do('shutdown')
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
     assert silent(ros, rig.commands)
@@ -252,9 +243,8 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros):
     manager = Manager(ros, '/fragile/tracker')
     manager.do('configure')
     assert manager.refuses('activate')
-    said = 'cannot activate: INTERNAL: RuntimeError: something broke'
+    assert manager.says(said := 'cannot activate: INTERNAL: RuntimeError: something broke')
     assert said in process.output
-    assert manager.says(said)
     manager.do('configure', 'activate')
     states = ros.publisher('/fragile/joint_states')
     for _ in range(20):
