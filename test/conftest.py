@@ -25,7 +25,7 @@ if None in map(importlib.util.find_spec, ('distributed', 'pyarrow')):  # of the 
 
 # What takes longest is begun first: no process has a long file left when the others are done.
 LONGEST = (
-    *('test_demo', 'test_ended', 'test_demo_ends', 'test_recorded'),
+    *('test_ended', 'test_demo', 'test_recorded'),
     *('test_pendulum_swing_up', 'test_own_plant', 'test_hostile_network', 'test_tracker'),
     *('test_problems', 'test_faults', 'test_bad_statements', 'test_study', 'test_fuzz'),
     *('test_replanning', 'test_browser', 'test_receding_horizon', 'test_robot_formation'),

@@ -113,8 +113,7 @@ def test_the_mode_is_what_the_tracker_tells(ros):
     clock.step = 100
     assert watch.followed(7) == 5
     tell({5: SUCCEEDED, 109: ACCEPTED})
-    assert watch.followed(7) == 5
-    assert watch.followed(9) == 9
+    assert (watch.followed(7), watch.followed(9)) == (5, 9)
     watch.forget_plans()
     assert watch.followed(9) is None
 
@@ -142,8 +141,7 @@ def test_the_parameters_are_those_that_the_tracker_has_at_present(ros):
 
 DEACTIVATE = Transition(id=Transition.TRANSITION_DEACTIVATE)
 REQUESTS = {
-    'think': (Trigger, {}),
-    'at_once': (Trigger, {}),
+    **dict.fromkeys(('think', 'at_once'), (Trigger, {})),
     'stranger/get_state': (GetState, {}),
     'stranger/change_state': (ChangeState, {'transition': DEACTIVATE}),
     'stranger/get_parameters': (GetParameters, {'names': ['autostart']}),
@@ -236,9 +234,8 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
     middleware.lost = lost
     kind, content = REQUESTS[service]
     answer = ros.request(service, kind, kind.Request(**content))
-    attempts = min(lost + 1, ATTEMPTS)
+    attempts, arrives = min(lost + 1, ATTEMPTS), lost < ATTEMPTS
     assert server.serve_until(lambda: middleware.attempts == attempts)
-    arrives = lost < ATTEMPTS
     assert server.serve_until(answer.done, 2000 if arrives else 10) == arrives
     assert middleware.attempts == attempts
 

@@ -29,12 +29,9 @@ from tdm_planner.problems import PendulumSwingUp, Problem, Solution, SolverParam
 from visualization_msgs.msg import Marker
 
 FAILURES = {  # of a solver: the error, then code, reason and level
-    'crash': (ZeroDivisionError('a bug\nin the solver'), 'INTERNAL',
-              'ZeroDivisionError: a bug in the solver', 2),
-    'verification': (VerificationFailed('the replay\nmisses the goal'), 'VERIFICATION_FAILED',
-                     'the replay misses the goal', 1),
-    'infeasible': (Infeasible('the torque is too weak'), 'INFEASIBLE',
-                   'the torque is too weak', 1),
+    'crash': (ZeroDivisionError('a\nbug'), 'INTERNAL', 'ZeroDivisionError: a bug', 2),
+    'missed': (VerificationFailed('it\nmisses'), 'VERIFICATION_FAILED', 'it misses', 1),
+    'infeasible': (Infeasible('too weak'), 'INFEASIBLE', 'too weak', 1),
 }  # fmt: skip
 
 
@@ -146,12 +143,8 @@ class Rail(DoubleIntegrator):
         return {'cart': ('x', 'v')}
 
     def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
-        place = x[0]
-        return (
-            Line(((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)), 'limit'),
-            Box((place, 0.0, 0.1), (0.4, 0.2, 0.2)),
-            Disc((place, 0.0, 0.3), 0.1, trail=True),
-        )
+        rail, box = Line(((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)), 'limit'), (0.4, 0.2, 0.2)
+        return rail, Box((x[0], 0.0, 0.1), box), Disc((x[0], 0.0, 0.3), 0.1, trail=True)
 
 
 @dataclass(frozen=True)

@@ -79,13 +79,11 @@ def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
 
 def test_planner_and_tracker_follow_the_clock(told):
     ros = told.ros
-    tracking = {'rate': 100.0, 'state_timeout': 1.0, 'limits.torque': 0.09}
-    planning = {'start.delay': 0.5, 'limits.torque': 0.09, 'torque_reserve': 0.2}
-    assert ros.set_parameters(PLANT, real_time_factor=1.0, limits__torque=0.09) == ['', '']
-    for role, given in (('tracker', tracking), ('planner', planning)):
-        ros.start(role, given, 'slow')
-    commands = ros.subscribe('/slow/joint_command')
-    plans = ros.subscribe('/slow/trajectory')
+    strong = {'limits.torque': 0.09}
+    assert ros.set_parameters(PLANT, real_time_factor=1.0, **strong) == ['', '']
+    ros.start('tracker', {'rate': 100.0, 'state_timeout': 1.0, **strong}, 'slow')
+    ros.start('planner', {'start.delay': 0.5, 'torque_reserve': 0.2, **strong}, 'slow')
+    commands, plans = map(ros.subscribe, ('/slow/joint_command', '/slow/trajectory'))
     assert ros.spin_until(lambda: len(commands) > 5)
     before = nanoseconds_of(told.clocks[-1].clock)
     assert not (nanoseconds_of(commands[-1].header.stamp) - before) % STEP
@@ -134,8 +132,7 @@ def test_a_planner_without_time_makes_no_plan(ros):
 
 def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     tracker = ros.start('tracker', {'rate': 100.0}, 'early', OWN)
-    followed = ros.subscribe('/early/active_trajectory')
-    commands = ros.subscribe('/early/joint_command')
+    followed, commands = map(ros.subscribe, ('/early/active_trajectory', '/early/joint_command'))
     plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
     message = plan_message(PENDULUM, plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
     ros.publisher('/early/trajectory').publish(message)

@@ -12,7 +12,7 @@ service: Cyclone's binding does not show the parameter by which clients of ROS k
 
 from collections.abc import Callable
 from contextlib import suppress
-import functools
+from functools import cache, partial
 from importlib import import_module
 import json
 import math
@@ -27,14 +27,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 import pytest
-from ros_harness import ENOUGH, Ros
+from ros_harness import ENOUGH, PATIENCE, Ros
 from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
-CONFIGURATION = """
-<CycloneDDS><Domain>
+CONFIGURATION = """<CycloneDDS><Domain>
   <General>
     <Interfaces><NetworkInterface name="lo"/></Interfaces>
     <AllowMulticast>false</AllowMulticast>
@@ -45,8 +44,7 @@ CONFIGURATION = """
     <SPDPInterval>300ms</SPDPInterval>
     <Peers><Peer address="127.0.0.1"/></Peers>
   </Discovery>
-</Domain></CycloneDDS>
-"""
+</Domain></CycloneDDS>"""
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -56,7 +54,7 @@ PRIMITIVES: dict[str, Any] = {
 }  # fmt: skip
 
 
-@functools.cache
+@cache
 def dds_type(name: str) -> Any:
     """Return the type of DDS for `pkg/msg/Name` or `pkg/srv/Name_Request`."""
     package, folder, kind = name.split('/')
@@ -74,18 +72,17 @@ def _member(text: str) -> Any:
     return dds_type(text.replace('/', '/msg/')) if '/' in text else PRIMITIVES.get(text, bool)
 
 
-def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
-    """Wait for something that another process does."""
+def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE) -> Any:
+    """Wait for something that another process does, and return it."""
     end = time.monotonic() + timeout
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < end, f'not within {timeout} s'
         time.sleep(0.01)
+    return found
 
 
-def one(reader: DataReader, timeout: float = 60.0) -> Any:
-    taken: list[Any] = []
-    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
-    return taken[0]
+def one(reader: DataReader, timeout: float = PATIENCE) -> Any:
+    return wait_until(partial(reader.take, N=1), timeout)[0]
 
 
 class Outsider:
@@ -129,7 +126,7 @@ class Client:
     def ask(self) -> None:
         self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
 
-    def reply(self, timeout: float = 60.0) -> tuple[bool, dict[str, Any]]:
+    def reply(self, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
         reply = one(self._replies, timeout)
         return bool(reply.success), json.loads(reply.message)
 
