@@ -4,9 +4,7 @@
 """
 What tests of trackers and of the replanner share: plans, and closed loops stepped by a clock.
 
-`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make a tracker
-with its simulated plant, a `TrackedPlant`; `Loop` steps one of them, `RecedingHorizon` of
-`benchmark.receding` several with a replanner. Nothing here looks at the computer's clock.
+`Loop` steps one of them, `RecedingHorizon` of `benchmark.receding` several with a replanner.
 """
 
 from collections.abc import Callable
@@ -73,17 +71,11 @@ def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
 
 
 def seen(
-    states: dict[str, np.ndarray],
-    at: float,
-    mode: Mode = Mode.FOLLOWING,
-    followed: float | None = None,
-    **away: Any,
+    states: Any, at: float, mode: Mode = Mode.FOLLOWING, followed: float | None = None, **away: Any
 ) -> dict[str, Observation]:
     """Return what a replanner sees of vehicles, each so far `away` from a state."""
-    return {
-        name: Observation(state + away.get(name, 0.0), at, mode, followed)
-        for name, state in states.items()
-    }
+    where = {name: state + away.get(name, 0.0) for name, state in states.items()}
+    return {name: Observation(state, at, mode, followed) for name, state in where.items()}
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:
@@ -103,11 +95,7 @@ def pendulum_tracker(limit: float = STRONG, **values: Any) -> PendulumTracker:
 
 
 def pendulum(
-    tracker: PendulumTracker,
-    initial: np.ndarray = HANGING,
-    mismatch: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 0,
+    tracker: Any, initial: Any = HANGING, mismatch: float = 0, noise: float = 0, seed: int = 0
 ) -> TrackedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
@@ -117,27 +105,17 @@ def pendulum(
 
 
 def robot(
-    initial: np.ndarray,
-    mismatch: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 0,
-    gains: bool = True,
-    **values: Any,
+    initial: Any, mismatch: float = 0, noise: float = 0, seed: int = 0, gains: Any = 1, **own: Any
 ) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
-    tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(values)}))
+    tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(own)}))
     limits = tracker.parameters.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    setup = PlantSetup(
-        mismatched(tracker.parameters.plant, mismatch, seed),
-        initial,
-        upper * [0.0, -1.0, -1.0],
-        upper,
-        noise * ROBOT_NOISE,
-        # a thruster that is turned too fast or slowly is no matter: its angle is measured
-        gains=mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None,
-        largest_step=0.005,
-    )
+    lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)
+    # a thruster that is turned too fast or slowly is no matter: its angle is measured
+    acting = mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None
+    noises = noise * ROBOT_NOISE
+    setup = PlantSetup(plant, initial, lower, upper, noises, gains=acting, largest_step=0.005)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 

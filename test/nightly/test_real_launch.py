@@ -12,12 +12,19 @@ import shutil
 import signal
 import sys
 
+from launch_stand_ins import installed
 import pytest
 from ros_harness import MODULES, Ros, SOURCE
 from signal_scenes import survivors
 
 pytest.importorskip('launch_ros')
 pytest.importorskip('ros2launch')
+
+
+def command_of(pid: int) -> str:
+    with suppress(OSError):  # it has ended
+        return Path(f'/proc/{pid}/cmdline').read_text()
+    return ''
 
 
 class Launched:
@@ -33,12 +40,8 @@ class Launched:
 
     def running(self, name: str = '') -> list[int]:
         """Return the processes of the domain, or those of an executable of ours."""
-        found = []
-        for pid in survivors(f'ROS_DOMAIN_ID={self.ros.domain}'):
-            with suppress(OSError):  # it has ended
-                if f'/{name}\0' in Path(f'/proc/{pid}/cmdline').read_text() or not name:
-                    found.append(pid)
-        return found
+        found = survivors(f'ROS_DOMAIN_ID={self.ros.domain}')
+        return [pid for pid in found if not name or f'/{name}\0' in command_of(pid)]
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         assert self.ros.spin_until(condition, 120.0), self.output
@@ -54,20 +57,10 @@ class Launched:
 @pytest.fixture
 def prefix(tmp_path: Path) -> Path:
     """Return where this source tree is installed as by colcon, and nothing else is."""
-    made = tmp_path / 'install'
-    marker = made / 'share/ament_index/resource_index/packages/tdm_planner'
-    marker.parent.mkdir(parents=True)
-    marker.touch()
-    (made / 'share/tdm_planner').symlink_to(SOURCE)
-    programs = made / 'lib/tdm_planner'
-    programs.mkdir(parents=True)
-    for name, module in {**MODULES, 'tdm': 'tdm_planner.cli'}.items():
-        program = programs / name
-        program.write_text(
-            f'#!{sys.executable}\nimport sys\nfrom {module} import main\nsys.exit(main())\n'
-        )
-        program.chmod(0o755)
-    return made
+    text = f'#!{sys.executable}\nimport sys\nfrom {{}} import main\nsys.exit(main())\n'
+    modules = {**MODULES, 'tdm': 'tdm_planner.cli'}
+    programs = {name: text.format(module) for name, module in modules.items()}
+    return installed(tmp_path / 'install', {'tdm_planner': programs})
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Processes that are killed or asked to end, each kind once; demos that end early."""
+"""Processes that are killed or asked to end, each kind once; demos that end early, alone in the domain."""
 
 from pathlib import Path
 
@@ -10,23 +10,6 @@ from bag_contents import read_with_mcap
 from pendulum_rig import held_rig, SCENARIOS
 import pytest
 from signal_scenes import SCENES, survivors
-
-
-def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
-    rig = held_rig(ros)
-    for name in ('plant killed while holding', 'tracker killed in mid-swing',
-                 'planner killed while planning'):  # fmt: skip
-        rig.held_since(rig.now)
-        SCENARIOS[name](rig)
-
-
-ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
-        ('solving planner', 'double Ctrl-C'), ('following tracker', 'SIGTERM')]  # fmt: skip
-
-
-@pytest.mark.parametrize(('scene', 'way'), ENDS)
-def test_a_node_is_ended_by_signals(ros, scene, way):
-    SCENES[scene](ros).end(way)
 
 
 def test_a_goal_that_cannot_be_planned_is_no_success(ros, tmp_path):
@@ -55,3 +38,20 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     assert all(found[f'/pendulum/{name}'] for name in ('trajectory', 'joint_states'))
     out = Path(demo.arguments[demo.arguments.index('-o') + 1])
     assert read_with_mcap(out / 'bag')['/pendulum/trajectory']
+
+
+def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
+    rig = held_rig(ros)
+    for name in ('plant killed while holding', 'tracker killed in mid-swing',
+                 'planner killed while planning'):  # fmt: skip
+        rig.held_since(rig.now)
+        SCENARIOS[name](rig)
+
+
+ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
+        ('solving planner', 'double Ctrl-C'), ('following tracker', 'SIGTERM')]  # fmt: skip
+
+
+@pytest.mark.parametrize(('scene', 'way'), ENDS)
+def test_a_node_is_ended_by_signals(ros, scene, way):
+    SCENES[scene](ros).end(way)
