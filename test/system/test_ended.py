@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Processes that are killed or asked to end, each kind once; demos that end early, alone in the domain."""
+"""Demos that end early, alone in the domain; nodes that are asked to end, or killed."""
 
 from pathlib import Path
 
