@@ -60,12 +60,10 @@ def smooth_swing_up() -> ActivePlan:
 
 @functools.cache
 def crossing() -> ActivePlan:
-    """Return a plan of three robots, from 0 s on."""
     return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
 
 
 def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
-    """Return the states of all vehicles on a plan."""
     motions = plan.solution.trajectories
     return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
 
@@ -79,12 +77,10 @@ def seen(
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:
-    """Return states (..., nx) with `change` added."""
     return np.asarray(state + np.array(change))
 
 
 def dotted(values: dict[str, Any]) -> dict[str, Any]:
-    """Return parameters by their names, `__` for the dot."""
     return {name.replace('__', '.'): value for name, value in values.items()}
 
 
@@ -156,7 +152,6 @@ class Loop:
             self.states.append(self.plant.state)
 
     def upright(self, last: float) -> bool:
-        """Return whether a pendulum has been upright for so many s."""
         count = round(last / self.tick)
         return bool(np.abs(wrapped(np.array(self.states[-count:])[:, 0])).max() < 0.05)
 
@@ -167,5 +162,4 @@ class Loop:
         self.tracker.accept(plan, begun + start, self.now)
 
     def push(self, *change: float) -> None:
-        """Add to the state at once."""
         self.plant.push(lambda state: moved(state, *change))

@@ -57,7 +57,6 @@ class Relay:
         self.suffer()
 
     def suffer(self, kind: str = 'none', amount: float = 0.0) -> None:
-        """Spoil what comes from now on."""
         self._kind, self._amount, self._random = kind, amount, random.Random(7)
 
     def _on_state(self, message: JointState) -> None:

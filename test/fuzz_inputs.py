@@ -138,8 +138,6 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
     return problem, name, draw(st.sampled_from(wrong))
 
 
-# Parameter files.
-
 _keys = st.one_of(
     st.sampled_from(['plant', 'limits', 'start', 'mass', 'torque', 'theta', 'x', 'robots', '/**',
                      '/**/planner', 'planner', 'ros__parameters', 'tracker', '*', '/a/b/planner']),
@@ -169,8 +167,6 @@ yaml_texts = st.one_of(
     st.text(max_size=40),
 )
 
-
-# Messages, as mappings.
 
 FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
 texts = st.one_of(

@@ -40,7 +40,6 @@ MADE = {'pendulum': PendulumTracker, 'robot': RobotTracker}
 
 
 def read_state(plant: str, value: Any) -> np.ndarray:
-    """Read a state as the node does."""
     kind, found = BUILT_IN[plant], {}
     if kind.odometry:
         moved, value = value

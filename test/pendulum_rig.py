@@ -159,7 +159,6 @@ class PendulumRig(Space):
         return since
 
     def story(self) -> str:
-        """Tell what happened, for the message of a failed test."""
         told = [s.message for role in self.processes for s in islice(self.statuses(role), 6)]
         return '\n'.join(told + [p.output[-3000:] for p in self.processes.values()])
 

@@ -28,7 +28,6 @@ PROBLEMS = {
 
 
 def planned_apart(**environment: str) -> dict[str, str]:
-    """Plan for all problems in a process of its own; a digest of every plan."""
     variables = {'PYTHONPATH': f'{SOURCE}{os.pathsep}{SOURCE}/docs/plants', **environment}
     command = [sys.executable, '-W', 'ignore', __file__]
     environment = {**os.environ, **ONE_THREAD, **variables}

@@ -170,7 +170,6 @@ def outcome_of(case: dict[str, Any]) -> bool:
 
 
 def random_statements(cases: int, *, new: bool = False) -> None:
-    """Ask for plans of so many random statements; see `outcome_of`."""
     planned = []
 
     @profile(cases, new=new)

@@ -184,7 +184,6 @@ FAULTS = {'pendulum_swing_up': pendulum_faults, 'robot_formation': formation_fau
 
 
 def faults(document: dict[str, Any]) -> list[str]:
-    """Return what is wrong with a plan as `tdm plan` writes it."""
     return FAULTS[document['problem']](document)
 
 

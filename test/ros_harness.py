@@ -75,7 +75,6 @@ def ros_environment(domain: int, folder: Path) -> dict[str, str]:
 
 
 def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[str]:
-    """Command-line arguments that set parameters and the namespace."""
     arguments = ['--ros-args', *(['-r', f'__ns:=/{namespace.strip("/")}'] if namespace else [])]
     for name, value in parameters.items():
         text = value if isinstance(value, str) else json.dumps(value)
@@ -166,7 +165,6 @@ class NodeProcess(Started):
         return self.process.poll() is None
 
     def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
-        """Signal the process group and return the exit code."""
         if self.running:
             os.killpg(self.process.pid, number)
         try:
@@ -378,7 +376,6 @@ class Space:
         return self.ros.latched(f'{self.space}/{topic}')
 
     def set(self, role: str, values: Any = None, **named: Any) -> None:  # noqa: A003
-        """Set parameters of a node, all of which it takes."""
         assert not any(self.ros.set_parameters(f'{self.space}/{role}', values, **named))
 
     def trigger(self, service: str) -> str:

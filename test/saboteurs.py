@@ -74,22 +74,17 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    """Let robots fly each other's trajectories."""
     swapped = lambda names: rng.permutation(list(names)).tolist()  # noqa: E731
     _formations(patch, lambda m: dict(zip(m, map(m.__getitem__, swapped(m)), strict=True)))
 
 
 def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
-    """Change the robots' trajectories before they are checked."""
     check = formation_search.assessed
 
     def assessed(task: Any, motions: Motions, *others: Any) -> Solution:
         return check(task, change(motions), *others)
 
     patch.setattr(formation_search, 'assessed', assessed)
-
-
-# What may become of a trajectory before it is checked.
 
 
 def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:

@@ -171,7 +171,6 @@ def busy_recorder(ros: Ros) -> Subject:
 
 
 def demo(ros: Ros, phase: str) -> Subject:
-    """Return the demo, with the nodes that it has started, in a phase."""
     parameters, out = ros.folder / 'strong.yaml', str(ros.folder / uuid.uuid4().hex)
     given = f'limits: {{torque: 0.09}}, solver: {{deadline: {ENOUGH}}}, start: {{delay: 3.0}}'
     parameters.write_text(f'/**: {{ros__parameters: {{{given}}}}}')

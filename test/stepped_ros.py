@@ -79,7 +79,6 @@ class SteppedTime:
         return clock
 
     def as_module(self) -> SimpleNamespace:
-        """Return what nodes use of `time`."""
         clocks = dict.fromkeys(('monotonic', 'perf_counter', 'time'), lambda: self.now * 1e-9)
         clocks |= dict.fromkeys(('monotonic_ns', 'time_ns'), lambda: self.now)
         return SimpleNamespace(**clocks, sleep=self._sleep)
@@ -111,8 +110,6 @@ class OrderedExecutor(SingleThreadedExecutor):
 
 
 class NodeHere(Started):
-    """A node in this process."""
-
     running = True
 
     def __init__(self, ros: Stepped, node: Any) -> None:
@@ -124,7 +121,6 @@ class NodeHere(Started):
         return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
 
     def end(self) -> int:
-        """End the node, which leaves its plant safe."""
         if self.running:
             self.running = False
             self._ros.settle()  # what it computes would be handed over to nobody

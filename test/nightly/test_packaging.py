@@ -69,7 +69,6 @@ def colcon(workspace: Path, verb: str, *arguments: str) -> str:
 
 
 def test_colcon_runs_the_tests(installed, copy):
-    """A few of them: `colcon test` runs the very suite that this test belongs to."""
     workspace = installed.parents[1]
     said = colcon(
         *(workspace, 'test', '--base-paths', str(copy.parent)),
@@ -132,8 +131,6 @@ def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel):
     assert set(entry_points['console_scripts']) == EXECUTABLES
     assert set(entry_points['tdm_planner.problems']) == PROBLEMS
 
-
-# Kernels.
 
 PROGRAM = """
 from tdm_planner.plants.compilation import tell_of_compilation

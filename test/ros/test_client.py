@@ -34,7 +34,6 @@ def space(ros: Stepped) -> str:
 
 @pytest.fixture
 def user(ros: Stepped) -> Iterator[Node]:
-    """Yield a node that nobody serves."""
     node = rclpy.create_node('user', context=ros._context)
     yield node
     node.destroy_node()

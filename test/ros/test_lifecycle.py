@@ -49,7 +49,6 @@ class Manager:
 
 
 def silent(ros: Stepped, received: list[Any]) -> bool:
-    """Whether nothing more comes."""
     ros.settle()
     count = len(received)
     ros.spin_for(0.3)

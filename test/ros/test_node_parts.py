@@ -59,9 +59,6 @@ def test_diagnostics_are_published_every_second_and_on_change(ros):
     assert len(received) == 5
 
 
-# What the planner knows of a tracker: its mode, its plan, its parameters.
-
-
 class Unset(MotionClock):
     """A clock whose instants are nanoseconds, of a time of day that may be set; needs no node."""
 

@@ -37,8 +37,6 @@ FAILURES = {  # of a solver: the error, then code, reason and level
 
 @dataclass(frozen=True)
 class FailingSwingUp(PendulumSwingUp):
-    """Fails as `failure` says."""
-
     name: ClassVar[str] = 'failing_swing_up'
 
     failure: str = parameter('crash', 'how to fail', choices=(*FAILURES, 'not'))
@@ -127,8 +125,6 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
     start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
 
 
-# In closed loop.
-
 LOOPS = {'acrobot:Acrobot': True, 'overtaking:Overtaking': False}  # whether its end can be held
 ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
 
@@ -149,8 +145,6 @@ class Rail(DoubleIntegrator):
 
 @dataclass(frozen=True)
 class Blurred(Rail):
-    """The same with a drawing that fails."""
-
     name: ClassVar[str] = 'blurred'
 
     def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:

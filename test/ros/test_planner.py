@@ -75,7 +75,6 @@ def measuring(ros: Stepped) -> Planner:
 
 
 def begins(message: JointTrajectory) -> int:
-    """Return the start of a plan [ns]."""
     return nanoseconds_of(message.header.stamp)
 
 
@@ -150,7 +149,6 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
 
 
 def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
-    """Here by small steps."""
     measuring.set('planner', start__delay=0.2)
     state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
     measuring.measure(measuring.state(state))
@@ -247,8 +245,6 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
     assert node._adapter.plans.next_start(plan.start) is None
 
-
-# Plans for several robots, and a formation that moves.
 
 FORMATION, ROBOTS = {'problem': 'robot_formation'}, ['robot1', 'robot2', 'robot3']
 MOVED = [2.3, 1.8, 0.7]

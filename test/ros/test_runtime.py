@@ -55,8 +55,6 @@ def told(capfd: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def node_that(acts: Callable[[], object], name: str = 'acting') -> Callable[[], Node]:
-    """Return what makes a node that acts once it runs."""
-
     def make() -> Node:
         node = Node(name)
         node.create_timer(0.001, acts)

@@ -191,11 +191,8 @@ def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     assert bench.tracker.output.count('accepted') <= begun + 1
 
 
-# The pendulum, 5 % wrong and noisy.
-
-
 class Rig(Bench):
-    """The tracker and its plant."""
+    """The tracker and its plant, 5 % wrong and noisy."""
 
     def __init__(self, ros: Stepped) -> None:
         plant = {**PARAMETERS['pendulum_plant'], **STRONG, 'mismatch': 0.05}

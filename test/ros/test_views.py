@@ -87,9 +87,6 @@ def test_the_simulated_pendulum_draws_itself(ros):
     assert viewer.shows_nothing()
 
 
-# The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
-
-
 class Robots(Space):
     """The robots' planner, what it publishes, and goal poses for robot1."""
 
@@ -234,8 +231,6 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     assert viewer.shows_nothing()  # what is too old is drawn no more
 
 
-# Views for RViz and Foxglove: nothing in them that the nodes do not have.
-
 CONFIG = SOURCE / 'config'
 EACH = pytest.mark.parametrize('plant', ['pendulum', 'robots'])
 TYPES = {  # of what a display or a tool of RViz handles
@@ -259,7 +254,6 @@ def mappings(file: str) -> list[dict[str, Any]]:
 
 
 def of_robot1(topic: str) -> str:
-    """Return the topic of robot1, which stands for all of them."""
     return re.sub(r'/robot\d/', '/robot1/', topic)
 
 

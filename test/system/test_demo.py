@@ -71,7 +71,6 @@ def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
-    """Two of them: each has two processes."""
     demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots', without='robot3'))
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
     for k in (1, 2):
@@ -80,7 +79,6 @@ def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
 
 
 def test_a_plant_of_one_s_own_flies(ros, tmp_path):
-    """From a module that Python finds: planned, tracked, held, recorded, reported."""
     path = os.pathsep.join([str(SOURCE / 'docs' / 'plants'), ros.environment['PYTHONPATH']])
     demo(ros, tmp_path, 'moon_lander:MoonLander', '--speed=0.9', PYTHONPATH=path)
     plan = load_plan(tmp_path / 'out' / 'plan.json')

@@ -85,8 +85,6 @@ def test_landing_against_collocation():
     assert quicker < 0.999 * replace(problem, free=3, speed_factor_order=0).solve().cost
 
 
-# The paper, and its virtual arc: derivatives, order, what it reaches.
-
 PLANT, TORQUE = RotaryPendulum(), 0.09
 ARCS = TORQUE * np.array([-1.0, 1.0, -1.0, 1.0])
 
