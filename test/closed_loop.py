@@ -14,17 +14,10 @@ import math
 from typing import Any
 
 import numpy as np
+from tdm_planner import tracking
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
-from tdm_planner.tracking import (
-    Command,
-    PendulumTracker,
-    PendulumTrackerParameters,
-    RobotTracker,
-    RobotTrackerParameters,
-    TrajectoryTracker,
-)
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
@@ -84,10 +77,10 @@ def dotted(values: dict[str, Any]) -> dict[str, Any]:
     return {name.replace('__', '.'): value for name, value in values.items()}
 
 
-def pendulum_tracker(limit: float = STRONG, **values: Any) -> PendulumTracker:
+def pendulum_tracker(limit: float = STRONG, **values: Any) -> tracking.PendulumTracker:
     """Return a tracker for a motor; `values` are its other parameters, `__` for the dot."""
     asked = {'limits.torque': limit, **dotted(values)}
-    return PendulumTracker(build(PendulumTrackerParameters, asked))
+    return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
 
 
 def pendulum(
@@ -104,7 +97,9 @@ def robot(
     initial: Any, mismatch: float = 0, noise: float = 0, seed: int = 0, gains: Any = 1, **own: Any
 ) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
-    tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(own)}))
+    tracker = tracking.RobotTracker(
+        build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
+    )
     limits = tracker.parameters.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
     lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)
@@ -123,10 +118,10 @@ class Loop:
     delay: int = 0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)
-    commands: list[Command] = field(default_factory=list)
+    commands: list[tracking.Command] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.tracker: TrajectoryTracker = self.vehicle.tracker
+        self.tracker: tracking.TrajectoryTracker = self.vehicle.tracker
         self.plant = self.vehicle.plant
         self.tick = self.tracker.parameters.interval
         self._samples: list[tuple[np.ndarray, float]] = []

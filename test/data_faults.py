@@ -18,7 +18,6 @@ from typing import Any, ClassVar
 from builtin_interfaces.msg import Time
 from pendulum_rig import COMMAND_TIMEOUT, PendulumRig, STATE_TIMEOUT
 from rclpy.parameter import Parameter
-from ros_harness import QUEUE
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
@@ -92,7 +91,7 @@ class MisledRig(PendulumRig):
     def __init__(self, stepped: Stepped, namespace: str, **common: Any) -> None:
         self.relay = Relay(stepped, f'/{namespace}/unspoilt', f'/{namespace}/joint_states')
         super().__init__(stepped, namespace, common, planner={'start.delay': 0.1})
-        self.states = self.hear('unspoilt', JointState, QUEUE)
+        self.states = self.hear('unspoilt', JointState)
         self.wait(lambda: self.states)
 
     @property

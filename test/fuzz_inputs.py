@@ -14,10 +14,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 from tdm_planner.parameters import ParameterSpec, Range, specifications
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
+from tdm_planner.tracking import PendulumTrackerParameters, RobotTrackerParameters
 import yaml
 
 BIGGEST = 1.7976931348623157e308

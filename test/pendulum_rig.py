@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import PATIENCE, Ros, Space
+from ros_harness import PATIENCE, QUEUE, Ros, Space
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import seconds_of
@@ -70,6 +70,7 @@ class PendulumRig(Space):
         super().__init__(ros, namespace)
         self._common, self._parameters = {'limits.torque': TORQUE, **(common or {})}, parameters
         self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
+        ros.depth = QUEUE
         self.states, self.commands = self.hear('joint_states'), self.hear('joint_command')
         self.plans, self.followed = self.hear('trajectory'), self.hear('active_trajectory')
         self._diagnostics = ros.subscribe('/diagnostics')

@@ -25,7 +25,7 @@ from tdm_planner.starting import NODES as MODULES
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
-QUEUE = 20_000  # messages that may wait for a test
+QUEUE = 20_000  # messages that may wait where every one counts
 CLOCK_STEP = 0.005  # s, the period of tracker and plant
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
@@ -101,13 +101,13 @@ def topics() -> dict[str, tuple[Any, Any]]:
               'tracking_error': JointState, 'plant_markers': MarkerArray,
               'diagnostics': DiagnosticArray}  # fmt: skip
     found = {name: (kind, LATCHED) for name, kind in latched.items()}
-    return found | {name: (kind, QUEUE) for name, kind in others.items()}
+    return found | {name: (kind, None) for name, kind in others.items()}
 
 
-def topic_of(name: str, kind: Any, qos: Any) -> tuple[Any, str, Any]:
+def topic_of(name: str, kind: Any, qos: Any, depth: int = 10) -> tuple[Any, str, Any]:
     """Return type, name and quality of service: what is not given is as `topics` has it."""
-    known, usual = topics().get(name.rpartition('/')[2], (None, 10))
-    return kind or known, name, qos or usual
+    known, usual = topics().get(name.rpartition('/')[2], (None, None))
+    return kind or known, name, qos or usual or depth
 
 
 def parameters(values: Mapping[str, Any]) -> list[Any]:
@@ -186,6 +186,7 @@ class Ros:
     """
 
     common: ClassVar[dict[str, Any]] = {}  # parameters of every node
+    depth = 10  # messages that may wait: those who see real processes must not fall behind
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         import rclpy
@@ -260,7 +261,7 @@ class Ros:
     def subscribe(self, topic: str, kind: Any = None, qos: Any = None) -> list[Any]:
         """Subscribe; the list returned grows with every message received."""
         received: list[Any] = []
-        kind, topic, qos = topic_of(topic, kind, qos)
+        kind, topic, qos = topic_of(topic, kind, qos, self.depth)
         self.node.create_subscription(kind, topic, received.append, qos)
         return received
 

@@ -22,13 +22,11 @@ from replays import faults
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plan_files import plan_document
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.problems.direct import minima as direct_minima
 from tdm_planner.problems.formation import search as formation_search
 from tdm_planner.problems.pendulum import switching_search
 from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
 
@@ -164,36 +162,30 @@ def _logarithmic(rng: Generator, least: float, most: float) -> float:
 def pendulum(rng: Generator) -> Problem:
     """Any start, motors weak and strong, narrow and wide limits, every method."""
     angle = rng.uniform(0.6, 3.0)
-    return PendulumSwingUp.from_parameters(
-        {
-            'limits.torque': _logarithmic(rng, 0.015, 0.3),
-            'limits.disk_angle': angle,
-            'torque_reserve': float(rng.choice([0.0, 0.3])),
-            'start.theta': rng.uniform(-7.0, 7.0),
-            'start.psi': rng.uniform(-0.5, 0.5) * angle,
-            'start.theta_dot': rng.normal() * 2.0,
-            'start.psi_dot': rng.normal(),
-            'method': str(rng.choice(['switching'] * 3 + ['smooth', 'virtual_arc'])),
-            'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
-            'solver.deadline': 0.15,
-        }
-    )
+    values = {
+        'limits.torque': _logarithmic(rng, 0.015, 0.3), 'limits.disk_angle': angle,
+        'torque_reserve': float(rng.choice([0.0, 0.3])),
+        'start.theta': rng.uniform(-7.0, 7.0), 'start.psi': rng.uniform(-0.5, 0.5) * angle,
+        'start.theta_dot': rng.normal() * 2.0, 'start.psi_dot': rng.normal(),
+        'method': str(rng.choice(['switching'] * 3 + ['smooth', 'virtual_arc'])),
+        'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
+        'solver.deadline': 0.15,
+    }  # fmt: skip
+    return PendulumSwingUp.from_parameters(values)
 
 
 def robots(rng: Generator) -> Problem:
     """One to three robots, at rest or not, sluggish and brisk, with and without zones."""
     names = [f'robot{k + 1}' for k in range(int(rng.integers(1, 4)))]
     values: dict[str, Any] = {
-        'robots': names,
-        'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
+        'robots': names, 'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
         'limits.thrust': _logarithmic(rng, 0.3, 30.0),
         'limits.thruster_rate': _logarithmic(rng, 0.5, 10.0),
         'arena.tracking_margin': float(rng.choice([0.0, 0.03])),
         'weights.gas': float(rng.choice([0.0, 0.9])),
         'speed_factor_order': int(rng.choice([0, 0, 2])),
-        'solver.deadline': 0.3,
-        'solver.starts': 2,
-    }
+        'solver.deadline': 0.3, 'solver.starts': 2,
+    }  # fmt: skip
     for name in names:
         values |= {f'{name}.start.{axis}': rng.uniform(0.4, 3.6) for axis in 'xy'}
         values[f'{name}.start.yaw'] = rng.uniform(-3.0, 3.0)

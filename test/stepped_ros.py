@@ -36,7 +36,7 @@ from rclpy.impl import rcutils_logger
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from ros_harness import MODULES, Ros, Started
+from ros_harness import MODULES, QUEUE, Ros, Started
 from rosgraph_msgs.msg import Clock
 
 BEGIN = 1_800_000_000_000_000_000  # ns
@@ -133,7 +133,7 @@ class Stepped(Ros):
     """A ROS domain of the test's own, whose time is the test's."""
 
     common: ClassVar[dict[str, Any]] = {'use_sim_time': True}
-    executor = OrderedExecutor
+    executor, depth = OrderedExecutor, QUEUE
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         super().__init__(domain, folder, environment)

@@ -85,8 +85,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
 
 
 def test_transitions_that_do_not_exist_are_refused(ros):
-    process = ros.start('tracker', WAITING, 'refusing')
-    manager = Manager(ros, '/refusing/tracker')
+    process, manager = ros.start('tracker', WAITING, 'refusing'), Manager(ros, '/refusing/tracker')
     assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
     assert process.output.count('Transition is not registered') == 2
     service = '/refusing/tracker/get_available_transitions'

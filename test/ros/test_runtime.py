@@ -77,18 +77,12 @@ def fail() -> None:
     raise RuntimeError('something\nbroke')
 
 
-@pytest.mark.parametrize(
-    'acts',
-    [
-        (ask,),
-        (partial(ask, signal.SIGTERM),),
-        (ask_twice,),
-        (rclpy.shutdown,),
-        (fail,),
-        (rclpy.shutdown, fail),  # a signal interrupts rclpy while it takes a message
-        (ask, fail),  # an interrupted conversion raises before the context is down
-    ],
-)
+# A signal interrupts rclpy while it takes a message; a conversion, before the context is down.
+INTERRUPTED = (rclpy.shutdown, fail), (ask, fail)
+ENDS = (ask,), (partial(ask, signal.SIGTERM),), (ask_twice,), (rclpy.shutdown,), (fail,)
+
+
+@pytest.mark.parametrize('acts', [*ENDS, *INTERRUPTED])
 def test_the_end_of_a_node_that_runs(capfd, acts):
     broken = acts == (fail,)
     assert run(node_that(lambda: [act() for act in acts])) == broken
