@@ -55,16 +55,13 @@ class Launched:
 
 
 @pytest.fixture
-def prefix(tmp_path: Path) -> Path:
-    """Return where this source tree is installed as by colcon, and nothing else is."""
+def launch(ros: Ros, tmp_path: Path) -> Callable[..., Launched]:
+    """Launch from where this source tree is installed as by colcon, and nothing else is."""
     text = f'#!{sys.executable}\nimport sys\nfrom {{}} import main\nsys.exit(main())\n'
     modules = {**MODULES, 'tdm': 'tdm_planner.cli'}
     programs = {name: text.format(module) for name, module in modules.items()}
-    return installed(tmp_path / 'install', {'tdm_planner': programs})
+    prefix = installed(tmp_path / 'install', {'tdm_planner': programs})
 
-
-@pytest.fixture
-def launch(ros: Ros, prefix: Path) -> Callable[..., Launched]:
     def start(name: str, *arguments: str) -> Launched:
         file = str(SOURCE / 'launch' / f'{name}.launch.py')
         return Launched(ros, [file, *arguments], {'AMENT_PREFIX_PATH': str(prefix)})
