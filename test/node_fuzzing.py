@@ -109,8 +109,7 @@ class SixNodes:
     """The nodes of `NODES`, and what is done to them."""
 
     def __init__(self, ros: Stepped) -> None:
-        self.ros = ros
-        self.nodes: dict[str, NodeHere] = {}
+        self.ros, self.nodes = ros, dict[str, NodeHere]()
         for path, (values, _) in NODES.items():
             namespace, _, name = path.rpartition('/')
             self.nodes[path] = ros.start(name, values, namespace)
@@ -129,11 +128,10 @@ class SixNodes:
             self.set_items(path, [])  # so that it is there
             namespace, _, name = path.rpartition('/')
             for topic, (kind, *_) in subscribed(name, namespace):
-                if topic in ('/clock', '/parameter_events', *self._publishers):
-                    continue
-                kind = kind.replace('/msg/', '/')
-                publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
-                self._publishers[topic] = kind, publisher
+                if topic not in ('/clock', '/parameter_events', *self._publishers):
+                    kind = kind.replace('/msg/', '/')
+                    publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
+                    self._publishers[topic] = kind, publisher
 
     def endure(self, cases: int, *, new: bool = False) -> None:
         self.meet()
@@ -159,10 +157,9 @@ class SixNodes:
         elif action == 'parameters':
             node = draw(st.sampled_from(sorted(NODES)))
             self.set_items(node, draw(parameters(node)), draw(st.booleans()))
-        elif action == 'plan':
-            self.plan(space)
-        elif action == 'plan_with':
-            self.plan(space, draw(parameters(f'{space}/planner')))
+        elif action.startswith('plan'):
+            own = parameters(f'{space}/planner') if action == 'plan_with' else st.none()
+            self.plan(space, draw(own))
         elif action == 'transition':
             assert not self.ros.change(f'{space}/planner', draw(transitions))
         elif action == 'restart':  # with whatever latched topics hold

@@ -84,19 +84,15 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
 
 
-def test_transitions_that_do_not_exist_are_refused(ros):
-    process, manager = ros.start('tracker', WAITING, 'refusing'), Manager(ros, '/refusing/tracker')
-    assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
-    assert process.output.count('Transition is not registered') == 2
-    service = '/refusing/tracker/get_available_transitions'
-    possible = ros.call(service, GetAvailableTransitions).available_transitions
-    assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
-
-
-def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros):
+def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
     space = Space(ros, 'wrong')
     process = space.start('planner', {**FROM_PARAMETERS, 'method': 'magic'})
     manager = Manager(ros, '/wrong/planner')
+    assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
+    assert process.output.count('Transition is not registered') == 2
+    service = '/wrong/planner/get_available_transitions'
+    possible = ros.call(service, GetAvailableTransitions).available_transitions
+    assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
     assert manager.refuses('configure')
     assert manager.says(said := "cannot configure: parameter 'method' = 'magic' is not allowed")
     assert said in process.output

@@ -192,10 +192,9 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
     assert np.abs(loop.states[-1].position).max() < 0.1
 
 
-def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
+def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
     loop = Loop(ros, f'{__name__}:Rail')
-    moving = loop.hear('plant_markers')
-    plan = loop.hear('markers')
+    moving, plan = loop.hear('plant_markers'), loop.hear('markers')
     assert max(loop.away(loop.end), loop.away(loop.end + 5 * 10**8)) < ALLOWED
     assert list(loop.states[-1].name) == list(loop.plans[-1].joint_names) == ['cart', 'u']
     for array in moving:
@@ -209,15 +208,13 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros):
     assert way.names == {('planned_path', 102), ('goal', 101), ('goal', 102)}
     path = way['planned_path', 102].points
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
-
-
-def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(ros, tmp_path):
+    # The live page shows the first plan whole, and leaves the view to its user.
     viser = pytest.importorskip('viser')
     from tdm_sim.live.listener import Listener
     from tdm_sim.live.page import Page
     from tdm_sim.live.recordings import Recordings
 
-    loop, listener = Loop(ros, f'{__name__}:Rail'), Listener('own', ros._context)
+    listener = Listener('own', ros._context)
     ros._executor.add_node(listener.node)
     server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
     page = Page(server, listener, Recordings(tmp_path, 'own'), 'own')

@@ -143,14 +143,14 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     pending = ros.request(f'{measuring.space}/plan')
     ros.spin_for(0.3)
     assert not pending.done()
-    measuring.measure(measuring.state([3.0, 0.2, 0.5, -0.4]))
+    state = [3.0, 0.2, 0.5, -0.4]
+    measuring.measure(measuring.state(state))
     assert ros.spin_until(pending.done)
     assert pending.result().success, pending.result().message
-
-
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
+    # A plan begins where the pendulum has coasted to.
     measuring.set('planner', start__delay=0.2)
-    state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
+    ros.spin_for(0.5)
+    measured = ros.now
     measuring.measure(measuring.state(state))
     ros.spin_for(0.1)
     trajectory = measuring.made()
@@ -221,10 +221,9 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
 )
 def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, own, says):
     active, values = planner.made(), planner.here.node.parameter_values
-    odd = own.pop('odd', ())
-    done, answer = planner.plan_with(*odd, **own)
+    done, answer = planner.plan_with(*own.pop('odd', ()), **own)
     assert not done
-    found = ['DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED']
+    found = 'DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED'
     assert answer['code'] in (['INVALID_PROBLEM'] if says else found)
     assert says in answer['reason']
     assert planner.here.node.parameter_values == values

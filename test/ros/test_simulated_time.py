@@ -97,14 +97,14 @@ def test_planner_and_tracker_follow_the_clock(told):
 
 def test_a_second_clock_is_told_of(told):
     two = '2 nodes publish /clock: '
-    other = told.ros.start('robot_plant', {'publish_clock': True}, 'other')
+    ros, other = told.ros, told.ros.start('robot_plant', {'publish_clock': True}, 'other')
     for name in (PLANT, '/other/robot_plant'):
-        assert told.ros.says(f'{name}: simulation', two, timeout=3.0)
+        assert ros.says(f'{name}: simulation', two, timeout=3.0)
     assert two in other.output
     other.end_cleanly()
-    assert told.ros.meet(lambda: told.ros.node.count_publishers('/clock') == 1)
-    told.ros.spin_for(2.5)
-    assert not told.ros.said(f'{PLANT}: simulation', two)
+    assert ros.meet(lambda: ros.node.count_publishers('/clock') == 1)
+    ros.spin_for(2.5)
+    assert not ros.said(f'{PLANT}: simulation', two)
 
 
 class Simulation:
