@@ -70,10 +70,10 @@ class PendulumRig(Space):
         super().__init__(ros, namespace)
         self._common, self._parameters = {'limits.torque': TORQUE, **(common or {})}, parameters
         self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
-        ros.depth = QUEUE
+        usual, ros.depth = ros.depth, QUEUE
         self.states, self.commands = self.hear('joint_states'), self.hear('joint_command')
         self.plans, self.followed = self.hear('trajectory'), self.hear('active_trajectory')
-        self._diagnostics = ros.subscribe('/diagnostics')
+        self._diagnostics, ros.depth = ros.subscribe('/diagnostics'), usual
         self.processes: dict[str, Any] = {}
         for role in PARAMETERS:
             self.start(role)
