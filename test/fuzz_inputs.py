@@ -123,12 +123,9 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
     lists = [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
     lists += [] if spec.length is None else [[], [0.0] * (spec.length + 1), [0.0] * 2000]
     kinds: dict[Any, list[Any]] = {
-        float: numbers,
-        int: [*numbers, 1.5, 1e300, '1'],
-        str: [1.5, 7, ['a']],
-        list[float]: lists,
-        list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
-    }
+        float: numbers, int: [*numbers, 1.5, 1e300, '1'], str: [1.5, 7, ['a']],
+        list[float]: lists, list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
+    }  # fmt: skip
     wrong = [{'x': 1}, *kinds.get(spec.kind, [])]
     wrong += [] if spec.optional else [None]
     wrong += [] if spec.kind is bool else [True]
@@ -203,18 +200,12 @@ def quaternions(draw: Any) -> dict[str, float]:
 
 # By type or by name of a field; `messages` makes all others of what their types allow.
 HINTS: dict[str, Any] = {
-    'double': doubles,
-    'boolean': st.booleans(),
-    'octet': st.binary(min_size=1, max_size=1),
-    'string': texts,
-    'builtin_interfaces/Time': stamps,
-    'builtin_interfaces/Duration': stamps,
+    'double': doubles, 'boolean': st.booleans(), 'octet': st.binary(min_size=1, max_size=1),
+    'string': texts, 'name': joint_names, 'joint_names': joint_names,
+    'builtin_interfaces/Time': stamps, 'builtin_interfaces/Duration': stamps,
     'geometry_msgs/Quaternion': quaternions(),
-    'name': joint_names,
-    'joint_names': joint_names,
-    'accelerations': st.just([]),
-    'covariance': st.just([0.0] * 36),
-}
+    'accelerations': st.just([]), 'covariance': st.just([0.0] * 36),
+}  # fmt: skip
 _SIZES = {'double': [2] * 40 + [0, 1, 3, 4]}  # two joints, one body: more often than not
 _OTHER_SIZES = [1] * 20 + [0, 2]
 

@@ -183,11 +183,8 @@ PHASES = {'starting': 'starting ', 'asking': 'asking for a plan', 'executing': '
           'ending': 'ending the nodes', 'reporting': 'plan.json'}  # fmt: skip
 SCENES: dict[str, Callable[[Ros], Subject]] = {
     **{f'starting {name}': partial(starting, name=name) for name in (*MODULES, 'tdm')},
-    'solving planner': solving_planner,
-    'reviewing planner': reviewing_planner,
-    'idle tracker': idle_tracker,
-    'following tracker': following_tracker,
-    'driven plant': driven_plant,
-    'busy recorder': busy_recorder,
+    **{scene.__name__.replace('_', ' '): scene for scene in (
+        solving_planner, reviewing_planner, idle_tracker, following_tracker, driven_plant,
+        busy_recorder)},
     **{f'demo {phase}': partial(demo, phase=phase) for phase in PHASES},
-}
+}  # fmt: skip
