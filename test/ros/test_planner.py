@@ -143,14 +143,14 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     pending = ros.request(f'{measuring.space}/plan')
     ros.spin_for(0.3)
     assert not pending.done()
-    state = [3.0, 0.2, 0.5, -0.4]
-    measuring.measure(measuring.state(state))
+    measuring.measure(measuring.state([3.0, 0.2, 0.5, -0.4]))
     assert ros.spin_until(pending.done)
     assert pending.result().success, pending.result().message
-    # A plan begins where the pendulum has coasted to.
+
+
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
     measuring.set('planner', start__delay=0.2)
-    ros.spin_for(0.5)
-    measured = ros.now
+    state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
     measuring.measure(measuring.state(state))
     ros.spin_for(0.1)
     trajectory = measuring.made()
