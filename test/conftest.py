@@ -92,8 +92,9 @@ def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(autouse=True)
 def _ended(request: pytest.FixtureRequest) -> Iterator[None]:
-    """End the nodes that a test in test/ros has started itself."""
+    """End the nodes that a test in test/ros has started itself; those of faults are kept."""
     here = request.path.parent.name == 'ros' and 'ros' in request.fixturenames
+    here &= request.path.stem != 'test_faults'
     nodes = request.getfixturevalue('ros').nodes if here else []
     before = len(nodes)
     yield

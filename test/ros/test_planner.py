@@ -83,8 +83,7 @@ def test_a_plan_is_answered_published_and_told_of(ros, planner):
     answer = planner.plan()
     message = planner.latched('trajectory')
     assert begins(message) == before + 1_000_000_000
-    assert message.header.frame_id == 'world'
-    assert list(message.joint_names) == ['pendulum', 'disk']
+    assert (message.header.frame_id, [*message.joint_names]) == ('world', ['pendulum', 'disk'])
     assert list(message.points[0].positions) == [math.pi, 0.0]
     assert nanoseconds_of(message.points[0].time_from_start) == 0
     assert all(point.effort[0] == 0.0 for point in message.points)

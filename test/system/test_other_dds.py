@@ -195,5 +195,4 @@ def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, clien
     assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
     ros.start('tracker', namespace='pendulum')
     command = one(outsider.reader('rt/pendulum/joint_command', STATE))
-    assert command.name == ['disk']
-    assert command.effort == [0.0]  # no state is measured any more
+    assert (command.name, command.effort) == (['disk'], [0.0])  # no state is measured any more
