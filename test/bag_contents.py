@@ -3,8 +3,6 @@
 
 """For tests of what records: messages of a bag by topic, as they were written; a full disk."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 import errno
 import os
@@ -27,8 +25,7 @@ def read_with_mcap(bag: Path) -> dict[str, list[Any]]:
 
 
 def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
-    rosbag2 = pytest.importorskip('rosbags.rosbag2')
-    typesys = pytest.importorskip('rosbags.typesys')
+    rosbag2, typesys = map(pytest.importorskip, ('rosbags.rosbag2', 'rosbags.typesys'))
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     messages = defaultdict(list)
     with rosbag2.Reader(bag) as reader:

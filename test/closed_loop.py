@@ -4,12 +4,8 @@
 """
 What tests of trackers and of the replanner share: plans, and closed loops stepped by a clock.
 
-`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make a tracker
-with its simulated plant, a `TrackedPlant`; `Loop` steps one of them, `RecedingHorizon` of
-`benchmark.receding` several with a replanner. Nothing here looks at the computer's clock.
+`Loop` steps one of them, `RecedingHorizon` of `benchmark.receding` several with a replanner.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,17 +14,10 @@ import math
 from typing import Any
 
 import numpy as np
+from tdm_planner import tracking
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
-from tdm_planner.tracking import (
-    Command,
-    PendulumTracker,
-    PendulumTrackerParameters,
-    RobotTracker,
-    RobotTrackerParameters,
-    TrajectoryTracker,
-)
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
@@ -64,52 +53,38 @@ def smooth_swing_up() -> ActivePlan:
 
 @functools.cache
 def crossing() -> ActivePlan:
-    """Return a plan of three robots, from 0 s on."""
     return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
 
 
 def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
-    """Return the states of all vehicles on a plan."""
     motions = plan.solution.trajectories
     return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
 
 
 def seen(
-    states: dict[str, np.ndarray],
-    at: float,
-    mode: Mode = Mode.FOLLOWING,
-    followed: float | None = None,
-    **away: Any,
+    states: Any, at: float, mode: Mode = Mode.FOLLOWING, followed: float | None = None, **away: Any
 ) -> dict[str, Observation]:
     """Return what a replanner sees of vehicles, each so far `away` from a state."""
-    return {
-        name: Observation(state + away.get(name, 0.0), at, mode, followed)
-        for name, state in states.items()
-    }
+    where = {name: state + away.get(name, 0.0) for name, state in states.items()}
+    return {name: Observation(state, at, mode, followed) for name, state in where.items()}
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:
-    """Return states (..., nx) with `change` added."""
     return np.asarray(state + np.array(change))
 
 
 def dotted(values: dict[str, Any]) -> dict[str, Any]:
-    """Return parameters by their names, `__` for the dot."""
     return {name.replace('__', '.'): value for name, value in values.items()}
 
 
-def pendulum_tracker(limit: float = STRONG, **values: Any) -> PendulumTracker:
+def pendulum_tracker(limit: float = STRONG, **values: Any) -> tracking.PendulumTracker:
     """Return a tracker for a motor; `values` are its other parameters, `__` for the dot."""
     asked = {'limits.torque': limit, **dotted(values)}
-    return PendulumTracker(build(PendulumTrackerParameters, asked))
+    return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
 
 
 def pendulum(
-    tracker: PendulumTracker,
-    initial: np.ndarray = HANGING,
-    mismatch: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 0,
+    tracker: Any, initial: Any = HANGING, mismatch: float = 0, noise: float = 0, seed: int = 0
 ) -> TrackedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
@@ -119,27 +94,19 @@ def pendulum(
 
 
 def robot(
-    initial: np.ndarray,
-    mismatch: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 0,
-    gains: bool = True,
-    **values: Any,
+    initial: Any, mismatch: float = 0, noise: float = 0, seed: int = 0, gains: Any = 1, **own: Any
 ) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
-    tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(values)}))
+    tracker = tracking.RobotTracker(
+        build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
+    )
     limits = tracker.parameters.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    setup = PlantSetup(
-        mismatched(tracker.parameters.plant, mismatch, seed),
-        initial,
-        upper * [0.0, -1.0, -1.0],
-        upper,
-        noise * ROBOT_NOISE,
-        # a thruster that is turned too fast or slowly is no matter: its angle is measured
-        gains=mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None,
-        largest_step=0.005,
-    )
+    lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)
+    # a thruster that is turned too fast or slowly is no matter: its angle is measured
+    acting = mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None
+    noises = noise * ROBOT_NOISE
+    setup = PlantSetup(plant, initial, lower, upper, noises, gains=acting, largest_step=0.005)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
@@ -151,10 +118,10 @@ class Loop:
     delay: int = 0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)
-    commands: list[Command] = field(default_factory=list)
+    commands: list[tracking.Command] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.tracker: TrajectoryTracker = self.vehicle.tracker
+        self.tracker: tracking.TrajectoryTracker = self.vehicle.tracker
         self.plant = self.vehicle.plant
         self.tick = self.tracker.parameters.interval
         self._samples: list[tuple[np.ndarray, float]] = []
@@ -180,7 +147,6 @@ class Loop:
             self.states.append(self.plant.state)
 
     def upright(self, last: float) -> bool:
-        """Return whether a pendulum has been upright for so many s."""
         count = round(last / self.tick)
         return bool(np.abs(wrapped(np.array(self.states[-count:])[:, 0])).max() < 0.05)
 
@@ -191,5 +157,4 @@ class Loop:
         self.tracker.accept(plan, begun + start, self.now)
 
     def push(self, *change: float) -> None:
-        """Add to the state at once."""
         self.plant.push(lambda state: moved(state, *change))

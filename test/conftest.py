@@ -3,10 +3,8 @@
 
 """Fixtures shared by all tests; those that need ROS skip where rclpy is not installed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 import functools
 import importlib.util
 import os
@@ -18,9 +16,7 @@ from ros_harness import ENOUGH, reserved_domain, Ros, ros_environment
 from tdm_planner.starting import limit_threads
 
 limit_threads()  # nothing above imports numpy
-
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-
 collect_ignore_glob = []
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13
     collect_ignore_glob.append('system/test_other_dds.py')
@@ -29,7 +25,7 @@ if None in map(importlib.util.find_spec, ('distributed', 'pyarrow')):  # of the 
 
 # What takes longest is begun first: no process has a long file left when the others are done.
 LONGEST = (
-    *('test_demo', 'test_ended', 'test_demo_ends', 'test_recorded'),
+    *('test_ended', 'test_demo', 'test_recorded'),
     *('test_pendulum_swing_up', 'test_own_plant', 'test_hostile_network', 'test_tracker'),
     *('test_problems', 'test_faults', 'test_bad_statements', 'test_study', 'test_fuzz'),
     *('test_replanning', 'test_browser', 'test_receding_horizon', 'test_robot_formation'),
@@ -42,7 +38,6 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of long files first."""
     rank = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
 
@@ -55,28 +50,21 @@ settings.load_profile('same')
 @pytest.fixture(scope='session', autouse=True)
 def _unhurried() -> Iterator[None]:
     """Give plans time enough where the test states no deadline: the machine may be busy."""
-    from tdm_planner.problems import Problem, Solution
+    from tdm_planner.problems import Problem
     from tdm_planner.replanning import Replanner
 
     solve, solve_again = Problem.solve, Replanner._solve
 
     @functools.wraps(solve)
-    def solve_unhurried(
-        self: Problem, deadline: float | None = None, *args: Any, **options: Any
-    ) -> Solution:
-        default = type(self.solver).deadline
-        if deadline is None and self.solver.deadline == default:
+    def solve_unhurried(problem: Any, deadline: Any = None, *args: Any, **options: Any) -> Any:
+        usual = type(problem.solver).deadline
+        if deadline is None and problem.solver.deadline == usual:
             deadline = ENOUGH
-        return solve(self, deadline, *args, **options)
-
-    def solve_again_unhurried(
-        self: Replanner, problem: Problem, plan: Any, predicted: Any, at: float, allowed: float
-    ) -> Solution:
-        return solve_again(self, problem, plan, predicted, at, ENOUGH)
+        return solve(problem, deadline, *args, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Problem, 'solve', solve_unhurried)
-        patch.setattr(Replanner, '_solve', solve_again_unhurried)
+        patch.setattr(Replanner, '_solve', lambda *asked: solve_again(*asked[:-1], ENOUGH))
         yield
 
 
@@ -87,11 +75,8 @@ def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator
         environment = ros_environment(domain, folder)
         for name, value in environment.items():
             patch.setenv(name, value)
-        made = harness(domain, folder, environment)
-        try:
+        with closing(harness(domain, folder, environment)) as made:
             yield made
-        finally:
-            made.close()
 
 
 @pytest.fixture(scope='module')
@@ -107,8 +92,9 @@ def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(autouse=True)
 def _ended(request: pytest.FixtureRequest) -> Iterator[None]:
-    """End the nodes that a test in test/ros has started itself."""
+    """End the nodes that a test in test/ros has started itself; those of faults are kept."""
     here = request.path.parent.name == 'ros' and 'ros' in request.fixturenames
+    here &= request.path.stem != 'test_faults'
     nodes = request.getfixturevalue('ros').nodes if here else []
     before = len(nodes)
     yield

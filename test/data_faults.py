@@ -7,22 +7,19 @@ Faults of data: streams of states that are spoiled, clocks that are set, while a
 `FAULTS` assert what docs/reliability.md promises, and return what was measured, on `misled_rig`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import copy
 from functools import partial
 import heapq
 import itertools
 import random
-from typing import Any
+from typing import Any, ClassVar
 
 from builtin_interfaces.msg import Time
 from pendulum_rig import COMMAND_TIMEOUT, PendulumRig, STATE_TIMEOUT
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
@@ -43,28 +40,22 @@ class Relay:
     """
     Passes states on from the plant to all others, and spoils them; chance is seeded.
 
-    - freeze: nothing comes;
-    - repeat: the last message before comes again and again, its stamp included;
-    - stuck: the last message before comes again and again, with fresh stamps;
-    - delay: they come `amount` s late;
-    - drop: each is lost with the probability `amount`;
+    - freeze: nothing comes; drop: each is lost with the probability `amount`;
+    - repeat: the last message before comes again and again; stuck: the same with fresh stamps;
+    - delay: they come `amount` s late; reorder: each up to `amount` s late;
     - duplicate: each comes twice, the second time up to `amount` s later;
-    - reorder: each comes up to `amount` s late, whatever came before it;
     - shift: their stamps are wrong by `amount` s, from the least instant that can be written on;
     - unstamped: their stamps are zero.
     """
 
     def __init__(self, ros: Stepped, source: str, target: str) -> None:
-        self._ros = ros
+        self._ros, self._last, self._order = ros, JointState(), itertools.count()
         self._held: list[tuple[float, int, JointState]] = []
-        self._order = itertools.count()
-        self._last = JointState()
         self._publisher = ros.node.create_publisher(JointState, target, 200)
         ros.node.create_subscription(JointState, source, self._on_state, 200)
         self.suffer()
 
     def suffer(self, kind: str = 'none', amount: float = 0.0) -> None:
-        """Spoil what comes from now on."""
         self._kind, self._amount, self._random = kind, amount, random.Random(7)
 
     def _on_state(self, message: JointState) -> None:
@@ -86,13 +77,8 @@ class Relay:
             stamp = to_stamp(max(shifted, -(2**31) * SECOND))
         if kind != 'repeat':
             passed.header.stamp = Time() if kind == 'unstamped' else stamp
-        delays = {
-            'freeze': [],
-            'drop': [0.0] * (chance >= amount),
-            'duplicate': [0.0, chance * amount],
-            'delay': [amount],
-            'reorder': [chance * amount],
-        }
+        delays = {'freeze': [], 'drop': [0.0] * (chance >= amount), 'delay': [amount],
+                  'duplicate': [0.0, chance * amount], 'reorder': [chance * amount]}  # fmt: skip
         return [(delay, passed) for delay in delays.get(kind, [0.0])]
 
 
@@ -100,15 +86,12 @@ class MisledRig(PendulumRig):
     """A rig whose planner and tracker see states as `relay` passes them on."""
 
     ros: Stepped
+    plant_arguments: ClassVar[list[str]] = ['-r', 'joint_states:=unspoilt']
 
     def __init__(self, stepped: Stepped, namespace: str, **common: Any) -> None:
-        plant = f'/{namespace}/unspoilt'
-        self.relay = Relay(stepped, plant, f'/{namespace}/joint_states')
-        renamed, planner = ['-r', f'joint_states:={plant}'], {'start.delay': 0.1}
-        super().__init__(
-            stepped, namespace, plant_arguments=renamed, common=common, planner=planner
-        )
-        self.states = self._hear('unspoilt', JointState)
+        self.relay = Relay(stepped, f'/{namespace}/unspoilt', f'/{namespace}/joint_states')
+        super().__init__(stepped, namespace, common, planner={'start.delay': 0.1})
+        self.states = self.hear('unspoilt', JointState)
         self.wait(lambda: self.states)
 
     @property
@@ -118,7 +101,7 @@ class MisledRig(PendulumRig):
     def begin(self) -> tuple[float, float]:
         """Let a swing-up from hanging begin; return the instants of `plan`."""
         self.relay.suffer()
-        self.ros.call(f'/{self.namespace}/reset', Trigger)
+        self.trigger('reset')
         resting = ('idle', 'stopped', 'recovering')
         self.wait(lambda: any(self.says('tracker', word) for word in resting))
         del self.states[:-1]
@@ -150,7 +133,7 @@ def harmless(rig: MisledRig, kind: str, amount: float) -> Figures:
     return found
 
 
-def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
+def silent(rig: MisledRig, kind: str, phase: str, amount: float = 0.0) -> Figures:
     """Withhold states: it is noticed, the torque goes off in time, the mission is completed."""
     stuck = kind == 'stuck'
     at = rig.reach(phase)
@@ -169,12 +152,11 @@ def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
 
 def largest_delay(rig: MisledRig, delay: float, falls: bool) -> Figures:
     """While holding, with a `state_timeout` that does not end it."""
-    tracker = f'/{rig.namespace}/tracker'
-    assert rig.ros.set_parameters(tracker, state_timeout=1.0) == ['']
+    rig.set('tracker', state_timeout=1.0)
     at = rig.reach('hold')
     rig.relay.suffer('delay', delay)
     rig.wait_until(at + 4.0)
-    assert rig.ros.set_parameters(tracker, state_timeout=STATE_TIMEOUT) == ['']
+    rig.set('tracker', state_timeout=STATE_TIMEOUT)
     held = rig.lean(at)
     assert (held > 0.5) == falls, held
     return {'held': held}
@@ -237,27 +219,25 @@ PHASES = ('swing', 'hold')
 QUICK = 'delay 0.07', 'stuck in hold', 'simulated time -5 s', 'time of day -5 s in swing'
 TIME_OF_DAY = 'time of day'  # at the beginning of the names of faults for nodes that go by it
 FAULTS: dict[str, Callable[[MisledRig], Figures]] = {
-    **{f'{kind} {amount:g}': partial(harmless, kind=kind, amount=amount)
-       for kind, amount in HARMLESS},
-    **{f'{kind} {amount:g} in {phase}': partial(silent, kind=kind, amount=amount, phase=phase)
-       for kind, amount in SILENT for phase in PHASES},
-    **{f'stuck in {phase}': partial(silent, kind='stuck', amount=0.0, phase=phase)
-       for phase in PHASES},
-    **{f'delay {delay} with state_timeout 1 s': partial(largest_delay, delay=delay, falls=falls)
-       for delay, falls in ((0.2, False), (0.3, True))},
-    **{f'simulated time {step:+g} s': partial(simulated_time_set, step=step)
-       for step in (5.0, -5.0)},
+    **{f'{kind} {much:g}': partial(harmless, kind=kind, amount=much) for kind, much in HARMLESS},
+    **{f'{kind} {much:g} in {phase}': partial(silent, kind=kind, amount=much, phase=phase)
+       for kind, much in SILENT for phase in PHASES},
+    **{f'stuck in {phase}': partial(silent, kind='stuck', phase=phase) for phase in PHASES},
+    'delay 0.2 with state_timeout 1 s': partial(largest_delay, delay=0.2, falls=False),
+    'delay 0.3 with state_timeout 1 s': partial(largest_delay, delay=0.3, falls=True),
+    **{f'simulated time {step:+g} s': partial(simulated_time_set, step=step) for step in (5, -5)},
     'negative simulated times': negative_simulated_times,
     **{f'{TIME_OF_DAY} {step:+g} s in {phase}': partial(time_of_day_set, step=step, phase=phase)
-       for step in (5.0, -5.0) for phase in PHASES},
+       for step in (5, -5) for phase in PHASES},
 }  # fmt: skip
 
 
 def misled_rig(stepped: Any, fault: str) -> MisledRig:
     """Return a rig for some of the faults, made once in a domain."""
-    by_day = fault.startswith(TIME_OF_DAY)
+    space = 'day' if fault.startswith(TIME_OF_DAY) else 'misled'
     rigs = vars(stepped).setdefault('misled_rigs', {})
-    if by_day not in rigs:
-        space, common = ('day', {'use_sim_time': False}) if by_day else ('misled', {})
-        rigs[by_day] = MisledRig(stepped, space, **common)
-    return rigs[by_day]
+    if space not in rigs:
+        rigs[space] = MisledRig(
+            stepped, space, **{'use_sim_time': False} if space == 'day' else {}
+        )
+    return rigs[space]

@@ -3,8 +3,6 @@
 
 """Derivatives of functions by central differences, to compare others with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

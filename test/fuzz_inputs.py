@@ -7,8 +7,6 @@ What users, files and the network may hand over: strategies of Hypothesis.
 Cases are plain values (numbers, strings, lists, mappings): one that escapes can be kept as JSON.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 import math
@@ -16,10 +14,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 from tdm_planner.parameters import ParameterSpec, Range, specifications
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
+from tdm_planner.tracking import PendulumTrackerParameters, RobotTrackerParameters
 import yaml
 
 BIGGEST = 1.7976931348623157e308
@@ -28,8 +24,6 @@ PROBLEMS: dict[str, type[Problem]] = {
 }  # fmt: skip
 SPECIFICATIONS = {name: kind.parameter_specifications({}) for name, kind in PROBLEMS.items()}
 TRACKERS = {'pendulum': PendulumTrackerParameters, 'robot': RobotTrackerParameters}
-
-# Numbers and parameters.
 
 SPECIAL_NUMBERS = [
     math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e-30, -1e-30, 1e-9,
@@ -111,9 +105,8 @@ def parameter_sets(draw: Any, specs: Mapping[str, ParameterSpec]) -> dict[str, A
     """Parameters by dotted name: some near their defaults, some in corners, some of any kind."""
     ways: list[Callable[..., Any]] = [near, valid, lambda _: anything]
     one = draw(st.sampled_from([near, near, valid, valid, ways[2], None]))
-    values: dict[str, Any] = {}
-    for name in draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True)):
-        values[name] = draw((one or draw(st.sampled_from(ways)))(specs[name]))
+    names = draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True))
+    values = {name: draw((one or draw(st.sampled_from(ways)))(specs[name])) for name in names}
     if draw(st.integers(0, 19)) == 0:
         values[draw(st.text(max_size=10))] = draw(anything)
     return values
@@ -130,20 +123,15 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
     lists = [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
     lists += [] if spec.length is None else [[], [0.0] * (spec.length + 1), [0.0] * 2000]
     kinds: dict[Any, list[Any]] = {
-        float: numbers,
-        int: [*numbers, 1.5, 1e300, '1'],
-        str: [1.5, 7, ['a']],
-        list[float]: lists,
-        list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
-    }
+        float: numbers, int: [*numbers, 1.5, 1e300, '1'], str: [1.5, 7, ['a']],
+        list[float]: lists, list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
+    }  # fmt: skip
     wrong = [{'x': 1}, *kinds.get(spec.kind, [])]
     wrong += [] if spec.optional else [None]
     wrong += [] if spec.kind is bool else [True]
     wrong += [] if spec.kind is str and not spec.choices else ['no such thing', '1.0x']
     return problem, name, draw(st.sampled_from(wrong))
 
-
-# Parameter files.
 
 _keys = st.one_of(
     st.sampled_from(['plant', 'limits', 'start', 'mass', 'torque', 'theta', 'x', 'robots', '/**',
@@ -174,8 +162,6 @@ yaml_texts = st.one_of(
     st.text(max_size=40),
 )
 
-
-# Messages, as mappings.
 
 FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
 texts = st.one_of(
@@ -214,18 +200,12 @@ def quaternions(draw: Any) -> dict[str, float]:
 
 # By type or by name of a field; `messages` makes all others of what their types allow.
 HINTS: dict[str, Any] = {
-    'double': doubles,
-    'boolean': st.booleans(),
-    'octet': st.binary(min_size=1, max_size=1),
-    'string': texts,
-    'builtin_interfaces/Time': stamps,
-    'builtin_interfaces/Duration': stamps,
+    'double': doubles, 'boolean': st.booleans(), 'octet': st.binary(min_size=1, max_size=1),
+    'string': texts, 'name': joint_names, 'joint_names': joint_names,
+    'builtin_interfaces/Time': stamps, 'builtin_interfaces/Duration': stamps,
     'geometry_msgs/Quaternion': quaternions(),
-    'name': joint_names,
-    'joint_names': joint_names,
-    'accelerations': st.just([]),
-    'covariance': st.just([0.0] * 36),
-}
+    'accelerations': st.just([]), 'covariance': st.just([0.0] * 36),
+}  # fmt: skip
 _SIZES = {'double': [2] * 40 + [0, 1, 3, 4]}  # two joints, one body: more often than not
 _OTHER_SIZES = [1] * 20 + [0, 2]
 
@@ -298,31 +278,22 @@ def quiet_plans(draw: Any, plant: str) -> Any:
     size = len(JOINTS[plant])
     small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
     efforts = few(small | doubles.filter(math.isfinite), [size])
-    step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
+    step, count = draw(st.tuples(*map(st.sampled_from, ([1, 10**6, 10**8, 10**10], [2, 4, 20]))))
     rest = {'positions': [0.0] * size, 'velocities': draw(few(small, [size]))}
-    points = [
-        {**rest, 'effort': draw(efforts), 'time_from_start': _instant(k * step)}
-        for k in range(draw(st.sampled_from([2, 4, 20])))
-    ]
-    header = {'stamp': _instant(0), 'frame_id': ''}
-    return {'header': header, 'joint_names': JOINTS[plant], 'points': points}
+    points = [{**rest, 'effort': draw(efforts), 'time_from_start': _instant(k * step)}
+              for k in range(count)]  # fmt: skip
+    return {'joint_names': JOINTS[plant], 'points': points}
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
-    joints = messages(message_type('sensor_msgs/JointState'))
-    if plant == 'pendulum':
-        return joints
-    odometry, calm = message_type('nav_msgs/Odometry'), st.floats(-4, 4)
-    return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
+    joints, odometry = map(message_type, ('sensor_msgs/JointState', 'nav_msgs/Odometry'))
+    moved = messages(odometry) | messages(odometry, double=st.floats(-4, 4))
+    return messages(joints) if plant == 'pendulum' else st.tuples(moved, messages(joints))
 
 
 @st.composite
 def histories(draw: Any, plant: str) -> dict[str, Any]:
-    """
-    Parameters of a tracker and the events of its life, without ROS.
-
-    Messages, ticks and jumps of the clock come in any order; an instant [s] goes with every event.
-    """
+    """Draw parameters of a tracker and events of its life in any order, each with an instant."""
     any_plans = plans('JointTrajectory', st.just(JOINTS[plant]) | joint_names)
     kinds: list[tuple[str, list[Any]]] = [
         ('tick', []),
@@ -331,8 +302,7 @@ def histories(draw: Any, plant: str) -> dict[str, Any]:
         *[('good state', [])] * 3,
         *[('plan', [quiet_plans(plant), st.sampled_from([0.0, 0.005, 0.05])])] * 2,
     ]
-    events: list[Any] = []
-    now = 100.0
+    events, now = list[Any](), 100.0
     for _ in range(draw(st.integers(1, 12))):
         now += draw(st.sampled_from([0.0, 0.005, 0.005, 0.05, 1.0, -5.0, 5.0]))
         kind, made = draw(st.sampled_from(kinds))
@@ -340,6 +310,5 @@ def histories(draw: Any, plant: str) -> dict[str, Any]:
         if kind == 'plan':
             event[-1] += now
         events.append(event)
-    sets = parameter_sets(specifications(TRACKERS[plant]))
-    chosen = draw(sets) if draw(st.booleans()) else {}
+    chosen = draw(st.just({}) | parameter_sets(specifications(TRACKERS[plant])))
     return {'plant': plant, 'parameters': chosen, 'events': events}

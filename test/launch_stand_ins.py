@@ -1,13 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Stand-ins for the few classes of `launch` and `launch_ros` that the launch files use.
-
-There are no wheels of `launch`; test/nightly/test_real_launch.py uses the real one where it is.
-"""
-
-from __future__ import annotations
+"""Stand-ins for what launch files use of `launch`, which test/nightly/test_real_launch.py uses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
@@ -43,9 +37,8 @@ def item(name: str, *needed: str, **defaults: Any) -> type:
 OpaqueFunction = item('OpaqueFunction', 'function')
 ExecuteProcess = item('ExecuteProcess', 'cmd', 'name', 'output', 'on_exit')
 ParameterValue = item('ParameterValue', 'value', 'value_type')
-DeclareLaunchArgument = item(
-    'DeclareLaunchArgument', 'name', 'default_value', 'description', choices=None
-)
+OF_ARGUMENTS = 'name', 'default_value', 'description'
+DeclareLaunchArgument = item('DeclareLaunchArgument', *OF_ARGUMENTS, choices=None)
 RESPAWN = {'respawn': False, 'respawn_delay': 0.0, 'respawn_max_retries': -1}
 OF_NODES = {'namespace': '', **dict.fromkeys(('parameters', 'arguments', 'ros_arguments'), ())}
 Node: Any = item('Node', 'package', 'executable', 'output', **OF_NODES, on_exit=None, **RESPAWN)
@@ -81,19 +74,26 @@ OTHERS = 'robot_state_publisher', 'rviz2'
 EXECUTABLES = {'tdm_planner': [*MODULES, 'tdm'], **{name: [name] for name in OTHERS}}
 
 
+def installed(prefix: Path, packages: Mapping[str, Mapping[str, str]]) -> Path:
+    """Install programs with their text as colcon does, by package; this one's files are there."""
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (prefix / 'share/tdm_planner').symlink_to(SOURCE)
+    for package, programs in packages.items():
+        (index / package).touch()
+        (prefix / 'lib' / package).mkdir(parents=True)
+        for name, text in programs.items():
+            program = prefix / 'lib' / package / name
+            program.write_text(text)
+            program.chmod(0o755)
+    return prefix
+
+
 @pytest.fixture
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Put the stand-ins in place, and programs, which do nothing, where ROS 2 looks for them."""
-    prefix = tmp_path / 'ros'
-    index = prefix / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True)
-    for package, programs in EXECUTABLES.items():
-        (index / package).touch()
-        (prefix / 'lib' / package).mkdir(parents=True)
-        for name in programs:
-            (prefix / 'lib' / package / name).touch(0o755)
-    (prefix / 'share/tdm_planner').symlink_to(SOURCE)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
+    programs = {package: dict.fromkeys(names, '') for package, names in EXECUTABLES.items()}
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(installed(tmp_path / 'ros', programs)))
     for name, classes in OURS.items():
         module = ModuleType(name)
         vars(module).update({made.__name__: made for made in classes})

@@ -3,21 +3,14 @@
 
 """What every MarkerArray must satisfy for a viewer to draw it, and a viewer's memory."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 from visualization_msgs.msg import Marker, MarkerArray
 
 # Which of the scale's components a kind of marker reads.
-SCALES = {
-    Marker.CUBE: 'xyz',
-    Marker.CYLINDER: 'xyz',
-    Marker.SPHERE: 'xyz',
-    Marker.LINE_STRIP: 'x',
-    Marker.TEXT_VIEW_FACING: 'z',
-}
+SCALES = {Marker.CUBE: 'xyz', Marker.CYLINDER: 'xyz', Marker.SPHERE: 'xyz',
+          Marker.LINE_STRIP: 'x', Marker.TEXT_VIEW_FACING: 'z'}  # fmt: skip
 
 
 def check_markers(array: MarkerArray, frame: str, lifetimes: dict[str, float] | float) -> None:
@@ -42,18 +35,15 @@ def check_markers(array: MarkerArray, frame: str, lifetimes: dict[str, float] | 
 
 
 def check_drawing(marker: Marker) -> None:
-    for axis in SCALES[marker.type]:
-        assert getattr(marker.scale, axis) > 0.0, (marker.ns, axis)
-    assert all(math.isfinite(getattr(marker.scale, axis)) for axis in 'xyz')
+    assert all(getattr(marker.scale, axis) > 0.0 for axis in SCALES[marker.type]), marker
+    for place in (marker.scale, *marker.points):
+        assert all(math.isfinite(getattr(place, axis)) for axis in 'xyz'), marker
     for colour in (marker.color, *marker.colors):
         assert 0.0 < colour.a <= 1.0, marker.ns
         assert all(0.0 <= getattr(colour, part) <= 1.0 for part in 'rgb')
     assert len(marker.colors) in (0, len(marker.points))
-    assert all(math.isfinite(getattr(p, axis)) for p in marker.points for axis in 'xyz')
-    if marker.type == Marker.LINE_STRIP:
-        assert len(marker.points) >= 2, marker.ns
-    else:
-        assert not marker.points
+    lined = marker.type == Marker.LINE_STRIP
+    assert (len(marker.points) >= 2) == bool(marker.points) == lined, marker.ns
     assert bool(marker.text) == (marker.type == Marker.TEXT_VIEW_FACING)
 
 
@@ -68,11 +58,7 @@ class Scene:
 
     def __init__(self, *arrays: MarkerArray) -> None:
         self.markers: dict[tuple[str, int], Marker] = {}
-        for array in arrays:
-            self.apply(array)
-
-    def apply(self, array: MarkerArray) -> None:
-        for marker in array.markers:
+        for marker in (marker for array in arrays for marker in array.markers):
             if marker.action == Marker.DELETEALL:
                 self.markers.clear()
             elif marker.action == Marker.DELETE:

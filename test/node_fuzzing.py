@@ -5,12 +5,9 @@
 Six nodes on a hostile network: every kind once, in an empty home, in the namespaces of the policy.
 
 `SixNodes.endure` does whatever a participant of the network may do, with the types that the nodes
-themselves announce; afterwards they serve as if nothing had been. They are in the test's process
-(`stepped_ros`): test/ros/test_hostile_network.py has few cases, test/nightly/fuzz/test_inputs.py
-many new ones.
+themselves announce; afterwards they serve as if nothing had been. test/ros/test_hostile_network.py
+has few cases, test/nightly/fuzz/test_inputs.py many new ones.
 """
-
-from __future__ import annotations
 
 from contextlib import suppress
 import itertools
@@ -27,9 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy.parameter
 from ros_harness import PATIENCE
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
@@ -114,8 +109,7 @@ class SixNodes:
     """The nodes of `NODES`, and what is done to them."""
 
     def __init__(self, ros: Stepped) -> None:
-        self.ros = ros
-        self.nodes: dict[str, NodeHere] = {}
+        self.ros, self.nodes = ros, dict[str, NodeHere]()
         for path, (values, _) in NODES.items():
             namespace, _, name = path.rpartition('/')
             self.nodes[path] = ros.start(name, values, namespace)
@@ -134,11 +128,10 @@ class SixNodes:
             self.set_items(path, [])  # so that it is there
             namespace, _, name = path.rpartition('/')
             for topic, (kind, *_) in subscribed(name, namespace):
-                if topic in ('/clock', '/parameter_events', *self._publishers):
-                    continue
-                kind = kind.replace('/msg/', '/')
-                publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
-                self._publishers[topic] = kind, publisher
+                if topic not in ('/clock', '/parameter_events', *self._publishers):
+                    kind = kind.replace('/msg/', '/')
+                    publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
+                    self._publishers[topic] = kind, publisher
 
     def endure(self, cases: int, *, new: bool = False) -> None:
         self.meet()
@@ -164,17 +157,16 @@ class SixNodes:
         elif action == 'parameters':
             node = draw(st.sampled_from(sorted(NODES)))
             self.set_items(node, draw(parameters(node)), draw(st.booleans()))
-        elif action == 'plan':
-            self.plan(space)
-        elif action == 'plan_with':
-            self.plan(space, draw(parameters(f'{space}/planner')))
+        elif action.startswith('plan'):
+            own = parameters(f'{space}/planner') if action == 'plan_with' else st.none()
+            self.plan(space, draw(own))
         elif action == 'transition':
             assert not self.ros.change(f'{space}/planner', draw(transitions))
         elif action == 'restart':  # with whatever latched topics hold
             for number in (4, 2, 1, 3):
                 assert self.ros.change(f'{space}/planner', number), number
         else:
-            assert self.ros.call(f'{SPACES[space]}/{action}', Trigger).success
+            assert self.ros.call(f'{SPACES[space]}/{action}').success
         self.check()
 
     def set_items(self, node: str, items: list[Parameter], atomically: bool = False) -> list[Any]:
@@ -211,7 +203,7 @@ class SixNodes:
 
     def ignore_stamps_that_no_clock_shows(self) -> None:
         """One once ended every planner that heard it."""
-        publisher = self.ros.publisher('/pendulum/plan_summary', String, LATCHED)
+        publisher = self.ros.publisher('/pendulum/plan_summary')
         for second in ('9' * 4000, '-1', '1e300', str(2**31)):
             publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
             self.ros.spin_for(1.0)
@@ -231,11 +223,11 @@ class SixNodes:
             assert not refused, refused
         for planner, plant in SPACES.items():
             self.ros.set_parameters(f'{planner}/planner', solver__deadline=PATIENCE)
-            states = self.ros.subscribe(f'{plant}/joint_states', JointState, 1000)
-            commands = self.ros.subscribe(f'{plant}/joint_command', JointState, 1000)
+            states = self.ros.subscribe(f'{plant}/joint_states')
+            commands = self.ros.subscribe(f'{plant}/joint_command')
 
             def moved(planner: str = planner, plant: str = plant, states: Any = states) -> bool:
-                assert self.ros.call(f'{plant}/reset', Trigger).success
+                assert self.ros.call(f'{plant}/reset').success
                 assert self.plan(planner)
                 return self.ros.spin_until(lambda: any(any(s.effort) for s in states), 3.0)
 

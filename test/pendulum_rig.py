@@ -4,34 +4,28 @@
 """
 A pendulum's plant, tracker and planner that can be killed, misled and measured.
 
-`PendulumRig` starts them in a namespace of its own: as processes with the fixture `ros`, in the
-test's own process and time with `stepped`. What is waited for is waited for long; what is returned
-are stamps and their differences. `note` keeps what was measured, for docs/reliability.md.
+`PendulumRig` starts them in a namespace of its own, as processes or in the test's own process and
+time. What is returned are stamps and their differences; `note` keeps them for docs/reliability.md.
 `SCENARIOS` kill one of `held_rig`, once in test/system/test_ended.py, over and over in
 test/nightly/faults; time waits for plant and tracker while they live.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import islice
 import json
 import math
 import os
 from pathlib import Path
 import signal
-from typing import Any
+from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import PATIENCE, Ros, Space
+from ros_harness import PATIENCE, QUEUE, Ros, Space
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED, to_stamp
+from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import seconds_of
-from trajectory_msgs.msg import JointTrajectory
 
 TORQUE = 0.09  # N m, the strong motor
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
@@ -40,7 +34,6 @@ HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held
 LONGEST_LOOK = 5.0  # s before a torque that its command is looked for
 FIGURES = 'TDM_FAULT_FIGURES'  # the file to keep figures in
-_QUEUE = 20_000
 
 # The plant is 2 % other than planner and tracker believe, and its sensors are noisy.
 PARAMETERS: dict[str, dict[str, Any]] = {
@@ -71,38 +64,26 @@ def measured_state(at: Any, theta: float = math.pi, **changes: Any) -> JointStat
 class PendulumRig(Space):
     """The nodes by name, and what the test hears of them; parameters go on top of `PARAMETERS`."""
 
-    def __init__(
-        self,
-        ros: Ros,
-        namespace: str,
-        *,
-        plant_arguments: list[str] | None = None,
-        common: dict[str, Any] | None = None,
-        **parameters: dict[str, Any],
-    ) -> None:
+    plant_arguments: ClassVar[list[str]] = []
+
+    def __init__(self, ros: Ros, namespace: str, common: Any = None, **parameters: Any) -> None:
         super().__init__(ros, namespace)
-        self.namespace = namespace
-        self._common = {'limits.torque': TORQUE, **(common or {})}
-        self._parameters = parameters
+        self._common, self._parameters = {'limits.torque': TORQUE, **(common or {})}, parameters
         self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
-        self._arguments = {'pendulum_plant': plant_arguments}
-        self.states = self._hear('joint_states', JointState)
-        self.commands = self._hear('joint_command', JointState)
-        self.plans = self._hear('trajectory', JointTrajectory, LATCHED)
-        self.followed = self._hear('active_trajectory', JointTrajectory, LATCHED)
-        self._diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, _QUEUE)
+        usual, ros.depth = ros.depth, QUEUE
+        self.states, self.commands = self.hear('joint_states'), self.hear('joint_command')
+        self.plans, self.followed = self.hear('trajectory'), self.hear('active_trajectory')
+        self._diagnostics, ros.depth = ros.subscribe('/diagnostics'), usual
         self.processes: dict[str, Any] = {}
         for role in PARAMETERS:
             self.start(role)
         self.wait(lambda: self.states and self.commands)
         self.wait(lambda: self.says('planner', 'ready'))
 
-    def _hear(self, topic: str, kind: Any, qos: Any = _QUEUE) -> list[Any]:
-        return self.hear(topic, kind, qos)
-
     def start(self, role: str) -> None:
         given = {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
-        self.processes[role] = super().start(role, given, self._arguments.get(role))
+        more = self.plant_arguments if role == 'pendulum_plant' else []
+        self.processes[role] = super().start(role, given, more)
 
     def kill(self, role: str) -> float:
         """Kill a process; return the instant of the last state [s]."""
@@ -147,23 +128,19 @@ class PendulumRig(Space):
         """Angle from upright of the plant's newest state [rad]."""
         return math.remainder(self.states[-1].position[0], math.tau)
 
-    def statuses(self, role: str) -> list[Any]:  # oldest first
-        return list(self._newest_first(role))[::-1]
-
-    def _newest_first(self, role: str) -> Iterator[Any]:
-        prefix = f'/{self.namespace}/{role}: '
+    def statuses(self, role: str) -> Iterator[Any]:  # newest first
+        prefix = f'{self.space}/{role}: '
         for array in reversed(self._diagnostics):
             yield from (s for s in reversed(array.status) if s.name.startswith(prefix))
 
     def says(self, role: str, text: str) -> bool:
-        newest = next(self._newest_first(role), None)
-        return newest is not None and text in newest.message
+        return any(text in status.message for status in islice(self.statuses(role), 1))
 
     def said(self, role: str, text: str) -> bool:
         return any(text in status.message for status in self.statuses(role))
 
     def figure(self, role: str, key: str) -> float:
-        return float({item.key: item.value for item in self.statuses(role)[-1].values}[key])
+        return float({item.key: item.value for item in next(self.statuses(role)).values}[key])
 
     def held_since(self, instant: float) -> float:
         """Wait until the pendulum is held, from some time after `instant` on; returns when [s]."""
@@ -183,15 +160,13 @@ class PendulumRig(Space):
         return since
 
     def story(self) -> str:
-        """Tell what happened, for the message of a failed test."""
-        told = [s.message for role in self.processes for s in self.statuses(role)[-6:]]
+        told = [s.message for role in self.processes for s in islice(self.statuses(role), 6)]
         return '\n'.join(told + [p.output[-3000:] for p in self.processes.values()])
 
     def measured(self, start: float = 0.0, end: float = math.inf) -> NDArray[np.float64]:
         """Instants [s], theta, psi and applied torque (n, 4) of the plant in [start, end]."""
-        rows = np.array(
-            [[seconds_of(s.header.stamp), *s.position, s.effort[1]] for s in self.states]
-        )
+        told = ((seconds_of(s.header.stamp), *s.position, s.effort[1]) for s in self.states)
+        rows = np.array([*told])
         return rows[(rows[:, 0] >= start) & (rows[:, 0] <= end)]
 
     def last_torque(self, start: float, end: float = math.inf) -> float:
@@ -201,11 +176,7 @@ class PendulumRig(Space):
         return float(acting[-1, 0] - start) if len(acting) else 0.0
 
     def longest_torque(self) -> float:
-        """
-        Longest time [s] for which a torque has acted since the command that asked for it.
-
-        From the effort that the plant says acts, and the newest command that asked for as much.
-        """
+        """Longest time [s] for which a torque has acted since the newest command for as much."""
         given = np.array([seconds_of(c.header.stamp) for c in self.commands])
         asked = np.clip([c.effort[0] for c in self.commands], -TORQUE, TORQUE)
         rows = self.measured()
@@ -215,10 +186,8 @@ class PendulumRig(Space):
             end = int(np.searchsorted(given, at, 'right'))  # simulated time stands still
             begin = int(np.searchsorted(given, at - LONGEST_LOOK))
             (same,) = np.nonzero(np.abs(asked[begin:end] - torque) < 1e-9)
-            if same.size:
-                longest = max(longest, at - float(given[begin + same[-1]]))
-            else:
-                missed += 1
+            longest = max(longest, at - float(given[begin + same[-1]])) if same.size else longest
+            missed += not same.size
         # Commands are heard by best effort; one that nobody here has heard is no stale one.
         assert missed <= max(5, 0.02 * len(acting)), f'{missed} of {len(acting)} torques unasked'
         return longest
@@ -258,19 +227,14 @@ def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
 
 
 def tracker_killed(rig: PendulumRig) -> dict[str, float]:
-    """
-    In mid-swing: the plant's torque goes off by itself.
-
-    Without friction the disk then turns on, beyond its limit if a tracker starts late, and no plan
-    leads back from there: somebody takes the pendulum down before the tracker starts again.
-    """
+    """In mid-swing: the plant's torque goes off by itself."""
     rig.fall()
     rig.wait(lambda: rig.says('tracker', 'tracking'))
     killed = rig.kill('tracker')
-    rig.wait(lambda: rig.now > killed + 1.0)
+    rig.wait_until(killed + 1.0)
     rig.wait(lambda: rig.states[-1].effort[1] == 0.0)
     safe = rig.last_torque(killed)
-    rig.trigger('reset')
+    rig.trigger('reset')  # the disk has turned on, where no plan may lead back from
     restarted = rig.ros.seconds
     rig.start('tracker')
     return {'safe': safe, 'recovered': rig.held_since(restarted) - restarted}
@@ -281,13 +245,12 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     ros, space = rig.ros, rig.space
     rig.fall()
     rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))
-    ros.request(f'{space}/plan', Trigger)
+    ros.request(f'{space}/plan')
     rig.wait(lambda: rig.says('planner', 'planning'))
     held = rig.held_since(rig.kill('planner'))
 
     def told() -> list[float]:
-        names = 'trajectories accepted', 'trajectories rejected'
-        return [rig.figure('tracker', name) for name in names]
+        return [rig.figure('tracker', f'trajectories {what}') for what in ('accepted', 'rejected')]
 
     before, plan = told(), rig.followed[-1]
     rig.plans.clear()
@@ -296,15 +259,15 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     rig.wait(lambda: rig.plans)
     back = ros.seconds
     rig.wait(lambda: rig.says('planner', 'plan 1 active') or rig.says('planner', 'publish'))
-    late = ros.subscribe(f'{space}/trajectory', JointTrajectory, LATCHED)
-    summaries = ros.subscribe(f'{space}/plan_summary', String, LATCHED)
+    late = ros.subscribe(f'{space}/trajectory')
+    summaries = ros.subscribe(f'{space}/plan_summary')
     rig.wait(lambda: late and summaries)
     assert late[-1].header.stamp == plan.header.stamp, rig.story()
     for found, wanted in zip(late[-1].points, plan.points, strict=True):
         assert (found.positions, found.effort) == (wanted.positions, wanted.effort)
     assert json.loads(summaries[-1].data)['verification']['ok']
-    known = len(rig.statuses('tracker'))
-    rig.wait(lambda: len(rig.statuses('tracker')) > known + 1)
+    known = len([*rig.statuses('tracker')])
+    rig.wait(lambda: len([*rig.statuses('tracker')]) > known + 1)
     assert told() == before
     assert rig.lean(held + 0.5) < 0.2
     done, answer = ros.trigger(f'{space}/plan')

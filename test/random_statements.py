@@ -3,8 +3,6 @@
 
 """Random statements of problems, sound or not: a plan that a replay confirms, or one sentence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from time import process_time
 from types import SimpleNamespace
@@ -84,9 +82,8 @@ class Stated(DirectProblem, Validated):
         return {'x': Output((self.start, self.speed), end, free=self.free)}
 
     def integrated(self):
-        if not self.integrated_states:
-            return {}
-        return {'x': Integrated(self.start, self.goal), 'v': Integrated(self.speed, 0.0)}
+        both = {'x': Integrated(self.start, self.goal), 'v': Integrated(self.speed, 0.0)}
+        return both if self.integrated_states else {}
 
     def duration(self):
         return Duration(self.guess, fixed=self.fixed, speed_factor_order=self.degree)
@@ -100,10 +97,8 @@ class Stated(DirectProblem, Validated):
     def derivative(self, x, u):
         if self.mistake == 'raises':
             return 1 / 0
-        push = u[0] + FORCES[self.force](x[0], x[1])
-        if self.mistake == 'sign':
-            push = u[0] - 1.0
-        rates = x[1], push / self.mass
+        force = -1.0 if self.mistake == 'sign' else FORCES[self.force](x[0], x[1])
+        rates = x[1], (u[0] + force) / self.mass
         return rates[:1] if self.mistake == 'count' else rates
 
     def margins(self, t, x, u):
@@ -122,25 +117,15 @@ class Stated(DirectProblem, Validated):
         return function(t, x, None) if kind == 'final' else 0.0 * t
 
 
-@st.composite
-def statements(draw: Any) -> dict[str, Any]:
-    return {
-        'force': draw(st.sampled_from(list(FORCES))),
-        'cost': draw(st.sampled_from(list(COSTS))),
-        'limits': ' '.join(draw(st.lists(st.sampled_from(list(LIMITS)), unique=True, max_size=2))),
-        'mistake': draw(st.sampled_from(MISTAKES)),
-        'integrated_states': draw(st.booleans()),
-        'mass': draw(st.floats(0.1, 10.0)),
-        'largest': draw(st.floats(0.0, 20.0)),
-        'start': draw(st.floats(-3.0, 3.0)),
-        'speed': draw(st.floats(-2.0, 2.0)),
-        'goal': draw(st.floats(-3.0, 3.0)),
-        'guess': draw(st.floats(0.05, 20.0)),
-        'fixed': draw(st.booleans()),
-        'degree': draw(st.sampled_from([0, 0, 1, 3])),
-        'free': draw(st.integers(0, 8)),
-        'solver.refine': draw(st.booleans()),
-    }
+one, real = st.sampled_from, st.floats
+STATEMENTS = st.fixed_dictionaries({
+    'force': one(list(FORCES)), 'cost': one(list(COSTS)), 'mistake': one(MISTAKES),
+    'limits': st.lists(one(list(LIMITS)), unique=True, max_size=2).map(' '.join),
+    'mass': real(0.1, 10.0), 'largest': real(0.0, 20.0), 'guess': real(0.05, 20.0),
+    'start': real(-3.0, 3.0), 'speed': real(-2.0, 2.0), 'goal': real(-3.0, 3.0),
+    **dict.fromkeys(('integrated_states', 'fixed', 'solver.refine'), st.booleans()),
+    'degree': one([0, 0, 1, 3]), 'free': st.integers(0, 8),
+})  # fmt: skip
 
 
 def check_replay(problem: Stated, plan: Any) -> None:
@@ -185,11 +170,10 @@ def outcome_of(case: dict[str, Any]) -> bool:
 
 
 def random_statements(cases: int, *, new: bool = False) -> None:
-    """Ask for plans of so many random statements; see `outcome_of`."""
     planned = []
 
     @profile(cases, new=new)
-    @given(statements())
+    @given(STATEMENTS)
     def ask(case: dict[str, Any]) -> None:
         planned.append(outcome_of(case))
 

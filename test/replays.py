@@ -4,13 +4,11 @@
 """
 Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
 
-The classical Runge-Kutta method with steps of at most 0.5 ms (pendulum) and 5 ms (robots) between
-all samples; limits are looked at after every step.
+By the classical Runge-Kutta method, with limits looked at after every step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
+import itertools
 import math
 from typing import Any
 
@@ -24,10 +22,7 @@ Controls = Callable[[float], list[float]]
 # angle: rad; distances: m. The last two allow for what happens between the instants of the check.
 PENDULUM_END = {'theta': 1e-4, 'psi': 1e-4, 'theta_dot': 1e-3, 'psi_dot': 1e-3}
 ROBOT_END = {'x': 3.5e-3, 'y': 3.5e-3, 'u': 5e-3, 'v': 5e-3, 'yaw': 1e-2, 'omega': 1e-2}
-ROBOT_START = 1.001e-5
-RELATIVE = 2e-6
-ANGLE = 1e-5
-DISTANCE = 2e-5
+ROBOT_START, RELATIVE, ANGLE, DISTANCE = 1.001e-5, 2e-6, 1e-5, 2e-5
 
 
 def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
@@ -63,12 +58,9 @@ def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
     def rates(state: State, control: list[float]) -> State:
         _, _, u, v, yaw, omega, alpha = state
         thrust, turning, torque = control
-        heading = yaw + alpha
-        push = thrust / mass
-        return [
-            u, v, push * math.cos(heading), push * math.sin(heading),
-            omega, torque / inertia, turning,
-        ]  # fmt: skip
+        push, heading = thrust / mass, yaw + alpha
+        forces = push * math.cos(heading), push * math.sin(heading)
+        return [u, v, *forces, omega, torque / inertia, turning]
 
     return rates
 
@@ -77,18 +69,15 @@ def replayed(
     plan: dict[str, Any], rates: Callable[[State, list[float]], State], longest_step: float
 ) -> Iterator[tuple[float, State, list[float]]]:
     """Yield time, state and controls after every step, from the plan's first state."""
-    names, times = list(plan['states']), plan['times']
-    columns = list(plan['controls'].values())
-    state = [plan['states'][name][0] for name in names]
-    yield times[0], state, [column[0] for column in columns]
-    spline = None
-    if plan['interpolation'] == 'cubic':
-        spline = CubicSpline(times, list(zip(*columns, strict=True)))
+    times, kind = plan['times'], plan['interpolation']
+    rows = list(zip(*plan['controls'].values(), strict=True))
+    state = [column[0] for column in plan['states'].values()]
+    yield times[0], state, list(rows[0])
+    spline = CubicSpline(times, rows) if kind == 'cubic' else None
     for k in range(len(times) - 1):
         span = times[k + 1] - times[k]
         assert span > 0
-        first, last = [c[k] for c in columns], [c[k + 1] for c in columns]
-        between = _between(plan['interpolation'], first, last, span, spline, times[k])
+        between = _between(kind, rows[k], rows[k + 1], span, spline, times[k])
         steps = math.ceil(span / longest_step)
         h = span / steps
         for i in range(steps):
@@ -105,72 +94,60 @@ def replayed(
             yield times[k] + t + h, state, u2
 
 
-def _between(
-    kind: str, first: list[float], last: list[float], span: float, spline: Any, start: float
-) -> Controls:
-    if kind == 'linear':
-        return lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)]
-    assert kind in ('zero_order_hold', 'cubic')
-    return (lambda t: spline(start + t).tolist()) if kind == 'cubic' else (lambda t: first)
+def _between(kind: str, first: Any, last: Any, span: float, spline: Any, start: float) -> Controls:
+    return {
+        'linear': lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)],
+        'cubic': lambda t: spline(start + t).tolist(),
+        'zero_order_hold': lambda t: first,
+    }[kind]
 
 
 def pendulum_faults(document: dict[str, Any]) -> list[str]:
     """Return what is wrong with a plan of the pendulum; empty if nothing is."""
-    p, faults = document['parameters'], []
+    p, found = document['parameters'], dict[str, tuple[float, float]]()  # what is, and is allowed
     torque, angle = p['limits.torque'], p['limits.disk_angle']
-    most_torque = most_angle = 0.0
     quickest = max(map(abs, document['states']['theta_dot']), default=0.0)
     step = min(5e-4, 5e-3 / max(quickest, 1e-3))  # many swings magnify errors
-    for _, state, control in replayed(document, pendulum_rates(p), step):
-        most_torque = max(most_torque, abs(control[0]))
-        most_angle = max(most_angle, abs(state[1]))
-    if not most_torque <= torque * (1 + RELATIVE):
-        faults.append(f'torque {most_torque} of {torque}')
-    if not most_angle <= angle + ANGLE * max(1.0, angle):
-        faults.append(f'disk angle {most_angle} of {angle}')
-    turns = p['goal.turns']
-    if turns is None:
-        turns = round(state[0] / math.tau)
+    every = [(x, u[0], x[1]) for _, x, u in replayed(document, pendulum_rates(p), step)]
+    state, torques, angles = every[-1][0], *np.abs([row[1:] for row in every]).T
+    found['torque'] = torques.max(), torque * (1 + RELATIVE)
+    found['disk angle'] = angles.max(), angle + ANGLE * max(1.0, angle)
+    turns = round(state[0] / math.tau) if p['goal.turns'] is None else p['goal.turns']
     end = [state[0] - math.tau * turns, *state[1:]]
     for (name, allowed), error in zip(PENDULUM_END.items(), end, strict=True):
-        if not abs(error) <= 1.001 * allowed:
-            faults.append(f'{name} ends {error} from the goal')
         away = document['states'][name][0] - p[f'start.{name}']
-        if not abs(away) <= 1.001 * allowed:
-            faults.append(f'{name} begins {away} elsewhere')
-    return faults
+        found[f'end of {name}'] = abs(error), 1.001 * allowed
+        found[f'start of {name}'] = abs(away), 1.001 * allowed
+    return _beyond(found)
+
+
+def _beyond(found: dict[str, tuple[float, float]], whose: str = '') -> list[str]:
+    """Return what is more than allowed, or no number."""
+    return [f'{whose}{what}: {x} of {y}' for what, (x, y) in found.items() if not x <= y]
 
 
 def formation_faults(document: dict[str, Any]) -> list[str]:
     """Return what is wrong with a plan of robots; empty if nothing is."""
-    p, faults = document['parameters'], list[str]()
-    names = p['robots']
-    if list(document['robots']) != names:
+    p, faults, paths = document['parameters'], list[str](), {}
+    if list(document['robots']) != p['robots']:
         return [f'the robots are {list(document["robots"])}']
     last = max(plan['times'][-1] for plan in document['robots'].values())
-    paths = {}
-    for name in names:
-        path, found = _robot_faults(name, document['robots'][name], p)
+    for name, plan in document['robots'].items():
+        path, found = _robot_faults(name, plan, p)
         faults += found
         paths[name] = _on_grid(path, last)
-    for i, one in enumerate(names):
-        for other in names[:i]:
-            nearest = min(
-                math.hypot(a[0] - b[0], a[1] - b[1])
-                for a, b in zip(paths[one], paths[other], strict=True)
-            )
-            if not nearest >= p['arena.minimum_separation'] - DISTANCE:
-                faults.append(f'{one} and {other} come within {nearest} m')
+    for one, other in itertools.combinations(paths, 2):
+        nearest = np.hypot(*(paths[one] - paths[other]).T).min()
+        if not nearest >= p['arena.minimum_separation'] - DISTANCE:
+            faults.append(f'{one} and {other} come within {nearest} m')
     return faults
 
 
 def _robot_faults(
     name: str, plan: dict[str, Any], p: dict[str, Any]
 ) -> tuple[list[tuple[float, State]], list[str]]:
-    faults, path = [], []
-    half = p['arena.minimum_separation'] / 2
+    path, half, flat = [], p['arena.minimum_separation'] / 2, p['arena.obstacles']
     thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
-    flat = p['arena.obstacles']
     zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))
     controls, distances = [0.0], [0.0]  # the largest excess
     for time, state, (f, d, t) in replayed(plan, robot_rates(p), 5e-3):
@@ -179,22 +156,13 @@ def _robot_faults(
         controls += [f / thrust - 1, -f / thrust, abs(d) / rate - 1, abs(t) / torque - 1]
         distances += [half - side for side in (x, y, p['arena.length'] - x, p['arena.width'] - y)]
         distances += [half + r - math.hypot(x - zx, y - zy) for zx, zy, r in zones]
-    for what, excess, allowed in (
-        ('actuators', max(controls), RELATIVE),
-        ('walls or zones', max(distances), DISTANCE),
-    ):
-        if not excess <= allowed:
-            faults.append(f'{name}: {what} by {excess}')
-    goal = _goal(name, p)
-    for k, (axis, allowed) in enumerate(ROBOT_END.items()):
-        away = state[k] - goal[k]
-        away = math.remainder(away, math.tau) if axis == 'yaw' else away
-        if not abs(away) <= 1.001 * allowed:
-            faults.append(f'{name}: {axis} ends {away} from the goal')
+    found = {'actuators': (max(controls), RELATIVE), 'walls or zones': (max(distances), DISTANCE)}
+    for axis, end, goal in zip(ROBOT_END, state, _goal(name, p), strict=False):
+        away = math.remainder(end - goal, math.tau) if axis == 'yaw' else end - goal
+        found[f'end of {axis}'] = abs(away), 1.001 * ROBOT_END[axis]
         away = plan['states'][axis][0] - p[f'{name}.start.{axis}']
-        if not abs(away) <= ROBOT_START:
-            faults.append(f'{name}: {axis} begins {away} elsewhere')
-    return path, faults
+        found[f'start of {axis}'] = abs(away), ROBOT_START
+    return path, _beyond(found, f'{name}: ')
 
 
 def _goal(name: str, p: dict[str, Any]) -> State:
@@ -204,19 +172,18 @@ def _goal(name: str, p: dict[str, Any]) -> State:
     return [x + c * dx - s * dy, y + s * dx + c * dy, 0.0, 0.0, turn + dyaw, 0.0]
 
 
-def _on_grid(path: list[tuple[float, State]], last: float) -> list[State]:
+def _on_grid(path: list[tuple[float, State]], last: float) -> Any:
     """Places at common instants 5 ms apart, linear between the steps; parked after the end."""
     times = np.array([time for time, _ in path])
     places = np.array([state[:2] for _, state in path])
     grid = np.linspace(0.0, last, math.ceil(last / 5e-3) + 1)
-    return np.stack([np.interp(grid, times, places[:, k]) for k in (0, 1)], axis=1).tolist()
+    return np.stack([np.interp(grid, times, places[:, k]) for k in (0, 1)], axis=1)
 
 
 FAULTS = {'pendulum_swing_up': pendulum_faults, 'robot_formation': formation_faults}
 
 
 def faults(document: dict[str, Any]) -> list[str]:
-    """Return what is wrong with a plan as `tdm plan` writes it."""
     return FAULTS[document['problem']](document)
 
 
@@ -227,10 +194,7 @@ def pendulum_points(plant: Any, theta: Any, psi: Any) -> tuple[Any, Any]:
     theta turns the rod, twice as long as its centre of mass is far, towards +y of the disk.
     """
     theta, psi = np.broadcast_arrays(theta, psi)
-    zero = np.zeros_like(psi)
-    radial = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
-    tangent = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
-    up = np.stack([zero, zero, zero + 1.0], axis=-1)
-    pivot = plant.arm_length * radial
-    rod = np.sin(theta)[..., None] * tangent + np.cos(theta)[..., None] * up
+    zero, sine, s, c = np.zeros_like(psi), np.sin(theta), np.sin(psi), np.cos(psi)
+    pivot = plant.arm_length * np.stack([c, s, zero], axis=-1)
+    rod = np.stack([-sine * s, sine * c, np.cos(theta)], axis=-1)
     return pivot, pivot + 2.0 * plant.com_distance * rod

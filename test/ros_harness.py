@@ -3,12 +3,11 @@
 
 """Nodes as real processes over real DDS, and a node in the test that talks to them."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
 import ctypes
 import fcntl
+import functools
 import itertools
 import json
 import os
@@ -26,6 +25,7 @@ from tdm_planner.starting import NODES as MODULES
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
+QUEUE = 20_000  # messages that may wait where every one counts
 CLOCK_STEP = 0.005  # s, the period of tracker and plant
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
@@ -43,11 +43,9 @@ DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 @contextmanager
 def reserved_domain() -> Iterator[int]:
     """Yield a ROS_DOMAIN_ID in 1..101 that no other test process uses meanwhile."""
-    candidates = list(range(1, 102))
-    random.shuffle(candidates)
-    for domain in candidates:
-        path = Path(tempfile.gettempdir(), f'tdm_planner_ros_domain_{domain}.lock')
-        with path.open('w') as lock:
+    for domain in random.sample(range(1, 102), 101):
+        name = f'tdm_planner_ros_domain_{domain}.lock'
+        with Path(tempfile.gettempdir(), name).open('w') as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -66,26 +64,50 @@ def ros_environment(domain: int, folder: Path) -> dict[str, str]:
     """
     profile = folder / 'discovery.xml'
     profile.write_text(DISCOVERY_PROFILE)
+    places = filter(None, (str(SOURCE), os.environ.get('PYTHONPATH')))
     return {
         'ROS_DOMAIN_ID': str(domain),
         'ROS_LOG_DIR': str(folder / 'log'),
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
         'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
-        'PYTHONPATH': os.pathsep.join(
-            p for p in (str(SOURCE), os.environ.get('PYTHONPATH', '')) if p
-        ),
+        'PYTHONPATH': os.pathsep.join(places),
     }
 
 
 def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[str]:
-    """Command-line arguments that set parameters and the namespace."""
-    arguments = ['--ros-args']
-    if namespace:
-        arguments += ['-r', f'__ns:=/{namespace.strip("/")}']
+    arguments = ['--ros-args', *(['-r', f'__ns:=/{namespace.strip("/")}'] if namespace else [])]
     for name, value in parameters.items():
         text = value if isinstance(value, str) else json.dumps(value)
         arguments += ['-p', f'{name}:={text}']
     return arguments
+
+
+@functools.cache
+def topics() -> dict[str, tuple[Any, Any]]:
+    """Return type and quality of service of the package's topics, by the last of their names."""
+    from action_msgs.msg import GoalStatusArray
+    from diagnostic_msgs.msg import DiagnosticArray
+    from nav_msgs.msg import Odometry, Path
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import String
+    from tdm_planner.nodes.messages import LATCHED
+    from trajectory_msgs.msg import JointTrajectory
+    from visualization_msgs.msg import MarkerArray
+
+    latched = {'trajectory': JointTrajectory, 'active_trajectory': JointTrajectory, 'path': Path,
+               'plan_summary': String, 'robot_description': String, 'markers': MarkerArray,
+               'tracker_status': GoalStatusArray}  # fmt: skip
+    others = {'joint_states': JointState, 'joint_command': JointState, 'odom': Odometry,
+              'tracking_error': JointState, 'plant_markers': MarkerArray,
+              'diagnostics': DiagnosticArray}  # fmt: skip
+    found = {name: (kind, LATCHED) for name, kind in latched.items()}
+    return found | {name: (kind, None) for name, kind in others.items()}
+
+
+def topic_of(name: str, kind: Any, qos: Any, depth: int = 10) -> tuple[Any, str, Any]:
+    """Return type, name and quality of service: what is not given is as `topics` has it."""
+    known, usual = topics().get(name.rpartition('/')[2], (None, None))
+    return kind or known, name, qos or usual or depth
 
 
 def parameters(values: Mapping[str, Any]) -> list[Any]:
@@ -120,9 +142,7 @@ class Started:
 class NodeProcess(Started):
     """A program, or a module of Python that may be a node's, in a process group of its own."""
 
-    def __init__(
-        self, program: str, arguments: list[str], environment: Mapping[str, str], folder: Path
-    ) -> None:
+    def __init__(self, program: str, arguments: list[str], environment: Any, folder: Path) -> None:
         self.output_file = Path(tempfile.mkstemp(dir=folder, suffix='.txt')[1])
         self.command = [program, *arguments]
         start = [] if os.path.isabs(program) else [sys.executable, '-m']
@@ -145,7 +165,6 @@ class NodeProcess(Started):
         return self.process.poll() is None
 
     def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
-        """Signal the process group and return the exit code."""
         if self.running:
             os.killpg(self.process.pid, number)
         try:
@@ -167,47 +186,40 @@ class Ros:
     """
 
     common: ClassVar[dict[str, Any]] = {}  # parameters of every node
+    depth = 10  # messages that may wait: those who see real processes must not fall behind
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         import rclpy
 
         self.domain = domain
-        self.folder = folder
-        self.environment = dict(environment)
+        self.folder, self.environment = folder, dict(environment)
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.node = rclpy.create_node('test', context=self._context)
-        self._executor = self._make_executor()
+        self._executor = self.executor(context=self._context)
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._processes: list[NodeProcess] = []
         self._clock: Any = None
 
-    def _make_executor(self) -> Any:
+    def executor(self, **options: Any) -> Any:
         from rclpy.executors import SingleThreadedExecutor
 
-        return SingleThreadedExecutor(context=self._context)
+        return SingleThreadedExecutor(**options)
 
     def start(
-        self,
-        module: str,
-        parameters: Mapping[str, Any] | None = None,
-        namespace: str = '',
-        arguments: list[str] | None = None,
+        self, role: str, given: Any = None, namespace: str = '', arguments: Sequence[str] = ()
     ) -> Any:
-        """Start a node, by module or role; it ends with the fixture, planners have time."""
-        module = MODULES.get(module, module)
-        given, more = {**self.common, **(parameters or {})}, arguments or []
-        if module == MODULES['planner'] and '--params-file' not in more:
+        """Start a node with parameters; it ends with the fixture, planners have time."""
+        given = {**self.common, **(given or {})}
+        if role == 'planner' and '--params-file' not in arguments:
             given = {'solver.deadline': ENOUGH, **given}
-        return self._begin(module, ros_arguments(given, namespace) + more)
+        return self._begin(role, [*ros_arguments(given, namespace), *arguments])
 
-    def _begin(self, module: str, arguments: list[str]) -> Started:
-        return self.run(module, arguments)
+    def _begin(self, role: str, arguments: list[str]) -> Started:
+        return self.run(MODULES[role], arguments)
 
-    def run(
-        self, module: str, arguments: list[str], environment: Mapping[str, str] | None = None
-    ) -> NodeProcess:
+    def run(self, module: str, arguments: list[str], environment: Any = None) -> NodeProcess:
         """Run a module in the domain, which need not be a node; it ends as those of `start` do."""
         variables = {**self.environment, **(environment or {})}
         process = NodeProcess(module, arguments, variables, self.folder)
@@ -240,23 +252,22 @@ class Ros:
         """Serve callbacks for a while, to show that something does not happen."""
         self.spin_until(lambda: False, seconds)
 
-    def latched(self, topic: str, message_type: Any) -> Any:
-        from tdm_planner.nodes.messages import LATCHED
-
-        received = self.subscribe(topic, message_type, LATCHED)
+    def latched(self, topic: str) -> Any:
+        received = self.subscribe(topic)
         assert self.meet(lambda: bool(received)), f'nothing was published on {topic}'
         (message,) = received
         return message
 
-    def subscribe(self, topic: str, message_type: Any, qos: Any = 10) -> list[Any]:
+    def subscribe(self, topic: str, kind: Any = None, qos: Any = None) -> list[Any]:
         """Subscribe; the list returned grows with every message received."""
         received: list[Any] = []
-        self.node.create_subscription(message_type, topic, received.append, qos)
+        kind, topic, qos = topic_of(topic, kind, qos, self.depth)
+        self.node.create_subscription(kind, topic, received.append, qos)
         return received
 
-    def publisher(self, topic: str, message_type: Any, qos: Any = 10) -> Any:
+    def publisher(self, topic: str, kind: Any = None, qos: Any = None) -> Any:
         """Make a publisher and wait until somebody listens."""
-        publisher = self.node.create_publisher(message_type, topic, qos)
+        publisher = self.node.create_publisher(*topic_of(topic, kind, qos))
         heard = self.meet(lambda: publisher.get_subscription_count() > 0)
         assert heard, f'nobody listens to {topic}'
         return publisher
@@ -282,24 +293,25 @@ class Ros:
 
         return self.spin_until(sent, PATIENCE)
 
-    def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
-        """Send a request without waiting for its answer; returns a Future."""
+    def request(self, service: str, kind: Any = None, request: Any = None) -> Any:
+        """Send a request, a Trigger's unless said, without waiting for its answer; a Future."""
+        from std_srvs.srv import Trigger
+
+        kind = kind or Trigger
         if service not in self._clients:
-            client = self._clients[service] = self.node.create_client(service_type, service)
-            assert self.meet(client.service_is_ready), f'no service {service}'
+            self._clients[service] = self.node.create_client(kind, service)
+            assert self.meet(self._clients[service].service_is_ready), f'no service {service}'
         client = self._clients[service]
         assert self.spin_until(client.service_is_ready), f'no service {service}'
-        return client.call_async(request or service_type.Request())
+        return client.call_async(request or kind.Request())
 
-    def call(self, service: str, service_type: Any, request: Any | None = None) -> Any:
-        future = self.request(service, service_type, request)
+    def call(self, service: str, kind: Any = None, request: Any = None) -> Any:
+        future = self.request(service, kind, request)
         assert self.spin_until(future.done, PATIENCE), f'{service} did not answer'
         return future.result()
 
     def trigger(self, service: str) -> tuple[bool, dict[str, Any]]:
-        from std_srvs.srv import Trigger
-
-        response = self.call(service, Trigger)
+        response = self.call(service)
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
 
@@ -338,14 +350,10 @@ class Ros:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
-        failures = []
-        for process in self._processes:
-            if process.running:
-                try:
-                    process.end_cleanly()
-                except AssertionError as error:
-                    failures.append(str(error))
-        assert not failures, '\n'.join(failures)
+        with ExitStack() as every:  # goes on where one fails
+            for process in self._processes:
+                if process.running:
+                    every.callback(process.end_cleanly)
 
 
 class Space:
@@ -356,26 +364,23 @@ class Space:
     def __init__(self, ros: Any, name: str = '') -> None:
         self.ros, self.space = ros, '/' + (name or f'space{next(self.numbers)}')
 
-    def start(self, role: str, given: Any = None, arguments: list[str] | None = None) -> Any:
+    def start(self, role: str, given: Any = None, arguments: Sequence[str] = ()) -> Any:
         return self.ros.start(role, given, self.space, arguments)
 
-    def hear(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
-        return self.ros.subscribe(f'{self.space}/{topic}', kind, qos)
+    def hear(self, topic: str, *kind: Any) -> list[Any]:
+        return self.ros.subscribe(f'{self.space}/{topic}', *kind)
 
-    def publisher(self, topic: str, kind: Any, qos: Any = 10) -> Any:
-        return self.ros.publisher(f'{self.space}/{topic}', kind, qos)
+    def publisher(self, topic: str, *kind: Any) -> Any:
+        return self.ros.publisher(f'{self.space}/{topic}', *kind)
 
-    def latched(self, topic: str, kind: Any) -> Any:
-        return self.ros.latched(f'{self.space}/{topic}', kind)
+    def latched(self, topic: str) -> Any:
+        return self.ros.latched(f'{self.space}/{topic}')
 
     def set(self, role: str, values: Any = None, **named: Any) -> None:  # noqa: A003
-        """Set parameters of a node, all of which it takes."""
         assert not any(self.ros.set_parameters(f'{self.space}/{role}', values, **named))
 
     def trigger(self, service: str) -> str:
-        from std_srvs.srv import Trigger
-
-        response = self.ros.call(f'{self.space}/{service}', Trigger)
+        response = self.ros.call(f'{self.space}/{service}')
         assert response.success, response.message
         self.ros.spin_for(0.0)
         return str(response.message)
@@ -386,6 +391,5 @@ class Space:
     def refusal(self) -> tuple[str, str]:
         """Return code and reason of a request that comes to nothing."""
         done, answer = self.ros.trigger(f'{self.space}/plan')
-        assert not done
-        assert list(answer) == ['code', 'reason']
+        assert (done, list(answer)) == (False, ['code', 'reason'])
         return answer['code'], answer['reason']

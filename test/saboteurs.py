@@ -4,11 +4,8 @@
 """
 Faults put into the solvers, each of a drawn size: what leaves them must be right still.
 
-`published` yields plans that leave sabotaged solvers of drawn problems, as they are written to
-files; replays.py tells what is wrong with them, by equations of its own.
+replays.py tells what is wrong with the plans, as they are written to files, by its own equations.
 """
-
-from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -25,13 +22,11 @@ from replays import faults
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plan_files import plan_document
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.problems.direct import minima as direct_minima
 from tdm_planner.problems.formation import search as formation_search
 from tdm_planner.problems.pendulum import switching_search
 from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
 
@@ -77,27 +72,17 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    """Let robots fly each other's trajectories."""
-
-    def swapped(motions: Motions) -> Motions:
-        flown = list(motions.values())
-        order = rng.permutation(len(flown)).tolist()
-        return {name: flown[k] for name, k in zip(motions, order, strict=True)}
-
-    _formations(patch, swapped)
+    swapped = lambda names: rng.permutation(list(names)).tolist()  # noqa: E731
+    _formations(patch, lambda m: dict(zip(m, map(m.__getitem__, swapped(m)), strict=True)))
 
 
 def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
-    """Change the robots' trajectories before they are checked."""
     check = formation_search.assessed
 
     def assessed(task: Any, motions: Motions, *others: Any) -> Solution:
         return check(task, change(motions), *others)
 
     patch.setattr(formation_search, 'assessed', assessed)
-
-
-# What may become of a trajectory before it is checked.
 
 
 def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:
@@ -107,11 +92,8 @@ def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:
 def _cut(rng: Generator, size: float, t: Trajectory) -> Trajectory:
     """Lose the last samples, or one on the way."""
     kept = np.ones(t.times.size, dtype=bool)
-    if rng.uniform() < 0.5:
-        lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
-        kept[-lost:] = False
-    else:
-        kept[rng.integers(1, t.times.size - 1)] = False
+    last = slice(-int(rng.integers(1, 1 + max(1, t.times.size // 3))), None)
+    kept[last if rng.uniform() < 0.5 else rng.integers(1, t.times.size - 1)] = False
     rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}
     return replace(t, **rest) if kept.sum() > 1 else t
 
@@ -124,16 +106,12 @@ def _mirror(rng: Generator, size: float, t: Trajectory) -> Trajectory:
 
 
 CHANGES: dict[str, Change] = {
-    'scaled_controls': lambda rng, s, t: replace(t, controls=_scale(rng, s, t.controls)),
-    'scaled_durations': lambda rng, s, t: replace(
-        t, times=to_nanoseconds(_scale(rng, s, t.times))
-    ),
-    'shifted_states': lambda rng, s, t: replace(
-        t, states=t.states + s * rng.normal(size=t.states.shape)
-    ),
+    'scaled_controls': lambda g, s, t: replace(t, controls=_scale(g, s, t.controls)),
+    'scaled_durations': lambda g, s, t: replace(t, times=to_nanoseconds(_scale(g, s, t.times))),
+    'shifted_states': lambda g, s, t: replace(t, states=g.normal(t.states, s)),
     'truncated_samples': _cut,
     'mirrored_controls': _mirror,
-}
+}  # fmt: skip
 
 
 def sabotaged(change: Change, patch: Patch, rng: Generator, size: float) -> None:
@@ -184,36 +162,30 @@ def _logarithmic(rng: Generator, least: float, most: float) -> float:
 def pendulum(rng: Generator) -> Problem:
     """Any start, motors weak and strong, narrow and wide limits, every method."""
     angle = rng.uniform(0.6, 3.0)
-    return PendulumSwingUp.from_parameters(
-        {
-            'limits.torque': _logarithmic(rng, 0.015, 0.3),
-            'limits.disk_angle': angle,
-            'torque_reserve': float(rng.choice([0.0, 0.3])),
-            'start.theta': rng.uniform(-7.0, 7.0),
-            'start.psi': rng.uniform(-0.5, 0.5) * angle,
-            'start.theta_dot': rng.normal() * 2.0,
-            'start.psi_dot': rng.normal(),
-            'method': str(rng.choice(['switching'] * 3 + ['smooth', 'virtual_arc'])),
-            'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
-            'solver.deadline': 0.15,
-        }
-    )
+    values = {
+        'limits.torque': _logarithmic(rng, 0.015, 0.3), 'limits.disk_angle': angle,
+        'torque_reserve': float(rng.choice([0.0, 0.3])),
+        'start.theta': rng.uniform(-7.0, 7.0), 'start.psi': rng.uniform(-0.5, 0.5) * angle,
+        'start.theta_dot': rng.normal() * 2.0, 'start.psi_dot': rng.normal(),
+        'method': str(rng.choice(['switching'] * 3 + ['smooth', 'virtual_arc'])),
+        'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
+        'solver.deadline': 0.15,
+    }  # fmt: skip
+    return PendulumSwingUp.from_parameters(values)
 
 
 def robots(rng: Generator) -> Problem:
     """One to three robots, at rest or not, sluggish and brisk, with and without zones."""
     names = [f'robot{k + 1}' for k in range(int(rng.integers(1, 4)))]
     values: dict[str, Any] = {
-        'robots': names,
-        'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
+        'robots': names, 'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
         'limits.thrust': _logarithmic(rng, 0.3, 30.0),
         'limits.thruster_rate': _logarithmic(rng, 0.5, 10.0),
         'arena.tracking_margin': float(rng.choice([0.0, 0.03])),
         'weights.gas': float(rng.choice([0.0, 0.9])),
         'speed_factor_order': int(rng.choice([0, 0, 2])),
-        'solver.deadline': 0.3,
-        'solver.starts': 2,
-    }
+        'solver.deadline': 0.3, 'solver.starts': 2,
+    }  # fmt: skip
     for name in names:
         values |= {f'{name}.start.{axis}': rng.uniform(0.4, 3.6) for axis in 'xy'}
         values[f'{name}.start.yaw'] = rng.uniform(-3.0, 3.0)

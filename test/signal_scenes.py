@@ -4,8 +4,7 @@
 """
 Processes in every phase of their lives, to be ended by signals: see `SCENES`, `WAYS`, `Subject`.
 
-Some end in one way in test/system/test_ended.py, all in every way in
-test/nightly/faults/test_all_faults.py.
+Some end in one way in test/system/test_ended.py, all in every way in test/nightly/faults.
 """
 
 from __future__ import annotations
@@ -24,11 +23,9 @@ import uuid
 from pendulum_rig import measured_state, note
 from ros_harness import ENOUGH, MODULES, NodeProcess, PATIENCE, Ros, ros_arguments, Space
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
+from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
-from trajectory_msgs.msg import JointTrajectory
 
 INT, TERM = signal.SIGINT, signal.SIGTERM
 TORQUE = {'limits.torque': 0.09}
@@ -81,15 +78,14 @@ class Subject(Space):
         publisher = self.publisher(topic, JointState)
         return self.wait(lambda: publisher.publish(message()) or seen())
 
-    def asked_for_a_plan(self) -> Any:
-        self.says('ready to plan')
-        return self.ros.request(f'{self.space}/plan', Trigger)
+    def asked_for_a_plan(self) -> Subject:
+        self.says('ready to plan').ros.request(f'{self.space}/plan')
+        return self
 
     def begun(self) -> bool:
         """Whether the package is being imported: SIGTERM is handled, which Python does not do."""
         status = Path(f'/proc/{self.process.process.pid}/status').read_text()
-        handled = int(status.partition('SigCgt:')[2].split()[0], 16)
-        return bool(handled >> (TERM - 1) & 1)
+        return bool(int(status.partition('SigCgt:')[2].split()[0], 16) >> (TERM - 1) & 1)
 
     def end(self, way: str, code: int = 0) -> None:
         """Send the signals; code, output and survivors must be as they should."""
@@ -117,17 +113,16 @@ def starting(ros: Ros, name: str) -> Subject:
 
 
 def solving_planner(ros: Ros) -> Subject:
-    # So weak that it searches until the deadline.
+    """Return one that searches until the deadline, with a motor too weak."""
     hopeless = {**PLANNING, 'limits.torque': 2e-3, 'solver.deadline': 60.0}
-    subject = Subject(ros, 'planner', hopeless)
-    subject.asked_for_a_plan()
+    subject = Subject(ros, 'planner', hopeless).asked_for_a_plan()
     return subject.wait(lambda: ros.trigger(f'{subject.space}/plan')[1]['code'] == 'BUSY')
 
 
 def reviewing_planner(ros: Ros) -> Subject:
     """Return one that has published, and publishes again."""
     subject = Subject(ros, 'planner', {**PLANNING, 'start.delay': 0.1, 'replan.rate': 100.0})
-    heard = subject.hear('trajectory', JointTrajectory, LATCHED)
+    heard = subject.hear('trajectory')
     subject.asked_for_a_plan()
     return subject.told('joint_states', hanging, lambda: len(heard) > 1)
 
@@ -138,14 +133,14 @@ def hanging() -> JointState:
 
 def idle_tracker(ros: Ros) -> Subject:
     subject = Subject(ros, 'tracker', TORQUE)
-    heard = subject.hear('joint_command', JointState)
+    heard = subject.hear('joint_command')
     return subject.wait(lambda: heard)
 
 
 def following_tracker(ros: Ros) -> Subject:
     subject = idle_tracker(ros)
-    plans = subject.publisher('trajectory', JointTrajectory, LATCHED)
-    heard = subject.hear('joint_command', JointState)
+    plans = subject.publisher('trajectory')
+    heard = subject.hear('joint_command')
     problem = PendulumSwingUp.from_parameters(TORQUE)
     plan = problem.solve(deadline=30.0).trajectory.with_rates(problem.plant.derivative)
     offered = -math.inf
@@ -162,51 +157,34 @@ def following_tracker(ros: Ros) -> Subject:
 
 
 def driven_plant(ros: Ros) -> Subject:
-    names = ['thruster', 'reaction_wheel']
+    names, subject = ['thruster', 'reaction_wheel'], Subject(ros, 'robot_plant', {})
     command = JointState(name=names, velocity=[0.1, 0.0], effort=[0.1, 0.01])
-    subject = Subject(ros, 'robot_plant', {})
-    heard = subject.hear('joint_states', JointState)
-    return subject.told(
-        'joint_command', lambda: command, lambda: any(any(s.effort) for s in heard)
-    )
+    heard = subject.hear('joint_states')
+    acts = lambda: any(any(state.effort) for state in heard)  # noqa: E731
+    return subject.told('joint_command', lambda: command, acts)
 
 
 def busy_recorder(ros: Ros) -> Subject:
-    subject = Subject(ros, 'tdm', recording(ros))
-    count = iter(range(100))
-    subject.told(
-        'recorded', hanging, lambda: ros.spin_until(lambda: False, 0.01) or next(count) > 50
-    )
+    subject, count = Subject(ros, 'tdm', recording(ros)), iter(range(100))
+    subject.told('recorded', hanging, lambda: ros.spin_for(0.01) or next(count) > 50)
     return subject.says('Ctrl-C ends')  # which is said once a message is written
 
 
 def demo(ros: Ros, phase: str) -> Subject:
-    """Return the demo, with the nodes that it has started, in a phase."""
-    parameters = ros.folder / 'strong.yaml'
-    parameters.write_text(
-        '/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n'
-        f'    solver: {{deadline: {ENOUGH}}}\n    start: {{delay: 3.0}}\n'
-    )
-    out = str(ros.folder / uuid.uuid4().hex)
+    parameters, out = ros.folder / 'strong.yaml', str(ros.folder / uuid.uuid4().hex)
+    given = f'limits: {{torque: 0.09}}, solver: {{deadline: {ENOUGH}}}, start: {{delay: 3.0}}'
+    parameters.write_text(f'/**: {{ros__parameters: {{{given}}}}}')
     arguments = ['demo', 'pendulum', '-o', out, '--params', str(parameters)]
     return Subject(ros, 'tdm', arguments).says(PHASES[phase])
 
 
 # Of the demo, with what it says then.
-PHASES = {
-    'starting': 'starting ',
-    'asking': 'asking for a plan',
-    'executing': 'upright at theta',
-    'ending': 'ending the nodes',
-    'reporting': 'plan.json',
-}
+PHASES = {'starting': 'starting ', 'asking': 'asking for a plan', 'executing': 'upright at theta',
+          'ending': 'ending the nodes', 'reporting': 'plan.json'}  # fmt: skip
 SCENES: dict[str, Callable[[Ros], Subject]] = {
     **{f'starting {name}': partial(starting, name=name) for name in (*MODULES, 'tdm')},
-    'solving planner': solving_planner,
-    'reviewing planner': reviewing_planner,
-    'idle tracker': idle_tracker,
-    'following tracker': following_tracker,
-    'driven plant': driven_plant,
-    'busy recorder': busy_recorder,
+    **{scene.__name__.replace('_', ' '): scene for scene in (
+        solving_planner, reviewing_planner, idle_tracker, following_tracker, driven_plant,
+        busy_recorder)},
     **{f'demo {phase}': partial(demo, phase=phase) for phase in PHASES},
-}
+}  # fmt: skip

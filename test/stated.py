@@ -3,8 +3,6 @@
 
 """Problems stated for tests, and `changed`, which makes another of one: functions by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -61,8 +59,8 @@ class Car(DirectProblem, Validated):
     start: float = parameter(-2.0, 'where it starts', unit='m')
 
     def outputs(self):
-        ends = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))
-        return {n: Output(*both, free=4) for n, both in zip('xy', ends, strict=True)}
+        x, y = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))
+        return {'x': Output(*x, free=4), 'y': Output(*y, free=4)}
 
     def duration(self):
         return Duration(guess=4.0)

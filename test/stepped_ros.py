@@ -4,13 +4,11 @@
 """
 Nodes in the test's own process, under a clock that the test steps: as fast as it computes.
 
-Planner, trackers and plants are constructed as their `main` would, with command-line arguments, in
-one context and one executor; messages go through DDS, which hands them over within a process. All
-run with `use_sim_time`, and what they take from steady clocks (timers, time-outs, pauses) follows
-the same clock. `Stepped.spin_until` serves callbacks until there is none, waits for solves under
-way while time stands still, then steps to the next timer. So a busy machine changes nothing.
-Clocks may be wrong: `Stepped.leap` sets the simulated one, `time_of_day` that of the machine,
-which nodes started with `use_sim_time` false go by.
+Nodes are constructed as their `main` would, in one context and one executor; messages go through
+DDS. All run with `use_sim_time`, and what they take from steady clocks follows the same clock.
+`Stepped.spin_until` serves callbacks until there is none, waits for solves under way while time
+stands still, then steps to the next timer: a busy machine changes nothing. Clocks may be wrong:
+`Stepped.leap` sets the simulated one, `time_of_day` that of nodes with `use_sim_time` false.
 """
 
 from __future__ import annotations
@@ -38,29 +36,23 @@ from rclpy.impl import rcutils_logger
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from ros_harness import MODULES, Ros, Started
+from ros_harness import MODULES, QUEUE, Ros, Started
 from rosgraph_msgs.msg import Clock
 
 BEGIN = 1_800_000_000_000_000_000  # ns
 LONGEST_STEP = 5_000_000  # ns
 SHORTEST_STEP = 10_000  # ns; a timer that is due but was not served yet cannot stop the clock
 STUCK = 60.0  # s of real time without progress, after which a test fails
-CLASSES = {  # by module
-    MODULES['planner']: 'Planner',
-    MODULES['tracker']: 'TrackerNode',
-    MODULES['pendulum_plant']: 'PendulumPlant',
-    MODULES['robot_plant']: 'RobotPlant',
-    MODULES['plant']: 'StatedPlant',
-}
+CLASSES = {'planner': 'Planner', 'tracker': 'TrackerNode', 'pendulum_plant': 'PendulumPlant',
+           'robot_plant': 'RobotPlant', 'plant': 'StatedPlant'}  # fmt: skip
 
 
 class SteppedTime:
     """The machine's clocks as the nodes see them; stands in for the module `time` there."""
 
     def __init__(self) -> None:
-        self.now = BEGIN
+        self.now, self._moved = BEGIN, threading.Condition()
         self.steady: list[ROSClock] = []
-        self._moved = threading.Condition()
         self.wakes: dict[int, int] = {}  # instants [ns] by thread that sleeps
 
     def step_to(self, now: int) -> None:
@@ -87,10 +79,9 @@ class SteppedTime:
         return clock
 
     def as_module(self) -> SimpleNamespace:
-        """Return what nodes use of `time`."""
-        seconds = dict.fromkeys(('monotonic', 'perf_counter', 'time'), lambda: self.now * 1e-9)
-        whole = dict.fromkeys(('monotonic_ns', 'time_ns'), lambda: self.now)
-        return SimpleNamespace(**seconds, **whole, sleep=self._sleep)
+        clocks = dict.fromkeys(('monotonic', 'perf_counter', 'time'), lambda: self.now * 1e-9)
+        clocks |= dict.fromkeys(('monotonic_ns', 'time_ns'), lambda: self.now)
+        return SimpleNamespace(**clocks, sleep=self._sleep)
 
     def _sleep(self, seconds: float) -> None:
         assert seconds >= 0.0
@@ -119,8 +110,6 @@ class OrderedExecutor(SingleThreadedExecutor):
 
 
 class NodeHere(Started):
-    """A node in this process."""
-
     running = True
 
     def __init__(self, ros: Stepped, node: Any) -> None:
@@ -132,7 +121,6 @@ class NodeHere(Started):
         return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
 
     def end(self) -> int:
-        """End the node, which leaves its plant safe."""
         if self.running:
             self.running = False
             self._ros.settle()  # what it computes would be handed over to nobody
@@ -145,18 +133,16 @@ class Stepped(Ros):
     """A ROS domain of the test's own, whose time is the test's."""
 
     common: ClassVar[dict[str, Any]] = {'use_sim_time': True}
+    executor, depth = OrderedExecutor, QUEUE
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         super().__init__(domain, folder, environment)
-        self.time = SteppedTime()
+        self.time, self._patch = SteppedTime(), pytest.MonkeyPatch()
         self.log: list[tuple[str, str]] = []
         self.nodes: list[NodeHere] = []
-        self._worked = False
+        self._worked, self._tells = False, True
         self._strangers = set(threading.enumerate())
-        self._leapt = 0  # ns
-        self.time_of_day = 0.0  # s by which it is wrong
-        self._patch = pytest.MonkeyPatch()
-        self._tells = True
+        self._leapt, self.time_of_day = 0, 0.0  # ns; s by which it is wrong
         self._clock = self.node.create_publisher(Clock, '/clock', 1)
         self.node.set_parameters([Parameter('use_sim_time', value=True)])
         self.statuses: dict[str, Any] = {}  # the newest, by name
@@ -176,25 +162,21 @@ class Stepped(Ros):
         self._patch.setattr(ROSClock, 'now', lambda clock: self._now_of(clock))
         # Warnings of rclpy's own, which cost a third of the time of waiting.
         self._patch.setattr(PublisherEventCallbacks, 'create_event_handlers', lambda *of: [])
-        kind = SubscriptionEventCallbacks
-        listen = kind.create_event_handlers
+        listen = SubscriptionEventCallbacks.create_event_handlers
         some = lambda self, *of: listen(self, *of) if self.message_lost else []  # noqa: E731
-        self._patch.setattr(kind, 'create_event_handlers', some)
+        self._patch.setattr(SubscriptionEventCallbacks, 'create_event_handlers', some)
         for module in MODULES.values():
             importlib.import_module(module)
         self._lend_clock()
 
-    def _begin(self, module: str, arguments: list[str]) -> NodeHere:
-        return self.add(getattr(importlib.import_module(module), CLASSES[module]), arguments)
-
-    def _make_executor(self) -> OrderedExecutor:
-        return OrderedExecutor(context=self._context)
+    def _begin(self, role: str, arguments: list[str]) -> NodeHere:
+        module = importlib.import_module(MODULES[role])
+        return self.add(getattr(module, CLASSES[role]), arguments)
 
     def add(self, make: Callable[..., Any], arguments: list[str]) -> NodeHere:
         self._lend_clock()
-        node = make(context=self._context, cli_args=arguments)
-        self._executor.add_node(node)
-        here = NodeHere(self, node)
+        here = NodeHere(self, make(context=self._context, cli_args=arguments))
+        self._executor.add_node(here.node)
         self.nodes.append(here)
         self._tell_time()
         self.settle()

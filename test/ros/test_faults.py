@@ -8,11 +8,6 @@ from pendulum_rig import note
 import pytest
 
 
-@pytest.fixture(autouse=True)
-def _ended() -> None:
-    """Keep the nodes for the next fault."""
-
-
 @pytest.mark.parametrize('fault', QUICK)
 def test_a_mission_under_a_fault_of_data(ros, fault):
     note(fault, **FAULTS[fault](misled_rig(ros, fault)))

@@ -31,12 +31,10 @@ def granted(path: str) -> Rights:
 def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
     def used(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
-        asks = (
-            f'get_{kind}_names_and_types_by_node'
-            for kind in ('publisher', 'subscriber', 'service', 'client')
-        )
-        found = (getattr(ros.node, ask)(name, namespace) for ask in asks)
-        return Rights(*(frozenset(item for item, _ in items) - {'/clock'} for items in found))
+        kinds = 'publisher', 'subscriber', 'service', 'client'
+        asks = (getattr(ros.node, f'get_{kind}_names_and_types_by_node') for kind in kinds)
+        found = (dict(ask(name, namespace)) for ask in asks)
+        return Rights(*(frozenset(items) - {'/clock'} for items in found))
 
     def all_there() -> bool:
         names = {f'{ns}/{name}' for name, ns in ros.node.get_node_names_and_namespaces()}
@@ -50,9 +48,8 @@ def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
             if topic.endswith('/joint_command'):
                 assert path == topic.replace('joint_command', 'tracker')
     operator = granted(OPERATOR)
-    assert {name.rsplit('/', 1)[-1] for name in operator.publishes} == {
-        'goal_pose', 'rosout', 'parameter_events',
-    }  # fmt: skip
+    published = {name.rsplit('/', 1)[-1] for name in operator.publishes}
+    assert published == {'goal_pose', 'rosout', 'parameter_events'}
     assert {'/pendulum/plan', '/robots/plan'} <= operator.calls
     assert not operator.serves
 

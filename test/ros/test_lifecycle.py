@@ -6,22 +6,18 @@
 import threading
 from typing import Any
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from pendulum_rig import measured_state
 from ros_harness import ros_arguments, Space
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.problems import Problem
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
 WAITING = {'autostart': False}
+NODES = 'planner', 'tracker'
 FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters', **WAITING}
 
 
@@ -53,7 +49,6 @@ class Manager:
 
 
 def silent(ros: Stepped, received: list[Any]) -> bool:
-    """Whether nothing more comes."""
     ros.settle()
     count = len(received)
     ros.spin_for(0.3)
@@ -63,7 +58,7 @@ def silent(ros: Stepped, received: list[Any]) -> bool:
 def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     space = Space(ros, 'twice')
     events = space.hear('planner/transition_event', TransitionEvent)
-    plans, markers = space.hear('trajectory', JointTrajectory), space.hear('markers', MarkerArray)
+    plans, markers = space.hear('trajectory'), space.hear('markers')
     space.start('planner', FROM_PARAMETERS)
     manager = Manager(ros, '/twice/planner')
     for cycle in (1, 2):
@@ -80,7 +75,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
         assert manager.says('inactive')
         assert space.refusal()[0] == 'INACTIVE'
         assert silent(ros, plans)
-        assert space.latched('trajectory', JointTrajectory)  # the plan stays active
+        assert space.latched('trajectory')  # the plan stays active
         manager.do('cleanup')
         assert ros.meet(lambda: not ros.node.count_publishers('/twice/trajectory'))
     assert not ros.node.count_services('/twice/plan')
@@ -89,24 +84,18 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
 
 
-def test_transitions_that_do_not_exist_are_refused(ros):
-    process = ros.start('tracker', WAITING, 'refusing')
-    manager = Manager(ros, '/refusing/tracker')
-    assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
-    assert process.output.count('Transition is not registered') == 2
-    service = '/refusing/tracker/get_available_transitions'
-    possible = ros.call(service, GetAvailableTransitions).available_transitions
-    assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
-
-
-def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros):
+def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
     space = Space(ros, 'wrong')
     process = space.start('planner', {**FROM_PARAMETERS, 'method': 'magic'})
     manager = Manager(ros, '/wrong/planner')
+    assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
+    assert process.output.count('Transition is not registered') == 2
+    service = '/wrong/planner/get_available_transitions'
+    possible = ros.call(service, GetAvailableTransitions).available_transitions
+    assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
     assert manager.refuses('configure')
-    said = "cannot configure: parameter 'method' = 'magic' is not allowed"
+    assert manager.says(said := "cannot configure: parameter 'method' = 'magic' is not allowed")
     assert said in process.output
-    assert manager.says(said)
     space.set('planner', method='switching')
     manager.do('configure', 'activate')
     # One without a manager starts by itself then.
@@ -121,19 +110,15 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(ros
 
 def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(ros, monkeypatch):
     space = Space(ros, 'undecided')
-    plans = space.hear('trajectory', JointTrajectory)
+    plans = space.hear('trajectory')
     space.start('planner', FROM_PARAMETERS)
     manager = Manager(ros, '/undecided/planner')
     manager.do('configure', 'activate')
     ros.settle()
     solve, go_on = Problem.solve, threading.Event()
-
-    def solve_later(self: Problem, *args: Any, **options: Any) -> Any:
-        assert go_on.wait(60.0)
-        return solve(self, *args, **options)
-
-    monkeypatch.setattr(Problem, 'solve', solve_later)
-    pending = ros.request('/undecided/plan', Trigger)
+    later = lambda *asked, **options: go_on.wait(60.0) and solve(*asked, **options)  # noqa: E731
+    monkeypatch.setattr(Problem, 'solve', later)
+    pending = ros.request('/undecided/plan')
     assert manager.says('planning')
     assert space.refusal()[0] == 'BUSY'
     space.set('planner', start__theta=3.0)
@@ -161,12 +146,9 @@ class Rig(Space):
         given = {'limits.torque': 0.09, 'tolerance.path': 1.5, **WAITING}
         self.process = self.start('tracker', given)
         self.start('planner', {**STRONG, **WAITING, 'start.delay': 0.3})
-        self.states = self.hear('joint_states', JointState)
-        self.commands = self.hear('joint_command', JointState)
-        self.plans = self.hear('trajectory', JointTrajectory, LATCHED)
-        self.statuses = self.hear('tracker_status', GoalStatusArray, LATCHED)
-        self.planner = Manager(ros, f'{self.space}/planner')
-        self.tracker = Manager(ros, f'{self.space}/tracker')
+        self.states, self.commands = self.hear('joint_states'), self.hear('joint_command')
+        self.plans, self.statuses = self.hear('trajectory'), self.hear('tracker_status')
+        self.planner, self.tracker = (Manager(ros, f'{self.space}/{n}') for n in NODES)
         assert ros.spin_until(lambda: bool(self.states))
 
     def status(self) -> list[int]:
@@ -174,16 +156,14 @@ class Rig(Space):
 
     def tracked(self) -> None:
         self.commands.clear()
-        assert self.ros.spin_until(
-            lambda: len(self.commands) > 2 and abs(self.commands[-1].effort[0]) > 1e-3
-        )
+        assert self.ros.spin_until(lambda: any(abs(c.effort[0]) > 1e-3 for c in self.commands[2:]))
 
 
 def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros):
     rig = Rig(ros, 'swing')
     assert silent(ros, rig.commands)
-    for manager in (rig.tracker, rig.planner):
-        manager.do('configure', 'activate')
+    rig.tracker.do('configure', 'activate')
+    rig.planner.do('configure', 'activate')
     rig.plan()
     for _ in range(2):
         rig.tracked()
@@ -226,8 +206,8 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.tracked()
     rig.planner.do('deactivate', 'cleanup')  # the tracker has the plan
     rig.tracked()
-    for manager in (rig.tracker, rig.planner):
-        manager.do('shutdown')
+    rig.tracker.do('shutdown')
+    rig.planner.do('shutdown')
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
     assert silent(ros, rig.commands)
@@ -253,15 +233,14 @@ class FragileTracker(TrackerNode):
 
 def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros):
     process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
-    commands = ros.subscribe('/fragile/joint_command', JointState)
+    commands = ros.subscribe('/fragile/joint_command')
     manager = Manager(ros, '/fragile/tracker')
     manager.do('configure')
     assert manager.refuses('activate')
-    said = 'cannot activate: INTERNAL: RuntimeError: something broke'
+    assert manager.says(said := 'cannot activate: INTERNAL: RuntimeError: something broke')
     assert said in process.output
-    assert manager.says(said)
     manager.do('configure', 'activate')
-    states = ros.publisher('/fragile/joint_states', JointState)
+    states = ros.publisher('/fragile/joint_states')
     for _ in range(20):
         states.publish(measured_state(ros.now))
         ros.spin_for(0.01)

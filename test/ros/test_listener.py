@@ -13,7 +13,6 @@ import pytest
 from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_sim.live.geometry import about
 from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
@@ -22,9 +21,9 @@ from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import drag_handles_of
 from tdm_sim.live.sliders import slider_of
-from trajectory_msgs.msg import JointTrajectory
 
 SPACE = 'seen'
+ROLES = PLANNING, TRACKING, SIMULATION
 
 
 class Seen(Space):
@@ -42,9 +41,8 @@ class Seen(Space):
         self.texts: list[str] = []
         recordings = Recordings(folder, SPACE)
         self.operations = Operations(self.rig, self.listener, recordings, self.texts.append)
-        self.plans = self.hear('trajectory', JointTrajectory, LATCHED)
-        roles = PLANNING, TRACKING, SIMULATION
-        assert ros.spin_until(lambda: all(map(self.listener.parameters_of, roles)))
+        self.plans = self.hear('trajectory')
+        assert ros.spin_until(lambda: all(map(self.listener.parameters_of, ROLES)))
         self.rig.follow(self.values(PLANNING))
         assert ros.spin_until(lambda: self.rig.move() or bool(self.rig.motions))
 
@@ -124,8 +122,7 @@ def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(
         return seen.told(lambda: seen.operations.change(slider, value, seen.texts.append))
 
     assert change(2.5) == ''
-    roles = PLANNING, TRACKING, SIMULATION
-    assert seen.ros.spin_until(lambda: all(seen.values(role)[name] == 2.5 for role in roles))
+    assert seen.ros.spin_until(lambda: all(seen.values(role)[name] == 2.5 for role in ROLES))
     assert seen.rig.move()
     good = seen.rig.plan
     assert good is not before
@@ -162,10 +159,9 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         shown = set(server.scene._handle_from_node_name)
         assert {'/still/lines', '/plants/cylinder_100', '/plan/lines'} <= shown
         assert {'/handles/disk', '/handles/pendulum'} <= shown
-        status = page._panel._status.content
+        status, charts = page._panel._status.content, {*page._panel._charts}
         assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
-        charts = page._panel._charts
-        assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= set(charts)
+        assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= charts
         assert 'limits.torque' in page._panel._sliders
         shown_handle = page._scene.handles['disk']
         before = np.array(shown_handle._control.wxyz)
@@ -173,8 +169,7 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         assert '/handles/disk/reason' in server.scene._handle_from_node_name
         page._scene.tell('disk', '')
         assert '/handles/disk/reason' not in server.scene._handle_from_node_name
-        moved = about((0, 0, 1), 1.0)
-        shown_handle.move((np.zeros(3), moved))
+        shown_handle.move((np.zeros(3), about((0, 0, 1), 1.0)))
         assert not np.allclose(before, shown_handle._control.wxyz)
     finally:
         page.close()

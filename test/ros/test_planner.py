@@ -1,30 +1,31 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The planner of a pendulum over DDS: requests, answers, messages."""
+"""The planner over DDS, of a pendulum and of robots: requests, answers, messages."""
 
+from functools import partial
 import json
 import math
 from typing import Any
 
 from marker_checks import check_markers, Scene
+from nav_msgs.msg import Odometry
 import numpy as np
 from pendulum_rig import measured_state
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from ros_harness import Space
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED, to_stamp
+from tdm_planner.nodes.messages import to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
-from tdm_planner.plant_kind import PENDULUM
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
@@ -38,8 +39,8 @@ class Planner(Space):
         super().__init__(ros)
         named = {name.replace('__', '.'): value for name, value in given.items()}
         self.here = self.start('planner', {**STRONG, **named})
-        self.trajectories = self.hear('trajectory', JointTrajectory, LATCHED)
-        self.states = self.publisher('joint_states', JointState)
+        self.trajectories = self.hear('trajectory')
+        self.states = self.publisher('joint_states')
 
     def made(self) -> JointTrajectory:
         self.plan()
@@ -51,18 +52,16 @@ class Planner(Space):
         return result.successful, json.loads(result.reason)
 
     def summary(self) -> dict[str, Any]:
-        return json.loads(self.latched('plan_summary', String).data)
+        return json.loads(self.latched('plan_summary').data)
 
     def state(self, state: list[float], age: float = 0.0) -> JointState:
-        at = self.ros.now - round(age * 1e9)
+        at, joints = self.ros.now - round(age * 1e9), ['arm', 'disk', 'pendulum']
         position, velocity = [9.0, state[1], state[0]], [9.0, state[3], state[2]]
-        joints = ['arm', 'disk', 'pendulum']
         return measured_state(at, name=joints, position=position, velocity=velocity)
 
-    def measure(self, message: JointState) -> JointState:
+    def measure(self, message: JointState) -> None:
         self.states.publish(message)
         self.ros.settle()
-        return message
 
 
 @pytest.fixture(scope='module')
@@ -76,17 +75,15 @@ def measuring(ros: Stepped) -> Planner:
 
 
 def begins(message: JointTrajectory) -> int:
-    """Return the start of a plan [ns]."""
     return nanoseconds_of(message.header.stamp)
 
 
 def test_a_plan_is_answered_published_and_told_of(ros, planner):
     before = ros.now
     answer = planner.plan()
-    message = planner.latched('trajectory', JointTrajectory)
+    message = planner.latched('trajectory')
     assert begins(message) == before + 1_000_000_000
-    assert message.header.frame_id == 'world'
-    assert list(message.joint_names) == ['pendulum', 'disk']
+    assert (message.header.frame_id, [*message.joint_names]) == ('world', ['pendulum', 'disk'])
     assert list(message.points[0].positions) == [math.pi, 0.0]
     assert nanoseconds_of(message.points[0].time_from_start) == 0
     assert all(point.effort[0] == 0.0 for point in message.points)
@@ -99,7 +96,7 @@ def test_a_plan_is_answered_published_and_told_of(ros, planner):
     assert np.allclose([math.remainder(last[0], math.tau), last[1]], 0.0, atol=1e-4)
     assert np.allclose(last[2:], 0.0, atol=1e-3)
     # The summary tells everything else.
-    text = planner.latched('plan_summary', String).data
+    text = planner.latched('plan_summary').data
     summary = json.loads(text)
     assert '\n' not in text
     assert {name: summary[name] for name in ANSWER} == answer
@@ -124,7 +121,7 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     assert points[0].positions[0] == 2.5
     assert points[-1].positions[0] == pytest.approx(4 * math.pi, abs=1e-4)
     assert planner.summary()['plan_id'] == first + 1
-    array = planner.latched('markers', MarkerArray)
+    array = planner.latched('markers')
     check_markers(array, 'world', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     scene = Scene(array)
@@ -142,7 +139,7 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     reason = f'no state was received on {measuring.space}/joint_states within 0.5 s'
     assert measuring.refusal() == ('NO_STATE', f'{reason} (start.max_age)')
     assert ros.now - asked >= 0.5e9
-    pending = ros.request(f'{measuring.space}/plan', Trigger)
+    pending = ros.request(f'{measuring.space}/plan')
     ros.spin_for(0.3)
     assert not pending.done()
     measuring.measure(measuring.state([3.0, 0.2, 0.5, -0.4]))
@@ -151,10 +148,9 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
 
 
 def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
-    """Here by small steps."""
     measuring.set('planner', start__delay=0.2)
-    state = [3.0, 0.2, 0.5, -0.4]
-    measured = begins(measuring.measure(measuring.state(state)))
+    state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
+    measuring.measure(measuring.state(state))
     ros.spin_for(0.1)
     trajectory = measuring.made()
     wait = 1e-9 * (begins(trajectory) - measured)
@@ -193,8 +189,7 @@ def test_states_that_cannot_be_planned_from(ros, measuring):
 
 def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
     before = planner.here.node.parameter_values
-    asked: list[tuple[float | str, int]] = [(0.08, 1), ('6e-2', -1)]
-    for torque, turns in asked:  # text for what it says, as on the node
+    for torque, turns in ((0.08, 1), ('6e-2', -1)):  # text for what it says, as on the node
         done, answer = planner.plan_with(limits__torque=torque, goal__turns=turns, start__delay=2)
         assert done, answer
         assert list(answer) == ANSWER
@@ -225,14 +220,13 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
 )
 def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, own, says):
     active, values = planner.made(), planner.here.node.parameter_values
-    odd = own.pop('odd', ())
-    done, answer = planner.plan_with(*odd, **own)
+    done, answer = planner.plan_with(*own.pop('odd', ()), **own)
     assert not done
-    found = ['DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED']
+    found = 'DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED'
     assert answer['code'] in (['INVALID_PROBLEM'] if says else found)
     assert says in answer['reason']
     assert planner.here.node.parameter_values == values
-    assert planner.latched('trajectory', JointTrajectory) == active
+    assert planner.latched('trajectory') == active
 
 
 def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
@@ -248,3 +242,117 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
     assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
     assert node._adapter.plans.next_start(plan.start) is None
+
+
+FORMATION, ROBOTS = {'problem': 'robot_formation'}, ['robot1', 'robot2', 'robot3']
+MOVED = [2.3, 1.8, 0.7]
+
+
+class Fleet(Space):
+    """A planner in a namespace, and robots that are where the test says."""
+
+    def __init__(self, ros: Stepped, name: str, **parameters: Any) -> None:
+        super().__init__(ros, name)
+        self.start('planner', {**FORMATION, 'start.source': 'parameters', **parameters})
+        self.motions = {name: self.hear(f'{name}/trajectory') for name in ROBOTS}
+        self.paths = {name: self.hear(f'{name}/path') for name in ROBOTS}
+        self.odometry = {name: self.publisher(f'{name}/odom') for name in ROBOTS}
+        self.joints = {name: self.publisher(f'{name}/joint_states') for name in ROBOTS}
+
+    def motion(self, name: str) -> tuple[Trajectory, int]:
+        motion = self.motions[name][-1]
+        return read_plan(ROBOT, motion), begins(motion)
+
+    def measure(self, name: str, state: list[float]) -> None:
+        """Publish a robot's state [x, y, u, v, yaw, omega, alpha]."""
+        x, y, u, v, yaw, omega, alpha = state
+        message = Odometry(child_frame_id=name)
+        message.header.stamp, message.header.frame_id = to_stamp(self.ros.now), 'arena'
+        pose, twist = message.pose.pose, message.twist.twist
+        pose.position.x, pose.position.y, pose.orientation = x, y, to_quaternion(yaw)
+        forward = complex(u, v) * complex(math.cos(yaw), -math.sin(yaw))
+        twist.linear.x, twist.linear.y, twist.angular.z = forward.real, forward.imag, omega
+        names = ['thruster', 'reaction_wheel']
+        joints = measured_state(message.header.stamp, name=names, position=[alpha, 0.0])
+        self.joints[name].publish(joints)
+        self.odometry[name].publish(message)
+        self.ros.settle()
+
+    def follow(self, plans: dict[str, tuple[Trajectory, int]]) -> None:
+        for name, (plan, start) in plans.items():
+            self.measure(name, plan.sample((self.ros.now - start) * 1e-9).state.tolist())
+
+
+@pytest.fixture(scope='module')
+def fleet(ros: Stepped) -> Fleet:
+    return Fleet(ros, 'robots')
+
+
+def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
+    answer = fleet.plan()
+    task, starts = RobotFormation().task, set()
+    for k, name in enumerate(ROBOTS):
+        plan, start = fleet.motion(name)
+        starts.add(start)
+        np.testing.assert_allclose(plan.states[-1, :2], task.goal[k], atol=5e-3)
+        np.testing.assert_allclose(plan.states[0, :2], task.start[k], atol=1e-12)
+        turned = math.remainder(plan.states[-1, 4] - task.goal_yaw[k], math.tau)
+        assert turned == pytest.approx(0, abs=0.01)
+        path = fleet.paths[name][-1]
+        assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
+        assert len(path.poses) == plan.times.size
+    assert len(starts) == 1
+    markers = fleet.latched('markers').markers
+    assert {marker.ns for marker in markers} >= {'limit', 'planned_path', 'goal', 'reach'}
+    summary = json.loads(fleet.latched('plan_summary').data)
+    assert summary['plan_id'] == answer['plan_id']
+    assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
+    assert list(summary['vehicles']) == ROBOTS
+    check = summary['verification']
+    assert set(check['worst']) == set(check['worst_times']) == set(check['units'])
+    assert {'robot1.walls', 'separation robot1-robot3'} <= set(check['worst'])
+    planned = RobotFormation.from_parameters(summary['parameters']).task
+    np.testing.assert_array_equal([*planned.goal, *planned.start], [*task.goal, *task.start])
+
+
+def test_the_measured_state_of_every_robot_is_needed(fleet):
+    fleet.set('planner', start__source='measured')
+    for known in (0, 2, 3):
+        for k, name in enumerate(ROBOTS[:known]):
+            fleet.measure(name, [1.0 + k, 0.5, 0.0, 0.0, 0.3, 0.0, 0.0])
+        if known < 3:
+            code, reason = fleet.refusal()
+            assert code == 'NO_STATE'
+            assert [name for name in ROBOTS if f"'{name}'" in reason] == ROBOTS[known:]
+    fleet.plan()
+    assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
+    fleet.set('planner', start__source='parameters')
+
+
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
+    space, bob = Space(ros), {'robots': '[alice, bob]', 'formation.bob': '[-0.4, 0.0, 0.0]'}
+    space.start('planner', {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0], **bob})
+    code, reason = space.refusal()
+    assert code == 'NO_STATE'
+    assert all(f"robot '{name}'" in reason for name in ('alice', 'bob'))
+
+
+def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
+    fleet = Fleet(ros, 'fleet', **{'replan.rate': 5.0, 'replan.delay': 1.5})
+    fleet.plan()
+    plans = {name: fleet.motion(name) for name in ROBOTS}
+    under_way = plans['robot1'][1] + 1_500_000_000
+
+    follow = partial(fleet.follow, plans)
+    assert ros.publish_until(follow, lambda: ros.now >= under_way, every=0.05)
+    assert all(len(heard) == 1 for heard in fleet.motions.values())  # followed, it is kept
+    fleet.set('planner', formation__anchor=MOVED)
+    renewed = lambda: all(len(heard) > 1 for heard in fleet.motions.values())  # noqa: E731
+    assert ros.publish_until(follow, renewed, every=0.05)
+    goals = RobotFormation.from_parameters({'formation.anchor': MOVED}).task.goal
+    for name, goal in zip(ROBOTS, goals, strict=True):
+        new, start = fleet.motion(name)
+        np.testing.assert_allclose(new.states[-1, :2], goal, atol=5e-3)
+        old, before = plans[name]
+        expected = old.sample((start - before) * 1e-9).state
+        np.testing.assert_allclose(new.states[0], expected, atol=0.02)

@@ -25,10 +25,9 @@ class Plant(Space):
     def __init__(self, ros: Stepped, role: str, name: str, given: dict[str, Any]) -> None:
         super().__init__(ros, name)
         self.name = f'/{name}/{role}: simulation'
-        self.states = self.hear('joint_states', JointState, 1000)
-        self.odom = self.hear('odom', Odometry, 1000)
+        self.states, self.odom = self.hear('joint_states'), self.hear('odom')
         self.process = self.start(role, {'command_timeout': 30.0, **given})
-        self.commands = self.publisher('joint_command', JointState)
+        self.commands = self.publisher('joint_command')
 
     def command(self, names: list[str], effort: list[float], **more: Any) -> None:
         self.commands.publish(JointState(name=names, effort=effort, **more))
@@ -59,7 +58,7 @@ def times(messages: list[Any]) -> np.ndarray:
 def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros):
     given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
     rig = Plant(ros, 'pendulum_plant', 'wrong', given)
-    for name, effort in (('arm', [0.01]), ('disk', [math.nan]), ('disk', list[float]())):
+    for name, *effort in (('arm', 0.01), ('disk', math.nan), ('disk',)):
         rig.command([name], effort)
         assert not any(rig.efforts(1))
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
@@ -125,9 +124,9 @@ def velocity_in_arena(message: Odometry) -> np.ndarray:
     return np.array([turned.real, turned.imag])
 
 
-def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> np.ndarray:
-    elapsed = np.ptp(times(messages)) * 1e-9
-    return np.asarray((quantity(messages[-1]) - quantity(messages[0])) / elapsed)
+def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> Any:
+    change = quantity(messages[-1]) - quantity(messages[0])
+    return change / (np.ptp(times(messages)) * 1e-9)
 
 
 def command(robot: Plant, thrust: float, rate: float, torque: float) -> None:
@@ -135,8 +134,7 @@ def command(robot: Plant, thrust: float, rate: float, torque: float) -> None:
 
 
 def test_a_drifting_robot_and_its_actuators(ros):
-    initial = {'x': 1.0, 'y': 2.5, 'yaw': 0.6, 'u': 0.2, 'v': -0.1, 'alpha': 0.3}
-    given = {'wheel_speed': 5.0, **initial}
+    given = {'x': 1.0, 'y': 2.5, 'yaw': 0.6, 'u': 0.2, 'v': -0.1, 'alpha': 0.3, 'wheel_speed': 5.0}
     given = {f'initial.{name}': value for name, value in given.items()}
     robot = Plant(ros, 'robot_plant', 'arena/drifter', given)
     robot.listen(0.5)
@@ -217,7 +215,6 @@ def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
     (reason,) = ros.set_parameters('/shared/pendulum_plant', noise__theta=math.nan)
     assert 'noise.theta' in reason
     # Each value is allowed, but a point mass on a massless arm leaves the equations singular.
-    negligible = {'plant.inertia.disk': 1e-12, 'plant.inertia.y': 1e-12, 'plant.inertia.z': 1e-12}
-    reasons = ros.set_parameters('/shared/pendulum_plant', {**negligible, 'plant.mass': 1.0})
-    assert reasons[:3] == [''] * 3
-    assert 'do not make a rig' in reasons[3]
+    rig.set('pendulum_plant', {f'plant.inertia.{name}': 1e-12 for name in ('disk', 'y', 'z')})
+    (reason,) = ros.set_parameters('/shared/pendulum_plant', plant__mass=1.0)
+    assert 'do not make a rig' in reason

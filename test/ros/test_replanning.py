@@ -3,7 +3,6 @@
 
 """Replanning and repeated requests over DDS: planner, tracker and plant of a pendulum."""
 
-import itertools
 import json
 import math
 from typing import Any
@@ -11,9 +10,7 @@ from typing import Any
 import numpy as np
 from pendulum_rig import PendulumRig
 import pytest
-from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
@@ -25,7 +22,7 @@ class Rig(PendulumRig):
 
     def __init__(self, ros: Stepped, namespace: str, **parameters: dict[str, Any]) -> None:
         super().__init__(ros, namespace, **parameters)
-        self.summaries = self._hear('plan_summary', String, LATCHED)
+        self.summaries = self.hear('plan_summary')
         # Go on at a tenth of a second, however long it took that nodes have met.
         ros.spin_for((10**8 - ros.now % 10**8) * 1e-9)
 
@@ -66,17 +63,11 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     assert ros.spin_until(lambda: warning in rig.told('planner'))
 
 
-numbers = itertools.count()
-
-
 @pytest.fixture
 def rig(ros: Stepped) -> Rig:
-    return Rig(
-        ros,
-        f'replanning{next(numbers)}',
-        planner={'replan.rate': 10.0, 'replan.delay': 0.2, 'start.delay': 0.3},
-        pendulum_plant={'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05},
-    )
+    planner = {'replan.rate': 10.0, 'replan.delay': 0.2, 'start.delay': 0.3}
+    plant = {'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05}
+    return Rig(ros, '', planner=planner, pendulum_plant=plant)
 
 
 def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):

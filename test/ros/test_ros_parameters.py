@@ -52,8 +52,7 @@ OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
 def start(ros: Stepped, name: str, given: Mapping[str, Any], *arguments: str) -> NodeHere:
-    words = [*ros_arguments(given), '-r', f'__node:={name}', *arguments]
-    return ros.add(ExampleNode, words)
+    return ros.add(ExampleNode, [*ros_arguments(given), '-r', f'__node:={name}', *arguments])
 
 
 @pytest.fixture(scope='module')
@@ -67,22 +66,14 @@ def example(ros: Stepped) -> Any:
 @pytest.mark.parametrize(
     ('name', 'value', 'stored'),
     [
-        ('mass', 2, 2.0),
-        ('count', 8, 8),
-        ('turns', None, None),
-        ('names', [], []),
-        ('weights', [1, 2], [1.0, 2.0]),
-        ('switch', True, True),
+        ('mass', 2, 2.0), ('count', 8, 8), ('names', [], []), ('weights', [1, 2], [1.0, 2.0]),
+        ('switch', True, True), ('fixed', 'here', 'here'), ('turns', None, None),
         # As `ros2 param set` and `load` hand over what is no number, list or null in YAML 1.1.
-        ('mass', '1e-8', 1e-8),
-        ('count', '8', 8),
-        *[('turns', text, None) for text in ('null', '~', 'None', '')],
-        ('weights', ['1e-8', '2e-8'], [1e-8, 2e-8]),
-        ('weights', '[1e-8, 2, 0.5]', [1e-8, 2.0, 0.5]),
-        ('switch', 'True', True),
-        ('fixed', 'here', 'here'),
+        ('mass', '1e-8', 1e-8), ('count', '8', 8), ('weights', ['1e-8', '2e-8'], [1e-8, 2e-8]),
+        ('weights', '[1e-8, 2, 0.5]', [1e-8, 2.0, 0.5]), ('switch', 'True', True),
+        *[('turns', unset, None) for unset in ('null', '~', 'None', '')],
     ],
-)
+)  # fmt: skip
 def test_allowed_values_are_taken(ros, example, name, value, stored):
     assert ros.set_parameters('example', {name: value}) == ['']
     now = example.parameter_values[name]
@@ -95,11 +86,7 @@ def test_allowed_values_are_taken(ros, example, name, value, stored):
     ('name', 'value', 'says'),
     [
         ('mass', -1, "'mass' = -1 is not allowed: must be a number in [1e-12, 1e+12] kg"),
-        ('mass', math.nan, "parameter 'mass' = nan is not"),
-        ('mass', True, "parameter 'mass' = True is not"),
-        ('mass', 'null', "parameter 'mass' = 'null' is not"),
-        ('mass', '[1.0', "parameter 'mass' = '[1.0' is not"),
-        ('mass', None, "parameter 'mass' = None is not"),
+        *[('mass', x, f"'mass' = {x!r} is not") for x in (math.nan, True, 'null', '[1.0', None)],
         ('mass', 1000.0, 'a mass above 100 kg cannot be fast'),
         ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
         ('count', 2.5, 'must be an integer in (0, 8]'),
@@ -139,12 +126,9 @@ def test_parameters_describe_themselves(ros, example):
     mass, count, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
     half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
-    for (allowed,), *ends in (
-        (mass.floating_point_range, 1e-12, 1e12),
-        (count.integer_range, 1, 8),
-        (descriptor(half_open).integer_range, -(2**63), 3),
-    ):
-        assert [allowed.from_value, allowed.to_value] == ends
+    ranges = mass.floating_point_range, count.integer_range, descriptor(half_open).integer_range
+    ends = [(allowed.from_value, allowed.to_value) for (allowed,) in ranges]
+    assert ends == [(1e-12, 1e12), (1, 8), (-(2**63), 3)]
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only
@@ -166,8 +150,7 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros,
     before = process.node.parameter_values
     assert before == {**DEFAULTS, **given}
     names = ros.call('dumped/list_parameters', ListParameters).result.names
-    request = GetParameters.Request(names=names)
-    answer = ros.call('dumped/get_parameters', GetParameters, request)
+    answer = ros.call('dumped/get_parameters', GetParameters, GetParameters.Request(names=names))
     dump = dict(zip(names, map(parameter_value_to_python, answer.values), strict=True))
     file = tmp_path / 'dump.yaml'
     file.write_text(yaml.dump({'/**': {'ros__parameters': dump}}))
@@ -209,10 +192,10 @@ DOCUMENTS: list[dict[str, Any]] = [
 
 
 def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
-    words = ['--ros-args', '--params-file', str(file)]
     options = {'automatically_declare_parameters_from_overrides': True,
-               'start_parameter_services': False, 'enable_rosout': False}  # fmt: skip
-    node = Node('planner', namespace=namespace, context=ros._context, cli_args=words, **options)
+               'start_parameter_services': False, 'enable_rosout': False, 'namespace': namespace,
+               'cli_args': ['--ros-args', '--params-file', str(file)]}  # fmt: skip
+    node = Node('planner', context=ros._context, **options)
     found = node.get_parameters_by_prefix('')
     node.destroy_node()
     return {name: item.value for name, item in found.items() if name not in OF_RCLPY}

@@ -21,31 +21,29 @@ from tdm_planner.starting import ignore_signals
 
 
 class Left(BaseException):
-    """The process would have been left at once, with a code."""
+    """The process would have been left at once, with this code."""
 
 
 @pytest.fixture(autouse=True)
-def left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
-    """Codes with which the process would have been left without tearing the interpreter down."""
-    codes: list[int] = []
+def _left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave without tearing the interpreter down."""
 
     def leave(code: int) -> None:
-        codes.append(code)
-        raise Left
+        raise Left(code)
 
     monkeypatch.setattr(runtime, 'os', SimpleNamespace(_exit=leave))
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield codes
+    yield
     for number, handler in handlers.items():
         signal.signal(number, handler)
     rclpy.try_shutdown()
 
 
-def run(make: Callable[[], Node], left: list[int], args: Sequence[str] = ()) -> int:
+def run(make: Callable[[], Node], args: Sequence[str] = ()) -> int:
     try:
         return runtime.run(make, [*args])
-    except Left:
-        return left[-1]
+    except Left as left:
+        return int(left.args[0])
 
 
 def told(capfd: pytest.CaptureFixture[str]) -> list[str]:
@@ -57,8 +55,6 @@ def told(capfd: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def node_that(acts: Callable[[], object], name: str = 'acting') -> Callable[[], Node]:
-    """Return what makes a node that acts once it runs."""
-
     def make() -> Node:
         node = Node(name)
         node.create_timer(0.001, acts)
@@ -81,34 +77,21 @@ def fail() -> None:
     raise RuntimeError('something\nbroke')
 
 
-@pytest.mark.parametrize(
-    'acts',
-    [
-        (ask,),
-        (partial(ask, signal.SIGTERM),),
-        (ask_twice,),
-        (rclpy.shutdown,),
-        (fail,),
-        (rclpy.shutdown, fail),  # a signal interrupts rclpy while it takes a message
-        (ask, fail),  # an interrupted conversion raises before the context is down
-    ],
-)
-def test_the_end_of_a_node_that_runs(left, capfd, acts):
+# A signal interrupts rclpy while it takes a message; a conversion, before the context is down.
+INTERRUPTED = (rclpy.shutdown, fail), (ask, fail)
+ENDS = (ask,), (partial(ask, signal.SIGTERM),), (ask_twice,), (rclpy.shutdown,), (fail,)
+
+
+@pytest.mark.parametrize('acts', [*ENDS, *INTERRUPTED])
+def test_the_end_of_a_node_that_runs(capfd, acts):
     broken = acts == (fail,)
-    assert run(node_that(lambda: [act() for act in acts]), left) == broken
+    assert run(node_that(lambda: [act() for act in acts])) == broken
     assert told(capfd) == ['fatal: RuntimeError: something broke'] * broken
-
-
-class Finalised:
-    """Is asked to end when it is freed."""
-
-    def __del__(self) -> None:
-        ask_twice()
 
 
 def asked_in_a_finaliser() -> Node:
     """Make a node; KeyboardInterrupt, raised there as Python does, would be ignored."""
-    Finalised()
+    type('Finalised', (), {'__del__': lambda self: ask_twice()})()
     return Node('starting')
 
 
@@ -124,21 +107,21 @@ def invalid() -> Node:
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
     ],
 )
-def test_the_end_of_a_node_that_is_made(left, capfd, make, args, code, says):
-    assert run(make, left, args) == code
+def test_the_end_of_a_node_that_is_made(capfd, make, args, code, says):
+    assert run(make, args) == code
     lines = told(capfd)
     assert len(lines) == bool(says)
     assert says in ''.join(lines)
 
 
-def test_signals_while_it_leaves_are_let_pass(left, monkeypatch, capfd):
+def test_signals_while_it_leaves_are_let_pass(monkeypatch, capfd):
     def ask_and_ignore() -> None:
         ask_twice()
         ignore_signals()
         ask_twice()
 
     monkeypatch.setattr(runtime, 'ignore_signals', ask_and_ignore)
-    assert run(node_that(ask), left) == 0
+    assert run(node_that(ask)) == 0
     assert told(capfd) == []
 
 
@@ -154,7 +137,7 @@ def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros):
         end._on_signal(signal.SIGINT, None)
 
 
-def test_others_see_at_once_that_it_has_gone(ros, left):
+def test_others_see_at_once_that_it_has_gone(ros):
     """Not when the middleware gives it up, 20 s later."""
     # To an observer that has not heard of the end of one with the same identifier it never begins.
     context = rclpy.Context()
@@ -168,7 +151,7 @@ def test_others_see_at_once_that_it_has_gone(ros, left):
             ask()
 
     try:
-        assert run(node_that(look, 'gone'), left) == 0
+        assert run(node_that(look, 'gone')) == 0
         assert seen[-1] == 1
         assert ros.meet(lambda: not observer.count_services('/gone/service'))
     finally:
@@ -176,7 +159,7 @@ def test_others_see_at_once_that_it_has_gone(ros, left):
         rclpy.shutdown(context=context)
 
 
-def test_what_was_loaded_is_not_looked_through_for_garbage(left):
+def test_what_was_loaded_is_not_looked_through_for_garbage():
     """That takes .1 s with what a tracker loads, in which it sends no command."""
     before, frozen = gc.get_freeze_count(), list[int]()
     loaded = [list[int]() for _ in range(1000)]
@@ -185,5 +168,5 @@ def test_what_was_loaded_is_not_looked_through_for_garbage(left):
         frozen.append(gc.get_freeze_count())
         ask()
 
-    assert run(node_that(look), left) == 0
+    assert run(node_that(look)) == 0
     assert frozen[0] >= before + len(loaded)

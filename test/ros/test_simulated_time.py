@@ -9,13 +9,11 @@ import pytest
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from stepped_ros import BEGIN, Stepped
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
+from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
-from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
 PLANT = '/slow/pendulum_plant'
@@ -28,7 +26,7 @@ class Told:
     def __init__(self, ros: Stepped) -> None:
         self.ros = ros
         self.clocks = ros.subscribe('/clock', Clock, 100)
-        self.states = ros.subscribe('/slow/joint_states', JointState, 100)
+        self.states = ros.subscribe('/slow/joint_states')
 
     def listen(self, seconds: float) -> np.ndarray:
         """Return the clock's instants in so many s of real time, the last one before first."""
@@ -65,7 +63,7 @@ def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(told):
 
 def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
     assert told.ros.set_parameters(PLANT, real_time_factor=0.5) == ['']
-    commands = told.ros.publisher('/slow/joint_command', JointState)
+    commands = told.ros.publisher('/slow/joint_command')
     command = JointState(name=['disk'], effort=[0.0])
     now = told.listen(0.1)[-1]
     for _ in range(2):  # as one that has stopped at that instant
@@ -81,13 +79,11 @@ def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
 
 def test_planner_and_tracker_follow_the_clock(told):
     ros = told.ros
-    tracking = {'rate': 100.0, 'state_timeout': 1.0, 'limits.torque': 0.09}
-    planning = {'start.delay': 0.5, 'limits.torque': 0.09, 'torque_reserve': 0.2}
-    assert ros.set_parameters(PLANT, real_time_factor=1.0, limits__torque=0.09) == ['', '']
-    for role, given in (('tracker', tracking), ('planner', planning)):
-        ros.start(role, given, 'slow')
-    commands = ros.subscribe('/slow/joint_command', JointState, 10)
-    plans = ros.subscribe('/slow/trajectory', JointTrajectory, LATCHED)
+    strong = {'limits.torque': 0.09}
+    assert ros.set_parameters(PLANT, real_time_factor=1.0, **strong) == ['', '']
+    ros.start('tracker', {'rate': 100.0, 'state_timeout': 1.0, **strong}, 'slow')
+    ros.start('planner', {'start.delay': 0.5, 'torque_reserve': 0.2, **strong}, 'slow')
+    commands, plans = map(ros.subscribe, ('/slow/joint_command', '/slow/trajectory'))
     assert ros.spin_until(lambda: len(commands) > 5)
     before = nanoseconds_of(told.clocks[-1].clock)
     assert not (nanoseconds_of(commands[-1].header.stamp) - before) % STEP
@@ -101,14 +97,14 @@ def test_planner_and_tracker_follow_the_clock(told):
 
 def test_a_second_clock_is_told_of(told):
     two = '2 nodes publish /clock: '
-    other = told.ros.start('robot_plant', {'publish_clock': True}, 'other')
+    ros, other = told.ros, told.ros.start('robot_plant', {'publish_clock': True}, 'other')
     for name in (PLANT, '/other/robot_plant'):
-        assert told.ros.says(f'{name}: simulation', two, timeout=3.0)
+        assert ros.says(f'{name}: simulation', two, timeout=3.0)
     assert two in other.output
     other.end_cleanly()
-    assert told.ros.meet(lambda: told.ros.node.count_publishers('/clock') == 1)
-    told.ros.spin_for(2.5)
-    assert not told.ros.said(f'{PLANT}: simulation', two)
+    assert ros.meet(lambda: ros.node.count_publishers('/clock') == 1)
+    ros.spin_for(2.5)
+    assert not ros.said(f'{PLANT}: simulation', two)
 
 
 class Simulation:
@@ -117,7 +113,7 @@ class Simulation:
     def __init__(self, ros: Stepped, namespace: str) -> None:
         self.ros = ros
         self.clock = ros.publisher(f'/{namespace}/own_clock', Clock)
-        self.states = ros.publisher(f'/{namespace}/joint_states', JointState)
+        self.states = ros.publisher(f'/{namespace}/joint_states')
 
     def at(self, seconds: float) -> None:
         now = Time(nanoseconds=BEGIN + round(seconds * 1e9)).to_msg()
@@ -136,11 +132,10 @@ def test_a_planner_without_time_makes_no_plan(ros):
 
 def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     tracker = ros.start('tracker', {'rate': 100.0}, 'early', OWN)
-    followed = ros.subscribe('/early/active_trajectory', JointTrajectory, LATCHED)
-    commands = ros.subscribe('/early/joint_command', JointState, 50)
+    followed, commands = map(ros.subscribe, ('/early/active_trajectory', '/early/joint_command'))
     plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
     message = plan_message(PENDULUM, plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
-    ros.publisher('/early/trajectory', JointTrajectory, LATCHED).publish(message)
+    ros.publisher('/early/trajectory').publish(message)
     assert ros.says('/early/tracker: tracking', '/clock')
     assert not followed
 
@@ -159,8 +154,8 @@ def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros):
     given = {'limits.torque': 0.09, 'start.max_age': 10.0}
     planner = ros.start('planner', given, 'anew', OWN)
     simulation = Simulation(ros, 'anew')
-    plans = ros.subscribe('/anew/trajectory', JointTrajectory, LATCHED)
-    pending = ros.request('/anew/plan', Trigger)
+    plans = ros.subscribe('/anew/trajectory')
+    pending = ros.request('/anew/plan')
     assert ros.publish_until(lambda: simulation.at(100.0), pending.done)
     assert pending.result().success, pending.result().message
     # Half way up, by the plan, where the pendulum never was.

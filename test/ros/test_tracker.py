@@ -4,20 +4,21 @@
 """The tracker: with scripted states, with the simulated pendulum, with a simulated robot."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
+import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
-from nav_msgs.msg import Odometry
 import numpy as np
-from pendulum_rig import measured_state
+from pendulum_rig import measured_state, PARAMETERS
 import pytest
 from ros_harness import Space
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes import tracker_plans
-from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
+from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -44,10 +45,8 @@ class Bench(Space):
 
     def __init__(self, ros: Stepped, name: str = '', **given: Any) -> None:
         super().__init__(ros, name)
-        self.given = given or STRONG
-        self.commands = self.hear('joint_command', JointState)
-        self.errors = self.hear('tracking_error', JointState)
-        self.name = f'{self.space}/tracker: tracking'
+        self.given, self.name = given or STRONG, f'{self.space}/tracker: tracking'
+        self.commands, self.errors = self.hear('joint_command'), self.hear('tracking_error')
         self.tracker = self.start('tracker', self.given)
 
     def state(self, after: float = 0.0, **changes: Any) -> None:
@@ -69,7 +68,7 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
 @pytest.fixture
 def bench(ros: Stepped) -> Iterator[Bench]:
     made = Bench(ros)
-    made.states = made.publisher('joint_states', JointState)
+    made.states = made.publisher('joint_states')
     said = lambda: None if made.theta is None else made.state()  # noqa: E731
     timer = ros.node.create_timer(EVERY, said)
     yield made
@@ -85,7 +84,7 @@ def idle(bench: Bench) -> Bench:
 
 @pytest.fixture
 def plans(bench: Bench) -> Iterator[Any]:
-    made = bench.publisher('trajectory', JointTrajectory, LATCHED)
+    made = bench.publisher('trajectory')
     yield made
     bench.ros.node.destroy_publisher(made)
 
@@ -149,7 +148,7 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):
     topic = f'{idle.space}/trajectory'
-    other = idle.publisher('trajectory', JointTrajectory, LATCHED)
+    other = idle.publisher('trajectory')
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
     assert idle.says(f'2 planners publish {topic}')
     plans.publish(message(ros, plan, 0.5))
@@ -168,24 +167,17 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
 
 
 @pytest.fixture
-def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
+def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let it take .04 s to look at a plan."""
-    spent = 0.0
-
-    def counter() -> float:
-        nonlocal spent
-        spent += 0.04
-        return spent
-
+    counter = partial(next, itertools.count(0.0, 0.04))
     stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
     monkeypatch.setattr(tracker_plans, 'time', stand_in)
-    return 0.04
 
 
 @pytest.mark.usefixtures('laborious')
 def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     """All of them would take more time than the commands leave; the last must not be lost."""
-    followed = bench.hear('active_trajectory', JointTrajectory, LATCHED)
+    followed = bench.hear('active_trajectory')
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)
@@ -194,26 +186,21 @@ def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
     ros.settle()
     begun = bench.tracker.output.count('accepted')
     assert 3 < begun < 10
-    assert ros.spin_until(
-        lambda: bool(followed) and followed[-1].header.stamp == newest.header.stamp, 0.4
-    )
+    ros.spin_for(0.4)
+    assert followed[-1].header.stamp == newest.header.stamp
     assert bench.tracker.output.count('accepted') <= begun + 1
 
 
-# The pendulum, 5 % wrong and noisy.
-
-
 class Rig(Bench):
-    """The tracker and its plant."""
+    """The tracker and its plant, 5 % wrong and noisy."""
 
     def __init__(self, ros: Stepped) -> None:
-        given = {**dict.fromkeys(('noise.theta', 'noise.psi'), 0.0015),
-                 **dict.fromkeys(('noise.theta_dot', 'noise.psi_dot'), 0.1)}  # fmt: skip
-        ros.start('pendulum_plant', {**STRONG, **given, 'mismatch': 0.05}, 'rig')
+        plant = {**PARAMETERS['pendulum_plant'], **STRONG, 'mismatch': 0.05}
+        ros.start('pendulum_plant', plant, 'rig')
         again = {'replan.on_deviation': True, 'replan.interval': 0.2}
         super().__init__(ros, 'rig', **STRONG, **again)
-        self.measured = self.hear('joint_states', JointState)
-        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
+        self.measured = self.hear('joint_states')
+        self.plans = self.publisher('trajectory')
 
     def follow(self, plan: Trajectory, delay: float = SOON) -> None:
         self.plans.publish(message(self.ros, plan, delay))
@@ -242,13 +229,11 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     assert np.abs([e.position[0] for e in rig.errors[taken:]]).max() < 0.06
     assert np.abs([c.effort[0] for c in rig.commands]).max() <= STRONG['limits.torque']
     # It falls: a new plan is asked for, over and over.
-    asked: list[int] = []
+    asked, answer = list[int](), '{"code": "INFEASIBLE", "reason": "test"}'
 
-    def serve(_: Any, response: Any) -> Any:
+    def serve(*_: Any) -> Any:
         asked.append(ros.now)
-        response.success = False
-        response.message = '{"code": "INFEASIBLE", "reason": "test"}'
-        return response
+        return Trigger.Response(success=False, message=answer)
 
     rig.put(2.8)
     assert rig.says('recovering', 'tolerance.path', level=ERROR)
@@ -257,7 +242,7 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     assert ros.spin_until(lambda: len(asked) >= 3)
     assert 0.2e9 <= min(np.diff(asked)) <= max(np.diff(asked)) < 0.22e9
     ros.settle()
-    assert 'no new plan: {"code": "INFEASIBLE", "reason": "test"}' in rig.tracker.output
+    assert f'no new plan: {answer}' in rig.tracker.output
     # at rest nothing is commanded, as plans assume
     assert rig.commands[-1].effort[0] == 0.0
     ros.node.destroy_service(service)
@@ -289,17 +274,15 @@ class Scout(Bench):
     def __init__(self, ros: Stepped) -> None:
         made = RobotFormation.from_parameters(ALONE).solve().trajectories['scout']
         self.way = made.with_rates(FloatingRobot().derivative)
-        noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
-        given = {
-            **{f'initial.{name}': value for name, value in {**START, 'alpha': 1.0}.items()},
-            **{f'noise.{name}': value for name, value in noise.items()},
-        }
-        ros.start('robot_plant', {**given, 'mismatch': 0.05}, 'fleet/scout')
+        given = {'noise.position': 0.002, 'noise.velocity': 0.002, 'noise.yaw': 0.005,
+                 'noise.omega': 0.005, 'initial.alpha': 1.0, 'mismatch': 0.05}  # fmt: skip
+        given |= {f'initial.{name}': value for name, value in START.items()}
+        ros.start('robot_plant', given, 'fleet/scout')
         super().__init__(ros, 'fleet/scout', kind='robot')
-        self.odom = self.hear('odom', Odometry)
-        self.plans = self.publisher('trajectory', JointTrajectory, LATCHED)
+        self.odom = self.hear('odom')
+        self.plans = self.publisher('trajectory')
 
-    def offer(self, spoil: Callable[[Any], Any], delay: float = 1.0) -> None:
+    def offer(self, delay: float, spoil: Callable[[Any], Any] = lambda plan: None) -> None:
         plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))
         spoil(plan)
         self.plans.publish(plan)
@@ -313,8 +296,8 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     assert scout.says('idle', level=OK)
     lead = scout.tracker.node.tracker.lead
     for _ in range(12):
-        scout.offer(begin_elsewhere, lead + 0.5)
-    scout.offer(lambda plan: None, lead + 0.6)
+        scout.offer(lead + 0.5, begin_elsewhere)
+    scout.offer(lead + 0.6)
     assert 'accepted' not in scout.tracker.output
     ros.spin_for(0.6)
     assert 'accepted' in scout.tracker.output
@@ -323,9 +306,8 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     taken = len(scout.errors)
     assert scout.says('holding', level=OK, timeout=scout.way.duration + 2.0)
     ros.spin_for(0.5)
-    place = scout.odom[-1].pose.pose.position
+    place, turn = scout.odom[-1].pose.pose.position, scout.odom[-1].pose.pose.orientation
     assert math.hypot(place.x - GOAL[0], place.y - GOAL[1]) < 0.03
-    turn = scout.odom[-1].pose.pose.orientation
     assert abs(math.remainder(2 * math.atan2(turn.z, turn.w) - GOAL[2], math.tau)) < 0.04
     assert list(scout.commands[-1].name) == ['thruster', 'reaction_wheel']
     assert list(scout.errors[-1].name) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
@@ -335,10 +317,7 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
 def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
     ros, idle, plans, plan, monkeypatch
 ):
-    def broken(*arguments: Any) -> Any:
-        raise KeyError('a bug')
-
-    tracker = idle.tracker.node.tracker
+    tracker, broken = idle.tracker.node.tracker, Mock(side_effect=KeyError('a bug'))
     with monkeypatch.context() as patch:
         patch.setattr(tracker, 'prepare', broken)
         plans.publish(message(ros, plan))

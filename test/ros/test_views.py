@@ -19,15 +19,12 @@ import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_harness import ENOUGH, SOURCE, Space
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.nodes.markers import LIFETIME, to_quaternion
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 import yaml
 
 RIG = {'body', 'force', 'trail'}
@@ -39,9 +36,8 @@ LIFETIMES = {**dict.fromkeys(ROBOT, LIFETIME), 'rejected': 8.0}
 class Viewer:
     """Subscribes like RViz and remembers what it shows."""
 
-    def __init__(self, ros: Stepped, topic: str, qos: Any = 10) -> None:
-        self.ros = ros
-        self.arrays: list[MarkerArray] = ros.subscribe(topic, MarkerArray, qos)
+    def __init__(self, space: Space, topic: str = 'plant_markers') -> None:
+        self.ros, self.arrays = space.ros, space.hear(topic)
 
     @property
     def scene(self) -> Scene:
@@ -68,11 +64,8 @@ def jet(scene: Scene) -> complex:
 
 
 def test_the_simulated_pendulum_draws_itself(ros):
-    space = Space(ros, 'sim')
-    plant = space.start('pendulum_plant', {'initial.theta': 0.5})
-    description = space.hear('robot_description', String, LATCHED)
-    assert ros.meet(lambda: bool(description))
-    viewer = Viewer(ros, '/sim/plant_markers')
+    space, description = Space(ros, 'sim'), ros.subscribe('/sim/robot_description')
+    plant, viewer = space.start('pendulum_plant', {'initial.theta': 0.5}), Viewer(space)
     assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
     viewer.arrays.clear()
     assert viewer.shows(lambda scene: len(scene['trail', 1].points) > 30)
@@ -94,9 +87,6 @@ def test_the_simulated_pendulum_draws_itself(ros):
     assert viewer.shows_nothing()
 
 
-# The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
-
-
 class Robots(Space):
     """The robots' planner, what it publishes, and goal poses for robot1."""
 
@@ -104,9 +94,8 @@ class Robots(Space):
         super().__init__(ros, name)
         given = {'problem': 'robot_formation', 'start.source': 'parameters'}
         self.here = self.start('planner', given)
-        self.picture = Viewer(ros, f'/{name}/markers', LATCHED)
-        self.trajectories = self.hear('robot1/trajectory', JointTrajectory, LATCHED)
-        self.live = Viewer(ros, f'/{name}/robot1/plant_markers')
+        self.picture, self.live = Viewer(self, 'markers'), Viewer(self, 'robot1/plant_markers')
+        self.trajectories = self.hear('robot1/trajectory')
         self._goals = self.publisher('robot1/goal_pose', PoseStamped)
         assert ros.meet(lambda: bool(self.picture.arrays))
 
@@ -115,23 +104,18 @@ class Robots(Space):
         return list(self.here.node.get_parameter('formation.robot1').value)
 
     @property
-    def end(self) -> tuple[float, float]:
-        x, y, *_ = self.trajectories[-1].points[-1].positions
-        return x, y
+    def end(self) -> list[float]:
+        return list(self.trajectories[-1].points[-1].positions[:2])
 
     def clear(self) -> None:
         self.ros.settle()
         for received in (self.trajectories, self.picture.arrays, self.live.arrays):
             received.clear()
 
-    def goal(
-        self, x: float, y: float, yaw: float = 0.0, frame: str = 'arena', w: float = 0.0
-    ) -> None:
+    def goal(self, x: float, y: float, yaw: float = 0.0, frame: str = 'arena') -> None:
         message = PoseStamped()
-        message.header.frame_id = frame
+        message.header.frame_id, message.pose.orientation = frame, to_quaternion(yaw)
         message.pose.position.x, message.pose.position.y = x, y
-        message.pose.orientation = to_quaternion(yaw)
-        message.pose.orientation.w += w
         self._goals.publish(message)
 
 
@@ -153,23 +137,21 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
         assert robots.picture.shows(wide)
     answer = robots.plan()
     # Trackers and plants that are missing are named.
-    names = ['robot1', 'robot2', 'robot3']
-    assert all(f"'{name}'" in ' '.join(answer['warnings']) for name in names)
+    assert all(f"'robot{k}'" in ' '.join(answer['warnings']) for k in (1, 2, 3))
     assert robots.picture.shows(lambda scene: 'planned_path' in scene.namespaces)
     array = robots.picture.arrays[-1]
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
-    each = {('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)}
-    robots_own = {(name, 100 * k + place) for k in (1, 2, 3) for name, place in each}
-    assert Scene(array).names == {('body', 0), ('limit', 1)} | robots_own
+    each = ('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)
+    own = {(name, 100 * k + place) for k in (1, 2, 3) for name, place in each}
+    assert Scene(array).names == {('body', 0), ('limit', 1)} | own
     robots.clear()
     robots.goal(3.2, 3.1, yaw=2.0)
     assert ros.spin_until(lambda: bool(robots.trajectories)), robots.here.output
     assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
     # Anchor [2, 2, 0.5]
-    c, s = math.cos(0.5), math.sin(0.5)
-    expected = [c * 1.2 + s * 1.1, c * 1.1 - s * 1.2, 1.5]
-    np.testing.assert_allclose(robots.place, expected, atol=1e-9)
+    expected = complex(1.2, 1.1) * cmath.rect(1.0, -0.5)
+    assert robots.place == pytest.approx([expected.real, expected.imag, 1.5])
     assert robots.picture.shows(lambda scene: abs(scene['goal', 100].pose.position.x - 3.2) < 5e-3)
     path = robots.picture.scene['planned_path', 100].points
     assert (path[-1].x, path[-1].y) == pytest.approx((3.2, 3.1), abs=5e-3)
@@ -184,7 +166,7 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
     [
         ({'x': 9.0, 'y': 1.0}, {}, ['INVALID_PROBLEM', 'robot1', 'outside the arena']),
         ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
-        ({'x': 1.0, 'y': 1.0, 'w': math.nan}, {}, ['unit quaternion']),
+        ({'x': 1.0, 'y': 1.0, 'yaw': math.nan}, {}, ['unit quaternion']),
         ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
         ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no plan within']),
     ],
@@ -217,7 +199,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
     names = ['thruster', 'reaction_wheel']
     command = JointState(name=names, velocity=[0.0, 0.0], effort=[0.5, 0.0])
     robots.clear()
-    ros.publisher('/hall/robot1/joint_command', JointState).publish(command)
+    ros.publisher('/hall/robot1/joint_command').publish(command)
     assert robots.live.shows(lambda scene: abs(jet(scene)) > 0.01)
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
@@ -229,14 +211,12 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
 
 
 def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
-    viewer = Viewer(ros, '/hall/robot2/plant_markers')
+    viewer = Viewer(robots, 'robot2/plant_markers')
     assert viewer.shows_nothing()  # nothing is measured yet
-    odometry = ros.publisher('/hall/robot2/odom', Odometry)
-    joints = ros.publisher('/hall/robot2/joint_states', JointState)
+    odometry, joints = map(robots.publisher, ('robot2/odom', 'robot2/joint_states'))
     message = Odometry()
-    message.header.frame_id = 'arena'
-    message.pose.pose.position.x, message.pose.pose.position.y = 1.5, 2.5
-    message.pose.pose.orientation = to_quaternion(0.3)
+    message.header.frame_id, pose = 'arena', message.pose.pose
+    pose.position.x, pose.position.y, pose.orientation = 1.5, 2.5, to_quaternion(0.3)
     state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
 
     drawn = lambda scene: scene.namespaces >= ROBOT and abs(jet(scene)) > 0.01  # noqa: E731
@@ -244,46 +224,36 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     assert viewer.shows(drawn, publish), robots.here.output
     for array in viewer.arrays:
         check_markers(array, 'arena', LIFETIMES)
-    scene = viewer.scene
-    where = scene['body', 0].pose.position
-    assert (where.x, where.y) == (1.5, 2.5)
-    assert cmath.phase(jet(scene)) == pytest.approx(0.7 - math.pi)
-    assert scene['name'].text == 'robot2'
+    where = viewer.scene['body', 0].pose.position
+    assert (where.x, where.y, viewer.scene['name'].text) == (1.5, 2.5, 'robot2')
+    assert cmath.phase(jet(viewer.scene)) == pytest.approx(0.7 - math.pi)
     ros.spin_for(0.5)
     assert viewer.shows_nothing()  # what is too old is drawn no more
 
 
-# Views for RViz and Foxglove: nothing in them that the nodes do not have.
-
 CONFIG = SOURCE / 'config'
-PLANTS = ('pendulum', 'robots')
+EACH = pytest.mark.parametrize('plant', ['pendulum', 'robots'])
 TYPES = {  # of what a display or a tool of RViz handles
-    'MarkerArray': 'visualization_msgs/msg/MarkerArray',
-    'RobotModel': 'std_msgs/msg/String',
-    'Path': 'nav_msgs/msg/Path',
-    'SetGoal': 'geometry_msgs/msg/PoseStamped',
-}
-
-
-def rviz(plant: str) -> Any:
-    return yaml.safe_load((CONFIG / f'{plant}.rviz').read_text(encoding='utf-8'))
-
-
-def foxglove(plant: str) -> Any:
-    return json.loads((CONFIG / 'foxglove' / f'{plant}.json').read_text(encoding='utf-8'))
+    'MarkerArray': 'visualization_msgs/msg/MarkerArray', 'RobotModel': 'std_msgs/msg/String',
+    'Path': 'nav_msgs/msg/Path', 'SetGoal': 'geometry_msgs/msg/PoseStamped',
+}  # fmt: skip
 
 
 def within(item: Any) -> Iterator[Any]:
     """Yield everything in a document: mappings, lists, keys and values."""
     yield item
     if isinstance(item, dict | list):
-        parts = item if isinstance(item, list) else [*item, *item.values()]
-        for part in parts:
+        for part in item if isinstance(item, list) else [*item, *item.values()]:
             yield from within(part)
 
 
+def mappings(file: str) -> list[dict[str, Any]]:
+    """Return all in a file of RViz or Foxglove; JSON is YAML."""
+    document = yaml.safe_load((CONFIG / file).read_text(encoding='utf-8'))
+    return [item for item in within(document) if isinstance(item, dict)]
+
+
 def of_robot1(topic: str) -> str:
-    """Return the topic of robot1, which stands for all of them."""
     return re.sub(r'/robot\d/', '/robot1/', topic)
 
 
@@ -300,20 +270,17 @@ def running(ros: Stepped) -> Stepped:
     return ros
 
 
-@pytest.mark.parametrize('plant', PLANTS)
+@EACH
 def test_rviz_shows_topics_with_their_type_and_quality_of_service(running, plant):
-    shown = [item for item in within(rviz(plant)) if isinstance(item, dict) and 'Class' in item]
-    found = set()
-    for item in shown:
+    found, node = set(), running.node
+    for item in (item for item in mappings(f'{plant}.rviz') if 'Class' in item):
         kind = item['Class'].rpartition('/')[2]
         topic = item.get('Topic') or item.get('Description Topic')
         assert (topic is None) == (kind not in TYPES)
         if topic is None:
             continue
-        node, name = running.node, of_robot1(topic['Value'])
-        ask = node.get_publishers_info_by_topic
-        if kind == 'SetGoal':
-            ask = node.get_subscriptions_info_by_topic
+        name, goal = of_robot1(topic['Value']), kind == 'SetGoal'
+        ask = getattr(node, f'get_{"subscriptions" if goal else "publishers"}_info_by_topic')
         assert running.meet(lambda ask=ask, name=name: bool(ask(name))), name
         assert topic['Reliability Policy'] == 'Reliable'
         latched = {'Transient Local': True, 'Volatile': False}[topic['Durability Policy']]
@@ -326,13 +293,12 @@ def test_rviz_shows_topics_with_their_type_and_quality_of_service(running, plant
     assert len(found) > 1
 
 
-@pytest.mark.parametrize('plant', PLANTS)
+@EACH
 def test_foxglove_shows_and_calls_what_is_there(running, plant):
-    node, document = running.node, foxglove(plant)
+    document = mappings(f'foxglove/{plant}.json')
     names = {of_robot1(text) for text in within(document) if str(text).startswith('/')}
-    topics, services = map(
-        dict, (node.get_topic_names_and_types(), node.get_service_names_and_types())
-    )
+    topics = dict(running.node.get_topic_names_and_types())
+    services = dict(running.node.get_service_names_and_types())
     for name in names:
         topic, _, field = name.partition('.')
         if topic in services:
@@ -343,11 +309,11 @@ def test_foxglove_shows_and_calls_what_is_there(running, plant):
         for part in field.split('.') if field else ():
             value = getattr(value, part.split('[')[0])
     assert {f'/{plant}/plan', f'/{plant}/markers', '/diagnostics'} <= names
-    calls = [item for item in within(document) if isinstance(item, dict) and 'serviceName' in item]
+    calls = [item for item in document if 'serviceName' in item]
     assert all(json.loads(item['requestPayload']) == {} for item in calls)
 
 
-@pytest.mark.parametrize('plant', PLANTS)
+@EACH
 def test_what_is_plotted_is_what_the_label_says(running, plant):
     """Indices into the joints, against the names in messages."""
     wanted = {
@@ -356,11 +322,11 @@ def test_what_is_plotted_is_what_the_label_says(running, plant):
         'robots': {'effort[0]': 'thruster', 'effort[1]': 'reaction_wheel',
                    'position[0]': 'thruster'},
     }[plant]  # fmt: skip
-    curves = [item for item in within(foxglove(plant)) if isinstance(item, dict)]
-    curves = [item for item in curves if '/joint_states.' in str(item.get('value'))]
+    every = mappings(f'foxglove/{plant}.json')
+    curves = [item for item in every if '/joint_states.' in str(item.get('value'))]
     for curve in curves:
         topic, _, field = curve['value'].partition('.')
-        received = running.subscribe(of_robot1(topic), JointState)
+        received = running.subscribe(of_robot1(topic))
         assert running.spin_until(lambda received=received: bool(received)), topic
         index = int(field.split('[')[1].rstrip(']'))
         key = curve['label'] if plant == 'pendulum' else field

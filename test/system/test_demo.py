@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
+from ros_harness import ENOUGH, Ros, SOURCE
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
@@ -33,19 +33,17 @@ def parameters(folder: Path, file: str, without: str = '') -> list[str]:
     if without:
         planner['robots'].remove(without)
         del planner[without], planner['formation'][without]
-    path = folder / 'unhurried.yaml'
-    path.write_text(yaml.safe_dump(document))
-    return ['--params', str(path)]
+    (folder / 'unhurried.yaml').write_text(yaml.safe_dump(document))
+    return ['--params', str(folder / 'unhurried.yaml')]
 
 
-def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> NodeProcess:
+def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> str:
+    """Return what a demo says that is successful."""
     arguments = ['demo', *words, '-o', str(folder / 'out')]
-    return ros.run('tdm_planner.cli', arguments, environment)
-
-
-def successful(process: NodeProcess) -> None:
+    process = ros.run('tdm_planner.cli', arguments, environment)
     assert process.process.wait(LONG) == 0, process.output
     assert 'goal reached and held' in process.output
+    return process.output
 
 
 def messages(bag: Path, *topics: str) -> list[Any]:
@@ -55,9 +53,8 @@ def messages(bag: Path, *topics: str) -> list[Any]:
 
 def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
     folder = tmp_path / 'out'
-    process = demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
-    successful(process)
-    assert 'speed of simulated time' in process.output
+    said = demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
+    assert 'speed of simulated time' in said
     plan = load_plan(folder / 'plan.json')
     assert plan['verification']['ok'] is True
     assert 1.0 < Trajectory.from_dict(plan).duration < 2.0
@@ -74,9 +71,7 @@ def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
-    """Two of them: each has two processes."""
-    two = parameters(tmp_path, 'robots', without='robot3')
-    successful(demo(ros, tmp_path, 'robots', '--speed=2', *two))
+    demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots', without='robot3'))
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
     for k in (1, 2):
         assert counts[f'/robots/robot{k}/trajectory'] == 1
@@ -84,11 +79,9 @@ def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
 
 
 def test_a_plant_of_one_s_own_flies(ros, tmp_path):
-    """From a module that Python finds: planned, tracked, held, recorded, reported."""
     path = os.pathsep.join([str(SOURCE / 'docs' / 'plants'), ros.environment['PYTHONPATH']])
-    successful(demo(ros, tmp_path, 'moon_lander:MoonLander', '--speed=0.9', PYTHONPATH=path))
+    demo(ros, tmp_path, 'moon_lander:MoonLander', '--speed=0.9', PYTHONPATH=path)
     plan = load_plan(tmp_path / 'out' / 'plan.json')
     assert plan['verification']['ok']
     assert abs(plan['states']['h'][-1]) < 1e-2
-    for name in ('bag', 'report.html'):
-        assert (tmp_path / 'out' / name).exists()
+    assert all((tmp_path / 'out' / name).exists() for name in ('bag', 'report.html'))

@@ -1,11 +1,43 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Processes that are killed, and such that are asked to end: each kind once."""
+"""Demos that end early, alone in the domain; nodes that are asked to end, or killed."""
 
+from pathlib import Path
+
+from action_msgs.msg import GoalStatus
+from bag_contents import read_with_mcap
 from pendulum_rig import held_rig, SCENARIOS
 import pytest
-from signal_scenes import SCENES
+from signal_scenes import SCENES, survivors
+
+
+def test_a_goal_that_cannot_be_planned_is_no_success(ros, tmp_path):
+    file = tmp_path / 'p.yaml'
+    file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
+    words = ['demo', 'pendulum', '-o', str(tmp_path / 'out'), '--quiet', '--params', str(file)]
+    demo = ros.run('tdm_planner.cli', words)
+    assert demo.process.wait(280.0) == 2
+    assert 'no plan' in demo.output
+    assert 'Traceback' not in demo.output
+    assert not survivors(f'ROS_DOMAIN_ID={ros.domain}')
+
+
+def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(ros, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
+    assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
+    followed = ros.subscribe('/pendulum/tracker_status')
+    demo = SCENES['demo executing'](ros)
+
+    plans = lambda: [plan.status for told in followed for plan in told.status_list]  # noqa: E731
+    demo.wait(lambda: GoalStatus.STATUS_EXECUTING in plans()).end('SIGINT', code=130)
+    assert survivors(f'ROS_DOMAIN_ID={ros.domain}') == [recorder.process.pid]
+    assert recorder.end() == 0, recorder.output
+    found = read_with_mcap(bag)
+    assert all(found[f'/pendulum/{name}'] for name in ('trajectory', 'joint_states'))
+    out = Path(demo.arguments[demo.arguments.index('-o') + 1])
+    assert read_with_mcap(out / 'bag')['/pendulum/trajectory']
 
 
 def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
@@ -16,15 +48,10 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
         SCENARIOS[name](rig)
 
 
-@pytest.mark.parametrize(
-    ('scene', 'way'),
-    [
-        ('starting planner', 'SIGINT'),
-        ('starting tracker', 'double Ctrl-C at once'),
-        ('solving planner', 'double Ctrl-C'),
-        ('following tracker', 'SIGTERM'),
-    ],
-)
+ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
+        ('solving planner', 'double Ctrl-C'), ('following tracker', 'SIGTERM')]  # fmt: skip
+
+
+@pytest.mark.parametrize(('scene', 'way'), ENDS)
 def test_a_node_is_ended_by_signals(ros, scene, way):
-    """The demo and a recording beside it are ended in test_demo.py; all others by night."""
     SCENES[scene](ros).end(way)

@@ -12,7 +12,7 @@ service: Cyclone's binding does not show the parameter by which clients of ROS k
 
 from collections.abc import Callable
 from contextlib import suppress
-import functools
+from functools import cache, partial
 from importlib import import_module
 import json
 import math
@@ -27,15 +27,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 import pytest
-from ros_harness import ENOUGH, Ros
-from std_srvs.srv import Trigger
+from ros_harness import ENOUGH, PATIENCE, Ros
 from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
-CONFIGURATION = """
-<CycloneDDS><Domain>
+CONFIGURATION = """<CycloneDDS><Domain>
   <General>
     <Interfaces><NetworkInterface name="lo"/></Interfaces>
     <AllowMulticast>false</AllowMulticast>
@@ -46,8 +44,7 @@ CONFIGURATION = """
     <SPDPInterval>300ms</SPDPInterval>
     <Peers><Peer address="127.0.0.1"/></Peers>
   </Discovery>
-</Domain></CycloneDDS>
-"""
+</Domain></CycloneDDS>"""
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -57,7 +54,7 @@ PRIMITIVES: dict[str, Any] = {
 }  # fmt: skip
 
 
-@functools.cache
+@cache
 def dds_type(name: str) -> Any:
     """Return the type of DDS for `pkg/msg/Name` or `pkg/srv/Name_Request`."""
     package, folder, kind = name.split('/')
@@ -75,18 +72,17 @@ def _member(text: str) -> Any:
     return dds_type(text.replace('/', '/msg/')) if '/' in text else PRIMITIVES.get(text, bool)
 
 
-def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
-    """Wait for something that another process does."""
+def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE) -> Any:
+    """Wait for something that another process does, and return it."""
     end = time.monotonic() + timeout
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < end, f'not within {timeout} s'
         time.sleep(0.01)
+    return found
 
 
-def one(reader: DataReader, timeout: float = 60.0) -> Any:
-    taken: list[Any] = []
-    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
-    return taken[0]
+def one(reader: DataReader, timeout: float = PATIENCE) -> Any:
+    return wait_until(partial(reader.take, N=1), timeout)[0]
 
 
 class Outsider:
@@ -130,7 +126,7 @@ class Client:
     def ask(self) -> None:
         self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
 
-    def reply(self, timeout: float = 60.0) -> tuple[bool, dict[str, Any]]:
+    def reply(self, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
         reply = one(self._replies, timeout)
         return bool(reply.success), json.loads(reply.message)
 
@@ -173,7 +169,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
 
     wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
-    future = ros.request('/pendulum/plan', Trigger)
+    future = ros.request('/pendulum/plan')
     client.ask()
     assert ros.spin_until(future.done)
     assert any(fine for fine, _ in (client.reply(), client.reply()))
@@ -199,5 +195,4 @@ def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, clien
     assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
     ros.start('tracker', namespace='pendulum')
     command = one(outsider.reader('rt/pendulum/joint_command', STATE))
-    assert command.name == ['disk']
-    assert command.effort == [0.0]  # no state is measured any more
+    assert (command.name, command.effort) == (['disk'], [0.0])  # no state is measured any more

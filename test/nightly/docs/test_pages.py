@@ -4,8 +4,7 @@
 """
 What README and documentation tell people to type works.
 
-Commands of this package are run, `ros2 run` of a node as a process. What needs ROS 2 installed,
-is started by other tests (demo, recordings), or builds is checked against what is declared.
+What needs ROS 2 installed, or is started by other tests, is checked against what is declared.
 """
 
 from collections import Counter
@@ -17,30 +16,22 @@ import re
 import shlex
 import shutil
 import signal
-import subprocess
-import sys
 from xml.etree import ElementTree
 
 import pytest
 from ros_harness import MODULES, NodeProcess, SOURCE
 from tdm_planner import cli
-from tdm_planner.plan_files import load_plan
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import problem_names
 from tools.node_tables import declared_arguments, parameters_by_node
 import yaml
 
-PAGES = sorted(
-    path
-    for path in [*SOURCE.glob('*.md'), *(SOURCE / 'docs').rglob('*.md')]
-    if '_build' not in path.parts
-)
+FOUND = [*SOURCE.glob('*.md'), *(SOURCE / 'docs').rglob('*.md')]
+PAGES = sorted(path for path in FOUND if '_build' not in path.parts)
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(SOURCE)))
 OF_OTHERS = {'cd', 'mkdir', 'git', 'sudo', 'rosdep', 'colcon', '.', 'source', 'pip', 'export',
              'python3', '.ci/run'}  # fmt: skip
 SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are run in a folder like it
-METADATA = 'Metadata-Version: 2.1\nName: students-plant\nVersion: 1.0\n'
-ENTRY = '[tdm_planner.problems]\ndouble_integrator = students_plant:DoubleIntegrator\n'
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -57,18 +48,6 @@ def typed(page: Path) -> list[list[str]]:
     found = [shlex.split(line, comments=True) for line in lines]
     found = [list(itertools.dropwhile(lambda word: '=' in word, words)) for words in found]
     return [words for words in found if words]
-
-
-def install_own_plant(folder: Path) -> dict[str, str]:
-    """Leave the worked plant in a folder as pip does; return variables by which it is found."""
-    shutil.copy(SOURCE / 'docs/plants/double_integrator.py', folder / 'students_plant.py')
-    info = folder / 'students_plant-1.0.dist-info'
-    info.mkdir()
-    (info / 'METADATA').write_text(METADATA)
-    (info / 'entry_points.txt').write_text(ENTRY)
-    found = [folder, SOURCE, SOURCE / 'docs/plants']
-    places = [*map(str, found), os.environ.get('PYTHONPATH', '')]
-    return {'PYTHONPATH': os.pathsep.join(places)}
 
 
 @EVERY_PAGE
@@ -138,7 +117,8 @@ def test_nodes_run_as_the_pages_say(ros, tmp_path, monkeypatch):
     """All at once, to save time: planners and plants that share a namespace only warn."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
-    variables = install_own_plant(tmp_path)
+    places = SOURCE / 'docs/plants', SOURCE, os.environ.get('PYTHONPATH', '')
+    variables = {'PYTHONPATH': os.pathsep.join(map(str, places))}
     lines: dict[tuple[str, ...], None] = {}
     for words in itertools.chain(*map(typed, PAGES)):
         if words[0] == 'cp':
@@ -168,17 +148,3 @@ def test_nodes_run_as_the_pages_say(ros, tmp_path, monkeypatch):
         found = re.findall(r'^.*(?:\[ERROR\]|\[FATAL\]).*$', process.output, re.MULTILINE)
         # A tracker that has no plan says so.
         assert all('tracker]: idle: ' in line for line in found), process.output
-
-
-def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path):
-    words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
-    subprocess.run(
-        [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],
-        cwd=tmp_path,
-        env={**os.environ, **install_own_plant(tmp_path)},
-        check=True,
-    )
-    plan = load_plan(tmp_path / 'plan.json')
-    assert plan['verification']['ok']
-    assert (plan['states']['x'][0], plan['states']['x'][-1]) == (3.0, pytest.approx(0.0, abs=1e-9))
-    assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5

@@ -65,33 +65,25 @@ STEP, TICK = 1e-3, 5  # s; steps between states, and between commands
 START, HOLD = 1.0, 5.0  # s
 
 
-class Wire:
+class Wire(list[tuple[float, float, np.ndarray]]):
     """Values under way; one that comes after a later one is of no use."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
-        self.under_way: list[tuple[float, float, np.ndarray]] = []
-
-    def send(self, now: float, value: np.ndarray) -> None:
-        if self.rng.random() >= LOSS:
-            due = now + self.rng.uniform(DELAY - JITTER, DELAY + JITTER)
-            self.under_way.append((due, now, value))
+    def send(self, rng: np.random.Generator, now: float, value: np.ndarray) -> None:
+        if rng.random() >= LOSS:
+            self.append((now + rng.uniform(DELAY - JITTER, DELAY + JITTER), now, value))
 
     def receive(self, now: float) -> list[tuple[float, np.ndarray]]:
-        come = [(stamp, value) for due, stamp, value in self.under_way if due <= now]
-        newest = max((stamp for stamp, _ in come), default=-math.inf)
-        self.under_way = [item for item in self.under_way if item[1] > newest]
-        return come[-1:]
+        come = [(stamp, value) for due, stamp, value in self if due <= now][-1:]
+        self[:] = [item for item in self if not come or item[1] > come[0][0]]
+        return come
 
 
 def worst_angle_while_held(plan: Trajectory, seed: int, command_delay: float) -> float:
     """Return the largest angle from upright [rad] during the last five seconds."""
     rng = np.random.default_rng(seed)
     vehicle = pendulum(pendulum_tracker(TORQUE, command_delay=command_delay), seed=seed)
-    tracker, plant = vehicle.tracker, vehicle.plant
-    states, commands = Wire(rng), Wire(rng)
-    end = START + plan.duration + 1.0 + HOLD
-    worst = 0.0
+    tracker, plant, states, commands = vehicle.tracker, vehicle.plant, Wire(), Wire()
+    end, worst = START + plan.duration + 1.0 + HOLD, 0.0
     for k in range(round(end / STEP)):
         now = k * STEP
         for stamp, state in states.receive(now):
@@ -99,11 +91,11 @@ def worst_angle_while_held(plan: Trajectory, seed: int, command_delay: float) ->
         for _, control in commands.receive(now):
             plant.command(control)
         if k % TICK == 0:
-            states.send(now, plant.measure())
+            states.send(rng, now, plant.measure())
         if k % TICK == 2:
             if tracker.current is None and 0.5 <= now < START:
                 tracker.accept(plan, START, now)
-            commands.send(now, tracker.command(now).control)
+            commands.send(rng, now, tracker.command(now).control)
         plant.step(STEP)
         if now > end - HOLD:
             worst = max(worst, abs(math.remainder(plant.state[0], math.tau)))

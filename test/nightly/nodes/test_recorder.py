@@ -22,24 +22,19 @@ from tdm_sim.recorder import IncompleteRecording, record
 Publish = Callable[[Iterable[str]], None]
 
 
-@pytest.fixture(scope='module')
-def ros(stepped: Stepped) -> Stepped:
-    return stepped
-
-
 @pytest.fixture
-def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
+def publish(stepped: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     """Return what publishes texts on /texts, one whenever a recorder looks; then 10 ms pass."""
 
     def prepare(texts: Iterable[str]) -> None:
-        publisher = ros.node.create_publisher(String, '/texts', 100)
+        publisher = stepped.node.create_publisher(String, '/texts', 100)
         remaining = iter(texts)
 
         def with_texts(context: Any) -> Any:
             executor = SingleThreadedExecutor(context=context)
 
             def spin_once(timeout_sec: float) -> None:
-                ros.step_to(ros.now + 10_000_000)
+                stepped.step_to(stepped.now + 10_000_000)
                 if publisher.get_subscription_count():
                     publisher.publish(String(data=next(remaining)))
                 executor.spin_once(timeout_sec=timeout_sec)
@@ -70,13 +65,12 @@ def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
 @pytest.mark.parametrize(
     ('ending', 'code'),
     [
-        ('os.kill(os.getpid(), signal.SIGINT)', 0),
-        ('os.kill(os.getpid(), signal.SIGTERM)', 0),
+        *((f'os.kill(os.getpid(), signal.{name})', 0) for name in ('SIGINT', 'SIGTERM')),
         ("rclpy.shutdown(); raise RuntimeError('the context is gone')", 0),
         ("raise RuntimeError('something broke')", 1),
     ],
 )
-def test_an_end_while_the_executor_takes_up_a_new_publisher(ros, ending, code):
+def test_an_end_while_the_executor_takes_up_a_new_publisher(stepped, ending, code):
     """An executor interrupted there is left with half of its callbacks, and aborts when freed."""
     program = f"""
 import os, rclpy, signal, sys
@@ -105,7 +99,7 @@ sys.exit(run(Late))
 """
     done = subprocess.run(
         [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
+        env={**os.environ, **stepped.environment},
         capture_output=True,
         text=True,
         timeout=60,

@@ -46,8 +46,8 @@ def test_the_workers_of_a_cluster_do_it_as_well():
 def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     """The table is saved every ten seconds, and when the study ends."""
     values = tuple(-3.0 + 6.0 * k / 799 for k in range(800))
-    words = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
-    words += ['-o', 'out', '--csv', '--processes', '2', '-q']
+    over = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
+    words = [*over, '-o', 'out', '--csv', '--processes', '2', '-q']
     command = [sys.executable, '-m', 'tdm_planner.cli', *words]
     environment = os.environ | {'PYTHONPATH': str(SOURCE)}
     table, end = tmp_path / 'out' / 'table.csv', time.monotonic() + 3 * PATIENCE
