@@ -3,8 +3,6 @@
 
 """Bad input, sabotaged solvers: some of every kind, and every case that ever escaped."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out

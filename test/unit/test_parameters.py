@@ -12,26 +12,17 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from tdm_planner import parameters
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import ros_parameters
-from tdm_planner.parameters import (
-    build,
-    flatten,
-    group,
-    parameter,
-    POSITIVE,
-    Range,
-    specifications,
-    to_mapping,
-    Validated,
-)
+from tdm_planner.parameters import build, group, parameter, specifications, to_mapping, Validated
 from tools.parameter_texts import parameter_file, yaml_value
 import yaml
 
 
 @dataclass(frozen=True)
 class Inner(Validated):
-    mass: float = parameter(1e-8, 'mass', unit='kg', allowed=POSITIVE)
+    mass: float = parameter(1e-8, 'mass', unit='kg', allowed=parameters.POSITIVE)
     turns: int | None = parameter(None, 'turns')
 
 
@@ -42,7 +33,7 @@ class Optional(Validated):
 
 @dataclass(frozen=True)
 class Outer(Validated):
-    share: float = parameter(0.2, 'share', allowed=Range(0.0, 1.0, upper_open=True))
+    share: float = parameter(0.2, 'share', allowed=parameters.Range(0.0, 1.0, upper_open=True))
     on: bool = parameter(True, 'switch')
     names: list[str] = parameter(['x', 'no'], 'names')
     anchor: list[float] = parameter([0.0, 0.0], 'anchor', length=2)
@@ -68,7 +59,8 @@ def test_names_and_round_trip():
     assert build(Outer, to_mapping(made)) == made
     with pytest.raises(InvalidProblem, match='mass'):
         Inner(mass=-1.0)
-    assert flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3}) == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
+    flat = parameters.flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3})
+    assert flat == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
 
 
 @pytest.mark.parametrize(

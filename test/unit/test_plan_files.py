@@ -3,8 +3,6 @@
 
 """Plans as files, of which every bit is kept, and as pictures, in which everything is drawn."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path
@@ -105,7 +103,6 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
                 assert values.min() == pytest.approx(check.worst[margin], abs=2e-3), margin
     assert list(margins) == ['push', 'pull']
     np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
-    # of a problem with a search of its own
     plan = swing_up[1].trajectory
     assert plan_margins(Foreign(), plan) == ()
     limited, fastest = Foreign(), np.abs(plan.state('theta_dot')).max()

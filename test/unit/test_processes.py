@@ -3,8 +3,6 @@
 
 """Processes: the command line; packages, threads, files, kernels and signals of all of them."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 import json
 import os
@@ -30,13 +28,9 @@ THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     others = {name: value for name, value in os.environ.items() if name not in THREADS}
-    return subprocess.run(
-        [sys.executable, *arguments],
-        env={**others, **environment, 'PYTHONPATH': str(SOURCE)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    environment = {**others, **environment, 'PYTHONPATH': str(SOURCE)}
+    command, told = [sys.executable, *arguments], {'capture_output': True, 'text': True}
+    return subprocess.run(command, env=environment, timeout=120, **told)
 
 
 def test_launch_files_need_only_what_ubuntu_has() -> None:

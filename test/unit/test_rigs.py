@@ -3,8 +3,6 @@
 
 """Rigs that people own, config/rigs, and rigs of random constants: planned, tracked, held."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 import math
@@ -35,7 +33,6 @@ def values(path: Path, node: str) -> Mapping[str, Any]:
 
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
 def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
-    """Twelve natural periods / 2 pi after the planned end."""
     follower = PendulumTracker(build(PendulumTrackerParameters, values(path, 'tracker')))
     plan = PendulumSwingUp.from_parameters(values(path, 'planner')).solve(deadline=5.0).trajectory
     loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0))

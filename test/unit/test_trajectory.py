@@ -33,7 +33,6 @@ LIMITS = (
 
 
 def make(times=(0.0, 1.0, 3.0), interpolation='zero_order_hold', controls=(1.0, -1.0, 0.0)):
-    """Return a double integrator under the given controls, exact for held ones."""
     times, u = np.array(times), np.array(controls)
     states = np.zeros((times.size, 2))
     for k in range(times.size - 1):
@@ -90,7 +89,6 @@ def test_the_integral_of_the_controls_is_exact(monkeypatch, interpolation):
     ]
     integral = trajectory.control_integral(times)[:, 0]
     np.testing.assert_allclose(integral, np.cumsum([0.0, *pieces]), atol=1e-12)
-    # Outside the samples nothing is commanded.
     outside = trajectory.control_integral([-1.0, times[-1] + 1.0])[:, 0]
     np.testing.assert_array_equal(outside, integral[[0, -1]])
 
@@ -101,11 +99,9 @@ BANG_BANG = make((0.0, 1.0, 2.0))  # minimum time over 1 m with |u| <= 1
 def test_a_good_plan_passes_and_margins_are_reported():
     check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, LIMITS)
     assert check.ok, check.reasons
-    assert check.worst['thrust'] == pytest.approx(0)
-    assert check.worst['speed'] == pytest.approx(1e-4)
+    assert (check.worst['thrust'], check.worst['speed']) == (pytest.approx(0), pytest.approx(1e-4))
     assert check.worst_times['speed'] == pytest.approx(1.0, abs=2e-3)
     assert check.to_dict()['terminal_error'].keys() == {'x', 'v'}
-    # An end that is free has no error.
     free = verify(PLANT, BANG_BANG, np.add(GOAL, [3.0, 0.0]), TOLERANCE * [np.inf, 1.0], LIMITS)
     assert free.ok, free.reasons
     assert free.terminal_error == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -194,5 +190,4 @@ def test_where_controls_jump():
         (replace(BANG_BANG, interpolation='linear'), [], [0, 1, 2]),
         (replace(BANG_BANG, interpolation='cubic'), [], [0, 2]),
     ):
-        assert plan.switches.tolist() == switches
-        assert plan.smooth_pieces == pieces
+        assert (plan.switches.tolist(), plan.smooth_pieces) == (switches, pieces)

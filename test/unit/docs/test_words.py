@@ -3,8 +3,6 @@
 
 """Sources and pages keep to the glossary; pages are short, and quote messages as they are."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 import io

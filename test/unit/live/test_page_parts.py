@@ -3,8 +3,6 @@
 
 """Parts of the live page: sliders, curves, tasks; shapes in space, the camera, handles to drag."""
 
-from __future__ import annotations
-
 from functools import partial
 import math
 import threading
@@ -28,15 +26,10 @@ from tdm_sim.live.sliders import shown_range, slider_of
 
 
 def slider(name: str, value: Any, kind: int = 3, most: float = 1e12, **more: Any) -> Any:
-    declared = {
-        'name': name,
-        'type': kind,
-        'description': 'largest torque [N m]',
-        'additional_constraints': 'must be in [1e-12, 1e+12] N m',
-        'read_only': False,
-        'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=most)],
-        'integer_range': [SimpleNamespace(from_value=1, to_value=1000)],
-    }
+    declared = {'name': name, 'type': kind, 'description': 'largest torque [N m]'}
+    declared |= {'additional_constraints': 'must be in [1e-12, 1e+12] N m', 'read_only': False}
+    declared['floating_point_range'] = [SimpleNamespace(from_value=0.0, to_value=most)]
+    declared['integer_range'] = [SimpleNamespace(from_value=1, to_value=1000)]
     made: Any = SimpleNamespace(**(declared | more))
     return slider_of(made, value)
 
@@ -50,7 +43,6 @@ def test_range_unit_and_description_come_from_the_declaration() -> None:
     assert (share.low, share.high, share.unit, share.group) == (0.0, 1.0, '', '')
     whole = slider('switching_arcs', 256, 2)
     assert all(isinstance(v, int) for v in (whole.low, whole.high, whole.step, whole.value))
-    # what has none
     assert slider('method', 'switching', 4) is slider('goal.turns', None, 2) is None
     assert slider('limits.torque', 0.02, read_only=True) is None
     for name in ('start.delay', 'solver.deadline', 'replan.rate'):
@@ -95,7 +87,6 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     assert (margins.curves['torque'] > 0.0).all()
     for chart in charts:
         assert all(np.isfinite(curve).all() for curve in chart.curves.values())
-    # only the last seconds are kept; a clock that begins anew begins anew
     made = history(SPAN + 5.0)
     x = made.charts(None)[0].x
     assert -SPAN - 1.0 < x[0] < -SPAN / 2
@@ -109,8 +100,7 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
     for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
         times.add(number, solve_time)
     chart: Any = times.chart()
-    assert chart.title == SOLVING
-    assert chart.x.tolist() == [1.0, 2.0]
+    assert (chart.title, chart.x.tolist()) == (SOLVING, [1.0, 2.0])
     assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
     times.add(1, 0.2)  # the planner was started anew
     assert times.chart() is None

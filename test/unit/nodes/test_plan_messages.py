@@ -3,8 +3,6 @@
 
 """Plans, states and commands as messages and back; what viewers are told to draw."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 from typing import Any
@@ -79,7 +77,6 @@ def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> Non
 
 
 def test_a_robots_plan_is_one_message() -> None:
-    """Joints and their quantities are a contract; what is no state is told besides."""
     robot = FloatingRobot()
     plan = switched(ROBOT).with_rates(robot.derivative)
     omega = plan.state('omega')
@@ -324,7 +321,6 @@ def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> 
     np.testing.assert_allclose(ring, 0.2)
     path = scene['planned_path', 300].points  # thinned, but with its ends
     assert (len(path), path[0].x, path[-1].x) == (LONGEST_PATH, 0.5, 3.0)
-    # Of the first robot only the goal is known.
     paths = {number for name, number in scene.names if name == 'planned_path'}
     assert paths == {200, 300}
     last = formation('ab', [])

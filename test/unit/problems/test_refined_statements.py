@@ -18,13 +18,23 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim.study.flights import tracked, tracker_of
 
 
-@dataclass(frozen=True)
-class Slalom(DirectProblem):
-    """A unicycle between three posts in least time, its sideways acceleration limited."""
+class Quickest(DirectProblem):
+    """In least time."""
 
-    name = 'slalom'
+    guess = 3.0
+
+    def duration(self):
+        return Duration(guess=self.guess)
+
+    def final_cost(self, t, x):
+        return t
+
+
+@dataclass(frozen=True)
+class Slalom(Quickest):
     state_names, state_units = ('x', 'y', 'yaw', 'v'), ('m', 'm', 'rad', 'm/s')
     control_names, control_units = ('a', 'omega'), ('m/s^2', 'rad/s')
+    guess = 6.0
     folded: bool = parameter(True, 'whether the limit is stated by an absolute value')
 
     def outputs(self):
@@ -35,9 +45,6 @@ class Slalom(DirectProblem):
 
     def integrated(self):
         return {'x': Integrated(0.0, 14.0), 'y': Integrated(0.0, 0.0)}
-
-    def duration(self):
-        return Duration(guess=6.0)
 
     def invert(self, y, z):
         (yaw, omega), (v, a) = y['yaw'], y['v']
@@ -57,9 +64,6 @@ class Slalom(DirectProblem):
         posts = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))
         return grip | {f'{px:g}': np.hypot(x[0] - px, x[1] - py) - 1.5 for px, py in posts}
 
-    def final_cost(self, t, x):
-        return t
-
 
 def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
     """Collocation that meets the kink at every turn ended 16 % above this, or nowhere."""
@@ -69,20 +73,15 @@ def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
 
 
 @dataclass(frozen=True)
-class Boat(DirectProblem):
-    """A boat with drag by its speed squared, from rest to rest in least time."""
-
-    name = 'boat'
+class Boat(Quickest):
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
     control_names, control_units = ('fx', 'fy'), ('m/s^2', 'm/s^2')
+    guess = 30.0
     slow: float = parameter(0.0, 'speed below which the drag is linear', unit='m/s')
 
     def outputs(self):
         ends = {'x': 30.0, 'y': 10.0}
         return {n: Output(start=(0.0, 0.0), end=(e, 0.0), free=6) for n, e in ends.items()}
-
-    def duration(self):
-        return Duration(guess=30.0)
 
     def drag(self, vx, vy):
         return 0.5 * np.sqrt(vx**2 + vy**2 + self.slow**2)
@@ -99,18 +98,12 @@ class Boat(DirectProblem):
     def margins(self, t, x, u):
         return {'force': 1.0 - np.hypot(u[0], u[1])}
 
-    def final_cost(self, t, x):
-        return t
 
-
-def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum() -> None:
+def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum_or_the_tracker() -> None:
     """Ipopt meets 0 / 0 there: plans were those of the direct method, 5 % above, or none."""
     singular, smooth = (Boat(slow=slow).solve() for slow in (0.0, 0.01))
     assert singular.trajectory.interpolation == 'linear'
     assert singular.cost == pytest.approx(smooth.cost, rel=1e-3)
-
-
-def test_the_tracker_knows_the_slopes_of_drag_at_rest() -> None:
     by_state, by_control = DirectPlant(Boat()).jacobians(np.zeros((2, 4)), np.zeros((2, 2)))
     assert by_state[0, :2, 2:] == pytest.approx(np.eye(2))
     assert by_state[1, 2:, 2:] == pytest.approx(np.zeros((2, 2)), abs=1e-6)
@@ -140,22 +133,18 @@ def test_limits_without_a_slope_at_rest_are_kept_by_collocation() -> None:
 
 
 @dataclass(frozen=True)
-class Balanced(DirectProblem):
+class Balanced(Quickest):
     """A rod upright on a cart, moved by 3 m in least time: e^15 times what it is off at first."""
 
-    name = 'balanced'
     state_names, state_units = ('x', 'v', 'phi', 'omega'), ('m', 'm/s', 'rad', 'rad/s')
     control_names, control_units = ('a',), ('m/s^2',)
-    rate: float = parameter(6.5, 'rate at which the rod falls', unit='1/s')
+    rate = 6.5  # 1/s, at which the rod falls
 
     def outputs(self):
         return {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)}
 
     def integrated(self):
         return {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)}
-
-    def duration(self):
-        return Duration(guess=3.0)
 
     def invert(self, y, z):
         phi, omega, alpha = y['phi']
@@ -169,9 +158,6 @@ class Balanced(DirectProblem):
 
     def margins(self, t, x, u):
         return {'lean': 0.3 - np.abs(x[2])}
-
-    def final_cost(self, t, x):
-        return t
 
 
 def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
@@ -190,19 +176,15 @@ def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
 
 
 @dataclass(frozen=True)
-class Pushed(DirectProblem):
+class Pushed(Quickest):
     """A body pushed by 1 m in least time, 2 s; its force is counted in any `unit`."""
 
-    name = 'pushed'
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('force',), ('N',)
     unit: float = parameter(1.0, 'largest force, which is also the mass', unit='N')
 
     def outputs(self):
         return {'x': Output(start=(-1.0, 0.0), end=(0.0, 0.0), free=6)}
-
-    def duration(self):
-        return Duration(guess=3.0)
 
     def invert(self, y, z):
         x, v, a = y['x']
@@ -213,9 +195,6 @@ class Pushed(DirectProblem):
 
     def margins(self, t, x, u):
         return {'force': self.unit - np.abs(u[0])}
-
-    def final_cost(self, t, x):
-        return t
 
 
 @pytest.mark.parametrize('unit', [1e-8, 1e-3, 1.0, 1e5])
@@ -244,20 +223,17 @@ def test_feedback_keeps_a_limit_in_any_unit() -> None:
 
 
 @dataclass(frozen=True)
-class Between(DirectProblem):
+class Between(Quickest):
     """The shortest way, at a speed of 1 m/s at most, past a limit of any shape."""
 
-    name = 'between'
     state_names, state_units = ('x', 'y'), ('m', 'm')
     control_names, control_units = ('u', 'v'), ('m/s', 'm/s')
+    guess = 5.0
     kind: str = parameter('lens', 'which limit')
     turn: float = parameter(1.0, 'sign of the lens', unit='')
 
     def outputs(self):
         return {n: Output((-s,), (s,), free=6, derivatives=1) for n, s in (('x', 2.0), ('y', 0.0))}
-
-    def duration(self):
-        return Duration(guess=5.0)
 
     def invert(self, y, z):
         (x, u), (p, v) = y['x'], y['y']
@@ -273,9 +249,6 @@ class Between(DirectProblem):
             'line': lambda: -np.abs(x[1]),
         }
         return {'fast': 1.0 - u[0] ** 2 - u[1] ** 2, self.kind: limits[self.kind]()}
-
-    def final_cost(self, t, x):
-        return t
 
 
 def test_limits_that_turn_round_have_a_pole_or_vanish_are_kept_as_others() -> None:

@@ -3,8 +3,6 @@
 
 """Plans of robot formations, integrated by equations of their own; robots added or left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -37,7 +35,6 @@ def pose(name, start, goal, **more):
 
 
 def flown(problem, **options):
-    """Return a plan that keeps all it promises, by the published controls alone."""
     solution = problem.solve(**options)
     assert solution.verification.ok
     assert faults(plan_document(problem, solution)) == []
@@ -54,8 +51,7 @@ def default() -> Solution:
 def test_default_problem(default):
     problem = formation()
     assert default.duration < 30
-    assert default.penalty == 0
-    assert default.parameters.size == 27
+    assert (default.penalty, default.parameters.size) == (0, 27)
     assert set(default.trajectories) == set(default.verifications) == set(problem.robots)
     assert default.cost == pytest.approx(sum(default.cost_terms.values()))
     for motion in default.trajectories.values():
@@ -256,13 +252,9 @@ def test_added_robots_get_names_that_are_free():
     yaw=st.floats(-3.0, 3.0),
 )
 def test_places_are_clear_of_each_other_and_of_the_arena(number, length, width, zone, yaw):
-    values = pose('first', (0.5, 3.0, 0.0), (0.3, 0.0, 0.0)) | {
-        'robots': ['first'],
-        'formation.anchor': [1.7, 2.0, yaw],
-        'arena.length': length,
-        'arena.width': width,
-        'arena.obstacles': list(zone),
-    }
+    values = {'arena.length': length, 'arena.width': width, 'arena.obstacles': list(zone)}
+    values |= {'robots': ['first'], 'formation.anchor': [1.7, 2.0, yaw]}
+    values |= pose('first', (0.5, 3.0, 0.0), (0.3, 0.0, 0.0))
     try:
         values |= resized(values, number)
     except InvalidProblem as error:

@@ -3,8 +3,6 @@
 
 """Programs over robots' motions, by polynomials and by thrust arcs; thrusters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from benchmark.scenarios import crossing as drawn_crossing
@@ -108,7 +106,6 @@ def test_gradient_and_rows_against_differences(made):
     assert near[2].any()
 
     def margins(x):
-        """Margins near active: thrust of all robots, then torque and walls of one by one."""
         here = program.evaluate(x).cache
         rest = [
             row[i][mask[i]]
@@ -229,7 +226,6 @@ def problem(seed=0, n=3, **changes):
 
 
 def guess(program, seed=0):
-    """Parameters Xi near a first guess, with nothing degenerate about them."""
     x = next(ArcSeeds(program, np.random.default_rng(seed)).screened())
     away = np.random.default_rng(seed).uniform(0.5, 1.0, program.free.size)
     return np.clip(program.reduce(x) + 0.01 * away, program.lower, program.upper)
@@ -355,7 +351,6 @@ def test_never_turns_faster_than_the_limit(rate, alpha):
 
 
 def test_the_branch_survives_small_changes():
-    """The direction of a turn must not change when the wanted acceleration changes a little."""
     wanted, yaw = flip(1e-4 * THRUST, turns=3), np.zeros(TIMES.size)
     direction = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan)
     first, _ = direction.follow(wanted)

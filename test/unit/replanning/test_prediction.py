@@ -3,23 +3,11 @@
 
 """What is predicted is what trackers do, what will fail is seen in time; the rest of plans."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from benchmark.receding import RecedingHorizon
-from closed_loop import (
-    crossing,
-    FORMATION,
-    pendulum,
-    pendulum_tracker,
-    robot,
-    seen,
-    states_on,
-    SWING,
-    swing_up,
-    WEAK,
-)
+import closed_loop
+from closed_loop import FORMATION, pendulum, pendulum_tracker, robot, seen, states_on, SWING, WEAK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -37,12 +25,12 @@ TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05
 
 @pytest.fixture(scope='module')
 def swing():
-    return swing_up()
+    return closed_loop.swing_up()
 
 
 @pytest.fixture(scope='module')
 def flight():
-    return crossing()
+    return closed_loop.crossing()
 
 
 def outlook(execution, plan, at, states):
@@ -50,7 +38,6 @@ def outlook(execution, plan, at, states):
 
 
 def states_then(loop, until):
-    """Step vehicles that follow a plan, and return their states."""
     while loop.time < until:
         loop.tick()
     return {name: vehicle.plant.state for name, vehicle in loop.vehicles.items()}
@@ -85,7 +72,6 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
 
 
 def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
-    """Its tracker lets the plan wait."""
     at, late = 0.5 * swing.solution.duration, 0.04
     now = seen(states_on(swing, at - late), at)
     predicted = SwingUpExecution(SWING).predict(swing, now, at + 0.1)[VEHICLE]
@@ -229,7 +215,6 @@ def leg(flight):
 
 
 def asked_at(plan, at, asked=FORMATION, **away):
-    """Return the problem `asked` from where the robots are seen then."""
     execution, now = FormationExecution(FORMATION), seen(states_on(plan, at), at, **away)
     return execution.problem_from(asked, execution.predict(plan, now, at))
 

@@ -19,17 +19,11 @@ from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import (
-    ActivePlan,
-    FormationExecution,
-    GenericExecution,
-    Mode,
-    Observation,
-    Replanner,
-    SwingUpExecution,
-)
+from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation, Replanner
 from tdm_planner.replanning.execution import decide, LEAST_LEFT, Outlook, worth_improving
+from tdm_planner.replanning.generic_execution import GenericExecution
 from tdm_planner.replanning.generic_execution import VEHICLE as PLANT
+from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.verification import Verification
 
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
@@ -42,7 +36,6 @@ PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 @settings(max_examples=100)
 @given(OUTLOOKS, st.booleans(), SHARES, st.sampled_from([True, False, None]), st.floats(0.0, 2.0))
 def test_a_plan_takes_over_if_needed_or_cheaper(outlook, changed, improvement, verified, ratio):
-    """It is verified, and necessary or saves its share."""
     new, cost = None, ratio * outlook.cost
     if verified is not None:
         check = Verification(ok=verified, terminal_error=np.zeros(4))
@@ -155,8 +148,6 @@ def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkey
 
 @dataclass(frozen=True)
 class Cart(DoubleIntegrator):
-    """The tutorial's cart to the origin, with a weight on the force."""
-
     name: ClassVar[str] = 'test_cart'
     nodes, starts = 101, 1  # one first guess, and no refinement: quick even on a busy machine
 
@@ -207,7 +198,6 @@ def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
         at = plan.start + share * plan.solution.duration
         review = made.review(plan.problem, measured(plan, at, 0.01, 0.01), at)
         assert (review.plan, review.necessary) == (None, False)
-    # after its end it is not active
     at = plan.end + 0.1
     review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)

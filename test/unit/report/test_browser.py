@@ -3,8 +3,6 @@
 
 """The report in a headless browser: each kind is opened once, for all that is asked of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 import json
@@ -45,7 +43,6 @@ class Page:
         return self.driver.execute_script(script, *arguments)
 
     def each(self, selector: str, script: str) -> Any:
-        """Return what a script gives for each element `e`, one by one."""
         every = 'return [...document.querySelectorAll(arguments[0])]'
         return self.run(f'{every}.map(e => {script})', selector)
 
@@ -60,7 +57,6 @@ class Page:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
     def click(self, element: Any) -> None:
-        """Click, clear of the bar at the foot of the page."""
         self.run('arguments[0].scrollIntoView({block: "center"})', element)
         element.click()
 
@@ -68,7 +64,6 @@ class Page:
         return float(self.find(selector).get_attribute(attribute))
 
     def points(self, selector: str) -> list[list[list[float]]]:
-        """Return the points of every line [px]."""
         texts = self.each(selector, 'e.getAttribute("points")')
         return [[[float(v) for v in p.split(',')] for p in text.split()] for text in texts]
 
@@ -108,7 +103,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture(scope='class')
 def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -> Page:
-    """Return the report of the class' mission, open."""
     file = tmp_path_factory.mktemp('report') / 'report.html'
     write_report(request.cls.mission, file)
     found = Page(browser)

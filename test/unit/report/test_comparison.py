@@ -3,8 +3,6 @@
 
 """Figures of a mission, planned and achieved, and the verdict of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 from typing import Any
@@ -16,17 +14,9 @@ from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
+from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
-from tdm_sim.report.mission import (
-    Event,
-    FollowedPlan,
-    Margin,
-    Mission,
-    PlanFigures,
-    Severity,
-    Signals,
-    Vehicle,
-)
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity, Signals
 
 TURN = 2 * math.pi
 
@@ -42,15 +32,16 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     psi = np.where(np.isclose(at, 1.0), -0.9, 0.5 * np.clip(at / DURATION, 0.0, 1.0))
     measured = np.stack([theta, psi, 0 * at, 0 * at], axis=1)
     torque = np.where(np.isclose(at, 0.5), -peak, 0.01)[:, None]
-    vehicle = Vehicle(
+    vehicle = mission.Vehicle(
         'pendulum',
         PendulumView(problem=PendulumSwingUp()),
         (FollowedPlan(plan, 0.0),),
         states=Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
-    found = {'margins': {'torque': Margin(0.006, 0.25, 'N m')}, 'terminal_error': {'theta': 2e-5}}
-    figures = PlanFigures(0.0, DURATION, solve_time=0.2, **found)
+    margins = {'torque': mission.Margin(0.006, 0.25, 'N m')}
+    figures = PlanFigures(0.0, DURATION, solve_time=0.2, margins=margins)
+    figures = replace(figures, terminal_error={'theta': 2e-5})
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
@@ -117,7 +108,6 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     fallen.vehicles[0].states.values[-200:, 0] = 5.0
     duration = entry(compare(fallen), 'time to the goal', 'pendulum')
     assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
-    # without the pendulum's angle there is no verdict
     (vehicle,) = fallen.vehicles
     disk = Signals(vehicle.states.times, vehicle.states.values[:, 1:2], ('psi',), ('rad',))
     assert verdict(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
@@ -180,7 +170,6 @@ def test_a_formation() -> None:
 
 
 def coasting(thrust: float) -> Comparison:
-    """Compare the formation, its first robot with `thrust` for a moment, coasting otherwise."""
     mission = formation()
     first, *others = mission.vehicles
     values = np.zeros_like(first.controls.values)

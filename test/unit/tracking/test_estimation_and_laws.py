@@ -3,8 +3,6 @@
 
 """What is known of the state, and feedback laws: estimator, stuck sensors, regulators."""
 
-from __future__ import annotations
-
 import math
 
 from closed_loop import HANGING, moved
@@ -15,12 +13,9 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.tracking import linear_quadratic
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    discretise,
-    time_varying_regulator,
-)
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, discretise
 from tdm_planner.tracking.repetition import RepetitionWatch
 
 PLANT = RotaryPendulum()
@@ -130,7 +125,6 @@ class Sensor:
         return self.watch.stuck
 
     def moves(self, state: np.ndarray, torque: float, count: int) -> bool:
-        """Return whether a pendulum that moves from there is never called stuck."""
         stuck = []
         for _ in range(count):
             state = self.move(state, np.array([torque]), TICK)
@@ -228,7 +222,8 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> N
     slowest = np.abs(np.linalg.eigvals(phi - gamma @ steady.gain)).max()
     assert slowest < 1
     n = 500 + int(np.log(1e-9) / (2.0 * np.log(slowest)))  # the end is forgotten to 1e-9
-    along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
+    many = np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1))
+    along = linear_quadratic.time_varying_regulator(*many, Q, R, Q, step)
     assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
     assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
 
