@@ -64,29 +64,23 @@ def test_names_and_round_trip():
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'words'),
+    ('name', 'value', 'allowed'),
     [
-        ('plant.mass', -0.1, ['plant.mass', '-0.1', '[1e-12, 1e+12] kg']),
-        ('plant.mass', 0, ['plant.mass', '0', '[1e-12, 1e+12] kg']),
-        ('plant.mass', math.nan, ['plant.mass', 'nan']),
-        ('plant.mass', math.inf, ['plant.mass', 'inf']),
-        ('plant.mass', 'heavy', ['plant.mass', "'heavy'", 'a number']),
-        ('plant.mass', True, ['plant.mass', 'True']),
-        ('plant.mass', [1.0], ['plant.mass', '[1.0]']),
-        ('plant.mass', 10**400, ['plant.mass', 'a number']),
-        ('plant.turns', 1.5, ['plant.turns', '1.5', 'an integer']),
-        ('share', 1.0, ['share', '1.0', '[0, 1)']),
-        ('method', 'c', ['method', "'c'", 'one of a, b']),
-        ('names', 'x', ['names', "'x'", 'a list of strings']),
-        ('names', [1], ['names', '[1]']),
-        ('anchor', [1.0], ['anchor', '[1.0]', '2 numbers']),
-        ('anchor', [1.0, math.nan], ['anchor', 'nan']),
+        *(('plant.mass', value, '[1e-12, 1e+12] kg') for value in (-0.1, 0)),
+        *(('plant.mass', value, '') for value in (math.nan, math.inf, True, [1.0])),
+        *(('plant.mass', value, 'a number') for value in ('heavy', 10**400)),
+        ('plant.turns', 1.5, 'an integer'),
+        ('share', 1.0, '[0, 1)'),
+        ('method', 'c', 'one of a, b'),
+        *(('names', value, 'a list of strings') for value in ('x', [1])),
+        *(('anchor', value, '2 numbers') for value in ([1.0], [1.0, math.nan])),
     ],
 )
-def test_one_sentence_names_parameter_value_and_range(name, value, words):
+def test_one_sentence_names_parameter_value_and_range(name, value, allowed):
     with pytest.raises(InvalidProblem) as refused:
         build(Outer, {name: value})
     message = str(refused.value)
+    words = [name, allowed] if value == 10**400 else [name, repr(value), allowed]
     assert all(word in message for word in words), message
     assert '\n' not in message
 

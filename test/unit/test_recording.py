@@ -12,6 +12,7 @@ from pathlib import Path
 import re
 import sqlite3
 import sys
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -38,15 +39,12 @@ from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
 
-
-class Endpoint:
-    qos_profile = QoSProfile(depth=1)
-    topic_type_hash = None
+ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
 
 
 def written(writer: BagWriter, most: int, size: int) -> int:
     """Write messages until one cannot be, at most `most`; how many could."""
-    connection = writer.add_topic('/t', 'std_msgs/msg/String', [Endpoint()])
+    connection = writer.add_topic('/t', 'std_msgs/msg/String', [ENDPOINT])
     for k in range(most):
         text = f'{k:06d}' + 'x' * size
         writer.write(connection, 10**9 + k, serialize_message(String(data=text)))
@@ -171,6 +169,8 @@ TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
 SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
 OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
           '/hall/a/odom', '/hall/abc'}  # fmt: skip
+SPACES = [(name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')]
+SPACES += [('hall/a', {'/hall/a/odom'}), ('/', OTHERS)]
 
 
 @pytest.mark.parametrize(
@@ -225,12 +225,9 @@ def test_piped_there_are_plain_lines_and_when_quiet_none(capsys):
         assert re.fullmatch(lines, capsys.readouterr().out)
 
 
-class Terminal(io.StringIO):
-    isatty = Mock(return_value=True)
-
-
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal()
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, 'isatty', lambda: True)
     monkeypatch.setenv('TERM', 'xterm')
     monkeypatch.setenv('COLUMNS', '100')
     monkeypatch.setattr(sys, 'stdout', terminal)
@@ -249,14 +246,7 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
         assert words in terminal.getvalue()
 
 
-@pytest.mark.parametrize(
-    ('namespace', 'wanted'),
-    [
-        *((name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')),
-        ('hall/a', {'/hall/a/odom'}),
-        ('/', OTHERS),
-    ],
-)
+@pytest.mark.parametrize(('namespace', 'wanted'), SPACES)
 def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
     namespace, wanted
 ):

@@ -3,11 +3,11 @@
 
 """Parts of the live page: sliders, curves, tasks; shapes in space, the camera, handles to drag."""
 
-from functools import partial
 import math
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -119,15 +119,12 @@ def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
         go_on.wait(PATIENCE)
         return 'first'
 
-    def fail(error: Exception) -> str:
-        raise error
-
     tasks.submit('drag', first, told.append)
     assert begun.wait(PATIENCE)
     for number in range(5):
         tasks.submit('drag', f'drag {number}'.__str__, told.append)
-    tasks.submit('push', partial(fail, Infeasible('the goal is outside')), told.append)
-    tasks.submit('pull', partial(fail, KeyError('x')), told.append)
+    tasks.submit('push', Mock(side_effect=Infeasible('the goal is outside')), told.append)
+    tasks.submit('pull', Mock(side_effect=KeyError('x')), told.append)
     tasks.submit('next', lambda: 'next', told.append)
     tasks.submit('last', lambda: '', lambda _: done.set())
     go_on.set()

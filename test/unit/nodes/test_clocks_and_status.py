@@ -62,12 +62,10 @@ def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_i
         tick(watch, rate, 5.0)
         assert (watch.problem(), watch.measured()) == ('', pytest.approx(rate, abs=0.51))
     watch = RateWatch(200.0, Clock())
-    tick(watch, 143.0, 1.0)
-    assert watch.problem() == ''
-    tick(watch, 143.0, 4.0)
-    assert watch.problem() == '143 Hz instead of 200: the computer is too busy, lower the rate'
-    tick(watch, 200.0, 5.0)
-    assert watch.problem() == ''
+    slow = '143 Hz instead of 200: the computer is too busy, lower the rate'
+    for rate, seconds, told in ((143.0, 1.0, ''), (143.0, 4.0, slow), (200.0, 5.0, '')):
+        tick(watch, rate, seconds)
+        assert watch.problem() == told
     watch._clock.now += 1.0
     assert watch.measured() == pytest.approx(100.0, abs=1.0)
     assert watch.problem()
@@ -127,11 +125,9 @@ def test_simulated_time_is_the_plants_own(day):
     assert not MotionClock(day).runs
     day.simulated = 1000 * SECOND
     motion = MotionClock(day)
-    assert motion.runs
-    assert (pacing_clock(day), motion.now()) == (day, 0.0)
+    assert (motion.runs, pacing_clock(day), motion.now()) == (True, day, 0.0)
     day.simulated = 1002 * SECOND
-    assert motion.now() == pytest.approx(2.0)
-    assert motion.instant(1005 * SECOND) == pytest.approx(5.0)
+    assert (motion.now(), motion.instant(1005 * SECOND)) == pytest.approx((2.0, 5.0))
 
 
 STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}

@@ -60,12 +60,8 @@ class Queue(PlanQueue):
         self.task_of_executor()
 
 
-@pytest.fixture
-def queue() -> Queue:
-    return Queue()
-
-
-def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy(queue: Queue) -> None:
+def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy() -> None:
+    queue = Queue()
     queue.task(*queue.job('first task'))
     queue.task(*queue.job('second task'))
     assert not queue.solving
@@ -81,7 +77,8 @@ def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy(queue: Queue)
     assert queue.done == ['first task', 'request', 'second task']
 
 
-def test_a_request_supersedes_a_review(queue: Queue) -> None:
+def test_a_request_supersedes_a_review() -> None:
+    queue = Queue()
     queue.review(*queue.job('review'))
     queue.review(*queue.job('review too much'))
     queue.request(*queue.job('request'))
@@ -93,7 +90,8 @@ def test_a_request_supersedes_a_review(queue: Queue) -> None:
     assert queue.done[1:] == ['later review']
 
 
-def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome(queue: Queue) -> None:
+def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> None:
+    queue = Queue()
     queue.request(*queue.job('request'))
     queue.task(*queue.job('task'))
     error = Inactive('deactivated')

@@ -38,17 +38,13 @@ def margins_of(**functions):
 
 
 BAD: list[tuple[dict[str, Any], list[str]]] = [
-    (
-        margins_of(pole=lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5),
-        ['margins of Changed', 'TypeError', 'np.sqrt(x)'],
-    ),
-    (
-        margins_of(pole=lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1]),
-        ['margins of Changed', 'ValueError', 'np.where'],
-    ),
-    (
-        margins_of(pole=lambda x: min(x[0] ** 2, 4.0) - 5.0),
-        ['margins of Changed', 'ValueError', 'np.minimum'],
+    *(
+        (margins_of(pole=pole), ['margins of Changed', *words])
+        for pole, *words in (
+            (lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5, 'TypeError', 'np.sqrt(x)'),
+            (lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1], 'ValueError', 'np.where'),
+            (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
+        )
     ),
     ({'margins': scalar_math}, ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy']),
     ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
@@ -93,13 +89,8 @@ OF_A_CART = [
         {'integrated': lambda self: {'v': Integrated(5.0)}},
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
-    *(
-        ({'derivative': wrong}, [f"derivative gives the rate of '{state}' ="])
-        for state, wrong in (
-            ('v', lambda s, x, u: (x[1], 1.1 * u[0])),
-            ('x', lambda s, x, u: (-x[1], u[0])),
-        )
-    ),
+    ({'derivative': lambda s, x, u: (x[1], 1.1 * u[0])}, ["derivative gives the rate of 'v' ="]),
+    ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
     (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
 ]
 

@@ -6,10 +6,12 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 from planned_apart import planned_apart
 import pytest
+from stated import changed
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
@@ -50,11 +52,7 @@ class Scripted(Search[float]):
         return Infeasible(self.rejected or 'nothing found')
 
 
-class Ordered(Scripted):
-    """Less is promised by a higher cost."""
-
-    def promises_more(self, candidate: float, than: float) -> bool:
-        return candidate < than
+Ordered = changed(Scripted, promises_more=lambda search, candidate, than: candidate < than)
 
 
 def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
@@ -93,10 +91,7 @@ def test_failure_is_raised_with_the_last_reason() -> None:
     ],
 )
 def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monkeypatch, error):
-    def standing_plan(self: PendulumSwingUp) -> None:
-        raise error
-
-    monkeypatch.setattr(PendulumSwingUp, 'standing_plan', standing_plan)
+    monkeypatch.setattr(PendulumSwingUp, 'standing_plan', Mock(side_effect=error))
     with pytest.raises((Infeasible, type(error))) as caught:
         PendulumSwingUp().solve()
     if str(error) == 'as it is':
@@ -151,11 +146,9 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
     with pytest.raises(VerificationFailed):
         problem.recognised(spoilt)
 
-    class Silent(type(problem)):
-        assess = Problem.assess
-
+    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
     with pytest.raises(VerificationFailed, match='cannot assess'):
-        Silent.from_parameters({}).recognised(solution.trajectories)
+        silent.recognised(solution.trajectories)
 
 
 def test_processes_and_the_order_of_sets_change_nothing() -> None:

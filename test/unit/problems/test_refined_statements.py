@@ -11,6 +11,7 @@ from brachistochrone import Brachistochrone, cycloid_time
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from stated import changed
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem
@@ -18,6 +19,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim.study.flights import tracked, tracker_of
 
 
+@dataclass(frozen=True)
 class Quickest(DirectProblem):
     """In least time."""
 
@@ -110,58 +112,39 @@ def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum_or_the_tra
     assert by_control[1, 2:] == pytest.approx(np.eye(2))
 
 
-@dataclass(frozen=True)
-class Softly(Boat):
-    """The same without drag, and without force at either end."""
-
-    def outputs(self):
-        ends = {'x': 30.0, 'y': 10.0}
-        return {n: Output(start=(0.0, 0.0, 0.0), end=(e, 0.0, 0.0)) for n, e in ends.items()}
-
-    def drag(self, vx, vy):
-        return 0.0
-
-    def margins(self, t, x, u):
-        return {'force': 1.0 - np.hypot(u[0], u[1]), 'fast': 4.0 - np.hypot(x[2], x[3])}
-
-
 def test_limits_without_a_slope_at_rest_are_kept_by_collocation() -> None:
     """Straight on, speeding up, at the limit, braking; a force of nothing has no direction."""
-    plan = Softly().solve()
+    ends = {n: Output((0.0,) * 3, (e, 0.0, 0.0)) for n, e in (('x', 30.0), ('y', 10.0))}
+    softly = changed(
+        Boat,
+        outputs=lambda s: ends,
+        drag=lambda s, vx, vy: 0.0,
+        margins=lambda s, t, x, u: Boat.margins(s, t, x, u) | {'fast': 4.0 - np.hypot(x[2], x[3])},
+    )
+    plan = softly().solve()
     assert plan.trajectory.interpolation == 'linear'
     assert plan.cost == pytest.approx(np.hypot(30.0, 10.0) / 4.0 + 4.0, rel=0.02)
 
 
-@dataclass(frozen=True)
-class Balanced(Quickest):
-    """A rod upright on a cart, moved by 3 m in least time: e^15 times what it is off at first."""
-
-    state_names, state_units = ('x', 'v', 'phi', 'omega'), ('m', 'm/s', 'rad', 'rad/s')
-    control_names, control_units = ('a',), ('m/s^2',)
-    rate = 6.5  # 1/s, at which the rod falls
-
-    def outputs(self):
-        return {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)}
-
-    def integrated(self):
-        return {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)}
-
-    def invert(self, y, z):
-        phi, omega, alpha = y['phi']
-        return (z['x'], z['v'], phi, omega), (9.81 * (phi - alpha / self.rate**2),)
-
-    def derivative(self, x, u):
-        return x[1], u[0], x[3], self.rate**2 * (x[2] - u[0] / 9.81)
-
-    def control_limits(self):
-        return {'a': (-4.0, 4.0)}
-
-    def margins(self, t, x, u):
-        return {'lean': 0.3 - np.abs(x[2])}
-
-
 def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
-    problem = Balanced()
+    """A rod upright on a cart, moved by 3 m: e^15 times what it is off at first."""
+    stiffness = 6.5**2  # 1/s^2
+    problem = changed(
+        Quickest,
+        state_names=('x', 'v', 'phi', 'omega'),
+        state_units=('m', 'm/s', 'rad', 'rad/s'),
+        control_names=('a',),
+        control_units=('m/s^2',),
+        outputs=lambda s: {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)},
+        integrated=lambda s: {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)},
+        invert=lambda s, y, z: (
+            (z['x'], z['v'], *y['phi'][:2]),
+            (9.81 * (y['phi'][0] - y['phi'][2] / stiffness),),
+        ),
+        derivative=lambda s, x, u: (x[1], u[0], x[3], stiffness * (x[2] - u[0] / 9.81)),
+        control_limits=lambda s: {'a': (-4.0, 4.0)},
+        margins=lambda s, t, x, u: {'lean': 0.3 - np.abs(x[2])},
+    )()
     plan = problem.solve().trajectory
     state = np.array([-3.0, 0.0, 0.0, 0.0])
     pieces = zip(plan.times, plan.times[1:], plan.controls, plan.controls[1:], strict=False)

@@ -313,9 +313,8 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     solution, asked = plans['thrust_arcs'][1], problem(1)
     now = share * min(plan.duration for plan in solution.trajectories.values())
     rest = {name: plan.after(now) for name, plan in solution.trajectories.items()}
-    names = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')
     starts = {
-        name: RobotStart(**dict(zip(names, plan.states[0].tolist(), strict=True)))
+        name: RobotStart(**dict(zip(plan.state_names, plan.states[0].tolist(), strict=True)))
         for name, plan in rest.items()
     }
     gas = sum(plan.control_integral(plan.duration)[0] / 10.5 for plan in rest.values())
@@ -368,9 +367,8 @@ def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
     assert not speed.any()
 
 
-def lateral_error(wanted, yaw, alpha):
+def lateral_error(wanted, heading):
     """Largest component of the wanted acceleration across the thrust, or against it."""
-    heading = alpha + yaw
     across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
     along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
     return float(np.hypot(across, np.minimum(along, 0.0)).max())
@@ -382,6 +380,6 @@ def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_mo
     assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
     # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
     # wanted acceleration is under sin(pi^2 / 40) F_max.
-    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    errors = [lateral_error(wanted, angle) for angle in angles]
     assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
     assert errors[0] < errors[1] < errors[2]

@@ -84,12 +84,6 @@ class Page:
     def ranges(self) -> Any:
         return self.each('.chart', 'e.layout.xaxis.range')
 
-    def switch(self, name: str) -> Any:
-        path = f'preceding-sibling::ul//button[normalize-space()="{name}"]'
-        button = self.find('#chart-states').find_element(By.XPATH, path)
-        self.click(button)
-        return button
-
     def visible(self, kind: str) -> list[bool]:
         curves = self.each('.chart', 'e.data.map(t => [t.meta.kind, t.visible !== false])')
         return [shown for chart in curves for of, shown in chart if of == kind]
@@ -192,10 +186,13 @@ class TestPendulum(ReadableReport):
         assert all(measured)
         lines = 'return document.querySelectorAll("#chart-controls .scatterlayer .trace").length'
         before = page.run(lines)
-        assert page.switch('measured').get_attribute('aria-pressed') == 'false'
+        path = 'preceding-sibling::ul//button[normalize-space()="measured"]'
+        button = page.find('#chart-states').find_element(By.XPATH, path)
+        page.click(button)
+        assert button.get_attribute('aria-pressed') == 'false'
         page.wait(f'{lines} === {before - 1}')
         assert not any(page.visible('measured'))
-        page.switch('measured')
+        page.click(button)
         page.wait(f'{lines} === {before}')
         assert page.visible('measured') == measured
 

@@ -6,7 +6,7 @@
 import base64
 from dataclasses import replace
 import hashlib
-from itertools import pairwise
+import itertools
 import json
 from pathlib import Path
 import re
@@ -34,8 +34,7 @@ from tdm_sim.report.tables import events_table, number, summary_table
 
 
 def pendulum() -> Vehicle:
-    (vehicle,) = pendulum_mission().vehicles
-    return vehicle
+    return pendulum_mission().vehicles[0]
 
 
 def replanned(second: float) -> Vehicle:
@@ -69,16 +68,13 @@ def test_poses_planned_and_measured() -> None:
 def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     for mission in (pendulum_mission(), robots_mission()):
         plan = mission.vehicles[0].plans[0].trajectory
-        for chart, names in (
-            (state_chart(mission), plan.state_names),
-            (control_chart(mission), plan.control_names),
-        ):
-            assert tuple(panel.title for panel in chart.panels) == names
-            for panel in chart.panels:
-                for kind in ('planned', 'measured'):
-                    assert len(curves(panel, kind)) == len(mission.vehicles)
+        names = [*plan.state_names, *plan.control_names]
+        panels = [*state_chart(mission).panels, *control_chart(mission).panels]
+        assert [panel.title for panel in panels] == names
+        for panel, kind in itertools.product(panels, ('planned', 'measured')):
+            assert len(curves(panel, kind)) == len(mission.vehicles)
     # of the robots: within walls, half the smallest distance away
-    limits = {p.title: p.limits for c in (state_chart, control_chart) for p in c(mission).panels}
+    limits = {panel.title: panel.limits for panel in panels}
     assert (limits['x'], limits['y']) == (pytest.approx((0.2, 3.8)), pytest.approx((0.2, 2.8)))
     assert (limits['thrust'], limits['yaw']) == ((0.0, 1.0), ())
     (torque,) = control_chart(pendulum_mission()).panels
@@ -116,8 +112,8 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
     x, turn = np.array([0.0, 2.0]), np.array([0.0, np.pi / 2])
     corners = points_of(Box((x, 0.0, 1.0), (0.2, 0.1, 0.4), turn), 2)
     assert corners.shape == (2, 16, 3)
-    edges = {frozenset((tuple(a), tuple(b))) for a, b in pairwise(corners[0].round(9).tolist())}
-    assert len({edge for edge in edges if len(edge) == 2}) == 12
+    along = itertools.pairwise(map(tuple, corners[0].round(9).tolist()))
+    assert len({frozenset(edge) for edge in along if edge[0] != edge[1]}) == 12
     np.testing.assert_allclose(corners.min(axis=1)[:, [0, 2]], [[-0.1, 0.8], [1.95, 0.8]])
     np.testing.assert_allclose(corners.max(axis=1)[:, 0], [0.1, 2.05])
     line = Line(((x, 0.0, 1.0), (x, 0.0, 0.0)))

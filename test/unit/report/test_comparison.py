@@ -17,6 +17,7 @@ from tdm_planner.trajectory import Trajectory
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity, Signals
+from tdm_sim.report.verdict import judge
 
 TURN = 2 * math.pi
 
@@ -72,10 +73,6 @@ def entry(comparison: Comparison, name: str, vehicle: str = '') -> Entry:
     return found
 
 
-def verdict(mission: Mission) -> Any:
-    return compare(mission).verdict
-
-
 def test_a_swing_up_that_was_caught_and_held() -> None:
     mission = swing_up()
     (vehicle,) = mission.vehicles
@@ -110,14 +107,14 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
     (vehicle,) = fallen.vehicles
     disk = Signals(vehicle.states.times, vehicle.states.values[:, 1:2], ('psi',), ('rad',))
-    assert verdict(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
+    assert judge(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
 
 
 @pytest.mark.parametrize('end', [1.0, 2.05, 2.2, 5.4, 7.0])
 def test_a_recording_that_ends_before_the_goal_was_held_long_enough(end: float) -> None:
     mission = recorded_until(swing_up(), end)
-    assert verdict(mission).reasons == ()
-    assert verdict(mission).undecided.startswith(f'the recording ends at {end:.1f} s')
+    assert judge(mission).reasons == ()
+    assert judge(mission).undecided.startswith(f'the recording ends at {end:.1f} s')
     duration = entry(compare(mission), 'time to the goal', 'pendulum')
     assert (duration.achieved is None) == (end < 2.1)
     assert duration.note == ('the recording ends before' if end < 2.1 else '')
@@ -125,17 +122,17 @@ def test_a_recording_that_ends_before_the_goal_was_held_long_enough(end: float) 
 
 def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end() -> None:
     late = swing_up(caught_at=6.5)
-    assert 'not at its goal within 3 s' in verdict(late).reasons[0]  # planned for 2 s
-    twice = verdict(replanned(late, 1.5, 4.0))  # planned anew for 5.5 s
+    assert 'not at its goal within 3 s' in judge(late).reasons[0]  # planned for 2 s
+    twice = judge(replanned(late, 1.5, 4.0))  # planned anew for 5.5 s
     assert twice.reached
     for start in (0.5, 12.5):  # planned anew for 2.5 s; or after the recording's end
-        assert 'not at its goal within 3 s' in verdict(replanned(late, start)).reasons[0]
+        assert 'not at its goal within 3 s' in judge(replanned(late, start)).reasons[0]
     assert compare(recorded_until(swing_up(), -0.1)).verdict is None
 
 
 def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end() -> None:
     mission = replanned(formation(after=10.0), 1.0)
-    assert verdict(mission).reached
+    assert judge(mission).reached
     (one, *others) = mission.vehicles
     end = one.plans[1].trajectory
     away = replace(end, states=end.states + 0.5 * np.eye(7)[1])

@@ -144,18 +144,15 @@ def sensor(estimator: StateEstimator) -> Sensor:
     return Sensor(estimator)
 
 
-@pytest.mark.parametrize(
-    ('state', 'torque', 'within'),
-    [
-        (HANGING, 0.01, 0.11),
-        (np.array([0.3, 0.1, -8.0, 4.0]), 1e-9, 0.11),
-        (np.array([0.01, 0.0, 0.0, 0.0]), 0.001, 0.42),
-    ],
-)
+DRIVEN = [(HANGING, 0.01, 0.11), ([0.3, 0.1, -8.0, 4.0], 1e-9, 0.11)]
+DRIVEN += [([0.01, 0.0, 0.0, 0.0], 0.001, 0.42)]
+
+
+@pytest.mark.parametrize(('state', 'torque', 'within'), DRIVEN)
 def test_a_sensor_that_repeats_itself_is_stuck(sensor, state, torque, within):
     for k in range(30):
-        assert not sensor.show(state + 1e-6 * k, torque)
-    assert sensor.until_stuck(state, torque) < within
+        assert not sensor.show(np.add(state, 1e-6 * k), torque)
+    assert sensor.until_stuck(np.array(state), torque) < within
 
 
 def test_a_plant_that_moves_or_rests_is_not(sensor: Sensor) -> None:
