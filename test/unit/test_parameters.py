@@ -45,6 +45,10 @@ class Outer(Validated):
 
 
 SPECS = specifications(Outer)
+LISTS = st.lists(st.floats()), st.lists(st.text()), st.dictionaries(st.text(), st.integers())
+VALUES = st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary()
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+WHOLE = st.integers(-(2**63), 2**63 - 1)
 
 
 def test_names_and_round_trip():
@@ -83,10 +87,6 @@ def test_one_sentence_names_parameter_value_and_range(name, value, allowed):
     words = [name, allowed] if value == 10**400 else [name, repr(value), allowed]
     assert all(word in message for word in words), message
     assert '\n' not in message
-
-
-LISTS = st.lists(st.floats()), st.lists(st.text()), st.dictionaries(st.text(), st.integers())
-VALUES = st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary()
 
 
 @given(st.one_of(*VALUES, *LISTS), st.sampled_from(list(SPECS)))
@@ -132,10 +132,6 @@ def test_a_field_of_a_type_that_no_parameter_has_is_named():
     words = r"'centre' is declared as tuple\[float, \.\.\.\]: must"
     with pytest.raises(InvalidProblem, match=words):
         Disc()
-
-
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
-WHOLE = st.integers(-(2**63), 2**63 - 1)
 
 
 @settings(max_examples=100)

@@ -40,6 +40,13 @@ from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingErr
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
 
 ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
+DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
+TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
+SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
+OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
+          '/hall/a/odom', '/hall/abc'}  # fmt: skip
+SPACES = [(name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')]
+SPACES += [('hall/a', {'/hall/a/odom'}), ('/', OTHERS)]
 
 
 def written(writer: BagWriter, most: int, size: int) -> int:
@@ -139,9 +146,6 @@ def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> Non
             message_class(absent)
 
 
-DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
-
-
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
     failures: list[Exception] = []
@@ -163,14 +167,6 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
         failures[:] = [failure]
         assert run(Path('bag'), [], 'mcap', quiet) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
-
-
-TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
-SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
-OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
-          '/hall/a/odom', '/hall/abc'}  # fmt: skip
-SPACES = [(name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')]
-SPACES += [('hall/a', {'/hall/a/odom'}), ('/', OTHERS)]
 
 
 @pytest.mark.parametrize(

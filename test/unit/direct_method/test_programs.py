@@ -55,6 +55,10 @@ FORMS = {
     'sines': changed(PENDULUM, outputs=lambda s: SINES),
     'tau = t': changed(PENDULUM, duration=lambda s: Duration(guess=1.5)),
 }
+Plain = changed(DirectPlant, fly=lambda s, trajectory, until: None)  # it is left to scipy
+TIGHT = TrustRegionOptions(
+    penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
+)
 
 
 @pytest.mark.parametrize('form', FORMS.values(), ids=FORMS)
@@ -141,9 +145,6 @@ def plan(intervals, interpolation='linear', size=20.0):
     return Trajectory.of(Cart, times, states, controls, interpolation)
 
 
-Plain = changed(DirectPlant, fly=lambda s, trajectory, until: None)  # it is left to scipy
-
-
 @pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
 @pytest.mark.parametrize('intervals', [1, 5, 40])
 @pytest.mark.parametrize('damping', [0.1, 300.0])
@@ -225,11 +226,6 @@ def test_what_has_no_minimum_is_noticed():
             assert solve_quadratic_program(*program) is None
     free = np.zeros((0, 2)), np.zeros(0), np.full(2, -1e12), np.full(2, 1e12)
     assert solved(np.diag([1.0, -1.0]), np.ones(2), *free) is None
-
-
-TIGHT = TrustRegionOptions(
-    penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
-)
 
 
 class Smooth(NonlinearProgram):

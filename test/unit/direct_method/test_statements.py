@@ -48,8 +48,6 @@ def test_every_polynomial_meets_one_condition_and_its_derivatives_are_derivative
 SINES = SineSeries(6)
 PRODUCTS = PowerProducts([(1, 1), (2, 1), (2, 2), (3, 2), (3, 3)])
 MIXED = SineSeries(3) + PowerProducts([(2, 1), (1, 2), (2, 3), (3, 2)])
-
-
 ORDERS = st.integers(0, 4)
 
 
@@ -91,8 +89,6 @@ def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
 NOT_NUMBERS: list[Any] = [None, 'fast', '1.0', np.nan, np.inf, 10**400, 1.0 + 2.0j, 1e300]
 NOT_NUMBERS += [[1.0, [2.0, 3.0]], {0: 1.0}, object(), []]
 NOT_WHOLE = [*NOT_NUMBERS, 1.5, -1, 10**6, True]
-
-
 WHOLE = [
     (SineSeries, 'must be an integer from 1 to 100'),
     (symmetric_powers, 'must be an integer from 1 to 100'),
@@ -172,6 +168,8 @@ LOADED = changed(
     derivative=lambda s, x, u: (x[1], u[0], -x[2] - u[0]),
     final_cost=lambda s, t, x: x[2] ** 2,
 )
+FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margins')
+FUNCTIONS += ('running_cost', 'final_cost', 'end_conditions')
 
 
 def begin(formulation: Any) -> Transcription:
@@ -182,10 +180,6 @@ def begin(formulation: Any) -> Transcription:
 
 def refusal(**change: Any) -> str:
     return refused(lambda: begin(changed(LOADED, **change)()))
-
-
-FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margins')
-FUNCTIONS += ('running_cost', 'final_cost', 'end_conditions')
 
 
 def returns(value: Any) -> Callable[..., Any]:

@@ -58,6 +58,8 @@ def test_a_slider_holds_its_value_and_keeps_to_what_is_allowed(value, one, other
 
 BEGIN = 1_800_000_000.0  # s, as clocks show
 VIEW = view_of(PendulumSwingUp())
+PATIENCE = 30.0  # s
+angle = st.floats(-6.0, 6.0)
 
 
 def history(seconds: float) -> History:
@@ -104,9 +106,6 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
     assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
     times.add(1, 0.2)  # the planner was started anew
     assert times.chart() is None
-
-
-PATIENCE = 30.0  # s
 
 
 def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
@@ -184,9 +183,6 @@ def test_what_moves_in_an_upright_plane_is_seen_from_the_front() -> None:
     assert upright.camera[1] < -upright.size / 2
     deep = view_on([Line(((0.0, 0.0, 0.0), (3.0, 2.0, 2.0)))])
     assert deep.camera[0] > deep.target[0]
-
-
-angle = st.floats(-6.0, 6.0)
 
 
 @given(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0))

@@ -25,6 +25,8 @@ from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
 
 SECOND = 10**9
+STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}
+NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
 
 class Clock:
@@ -128,10 +130,6 @@ def test_simulated_time_is_the_plants_own(day):
     assert (motion.runs, pacing_clock(day), motion.now()) == (True, day, 0.0)
     day.simulated = 1002 * SECOND
     assert (motion.now(), motion.instant(1005 * SECOND)) == pytest.approx((2.0, 5.0))
-
-
-STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}
-NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
 
 class Bench:

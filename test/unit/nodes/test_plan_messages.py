@@ -39,6 +39,9 @@ CRANE = named_kind(
     ('force', 'winch'),
     [('trolley', 'x', 'v'), ('winch', 'rope', 'reel')],  # the winch is a joint and a control
 )
+DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
+number = st.floats(-20.0, 20.0)
+BODY = {('body', 0), ('body', 1)}
 
 
 def switched(kind: PlantKind, count: int = 20) -> Trajectory:
@@ -217,10 +220,6 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
         setattr(part, name, good)
 
 
-DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
-number = st.floats(-20.0, 20.0)
-
-
 def place(point: Any) -> list[float]:
     return [point.x, point.y, point.z]
 
@@ -228,9 +227,6 @@ def place(point: Any) -> list[float]:
 def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
     state = np.array(state, dtype=float)
     return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
-
-
-BODY = {('body', 0), ('body', 1)}
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,10 @@ PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
 START = np.array([np.pi, 0.0, 0.0, 0.0])
 STATES = st.tuples(*(st.floats(-most, most) for most in (4.0, 2.0, 8.0, 8.0))).map(np.array)
+# Unequal across the rod, to tell the axes apart.
+INERTIA = PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3)
+OTHER = RotaryPendulum(mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA)
+ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
 
 @given(STATES, TORQUES)
@@ -200,11 +204,6 @@ def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
         np.testing.assert_allclose(states[k + 1], state, atol=1e-6)
 
 
-# Unequal across the rod, to tell the axes apart.
-INERTIA = PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3)
-OTHER = RotaryPendulum(mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA)
-
-
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('plant', [PLANT, OTHER], ids=['default', 'other'])
 def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(plant, seed):
@@ -228,9 +227,6 @@ def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(plant, 
     rates = plant.derivative(state, np.array([torque]))
     np.testing.assert_allclose(data.qacc, [rates[3], rates[2]], rtol=1e-9)
     assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)
-
-
-ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
 
 def trajectory(times, controls, start, interpolation='linear'):

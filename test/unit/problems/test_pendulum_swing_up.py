@@ -37,6 +37,12 @@ from tdm_planner.problems.solution import Solution
 
 ENOUGH = 1000.0  # [s], so that the deadline never decides on a busy machine
 HANGING = PendulumStart()
+PLANT = RotaryPendulum()
+W0 = PLANT.natural_frequency
+START = np.array([np.pi, 0.2, 1.0, -2.0])
+DURATIONS = st.lists(st.floats(0.02, 0.12), min_size=4, max_size=7).map(np.array)
+OPTIONS = TrustRegionOptions((30.0,) * 2, radius=0.5, iterations=60, corrections=4)
+OPTIONS = OPTIONS._replace(cost_tolerance=1e-6, feasibility=(1e-8,) * 2)
 
 
 def states(*most: float) -> st.SearchStrategy[PendulumStart]:
@@ -233,14 +239,6 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
     end = stopped[0] if stopped.size else None
     assert np.abs(states[:end, 1]).max() >= task.least_reach - 1e-3
     assert stopped.size or task.least_reach > abs(task.start[1])
-
-
-PLANT = RotaryPendulum()
-W0 = PLANT.natural_frequency
-START = np.array([np.pi, 0.2, 1.0, -2.0])
-DURATIONS = st.lists(st.floats(0.02, 0.12), min_size=4, max_size=7).map(np.array)
-OPTIONS = TrustRegionOptions((30.0,) * 2, radius=0.5, iterations=60, corrections=4)
-OPTIONS = OPTIONS._replace(cost_tolerance=1e-6, feasibility=(1e-8,) * 2)
 
 
 def program(arcs: int, disk_angle: float = 2.0) -> ArcProgram:

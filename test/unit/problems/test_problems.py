@@ -53,6 +53,7 @@ class Scripted(Search[float]):
 
 
 Ordered = changed(Scripted, promises_more=lambda search, candidate, than: candidate < than)
+PATIENT = {'solver.deadline': 60.0}
 
 
 def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
@@ -100,9 +101,6 @@ def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monk
         assert f'{error}' in str(caught.value)
         assert 'are their units right' in str(caught.value)
         assert caught.value.__cause__ is error
-
-
-PATIENT = {'solver.deadline': 60.0}
 
 
 @pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])

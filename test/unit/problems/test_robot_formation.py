@@ -29,9 +29,8 @@ def formation(**values):
 def pose(name, start, goal, **more):
     """Parameters of one robot from `start` to `goal`, both x, y, yaw in the arena's frame."""
     values = dict(zip(('x', 'y', 'yaw'), start, strict=True)) | more
-    return {f'{name}.start.{key}': value for key, value in values.items()} | {
-        f'formation.{name}': list(goal)
-    }
+    begin = {f'{name}.start.{key}': value for key, value in values.items()}
+    return begin | {f'formation.{name}': list(goal)}
 
 
 def flown(problem, **options):
@@ -78,8 +77,6 @@ SWAP = TWO | MOVER | pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
 STILL = TWO | pose('right', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0))
 THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
 MOVING = {'robot1.start.u': 0.1, 'robot2.start.v': 0.05, 'robot2.start.omega': 0.3}
-
-
 VARIANTS = {
     'paper': ({'end_accelerations': 'given', 'yaw_order': 7}, 21),
     'speed': ({'end_accelerations': 'given', 'speed_factor_order': 2}, 21),

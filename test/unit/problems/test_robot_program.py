@@ -34,9 +34,11 @@ FORMS = {
     'speed factor': MotionForm(7, 5, 2, False),
     'both': MotionForm(9, 7, 1, True),
 }
-
-
 CROWDED = replace(TASK, obstacles=np.array([[2.0, 1.5, 0.2]]), separation=0.8)
+MOVES = {'u': 0.02, 'v': -0.01, 'omega': 0.02, 'alpha': 0.4}
+MOVING = {f'robot1.start.{name}': value for name, value in MOVES.items()}
+TIMES = np.linspace(0.0, 20.0, 401)
+RATE, THRUST = 1.0, 0.1
 
 
 def task_where_one_stays():
@@ -216,10 +218,6 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     assert (found[:, 1] >= 2).all()
 
 
-MOVES = {'u': 0.02, 'v': -0.01, 'omega': 0.02, 'alpha': 0.4}
-MOVING = {f'robot1.start.{name}': value for name, value in MOVES.items()}
-
-
 def problem(seed=0, n=3, **changes):
     settings = {'method': 'thrust_arcs', 'solver.deadline': 20.0, **changes}
     return RobotFormation.from_parameters(drawn_crossing(seed, n).parameters(**settings))
@@ -322,10 +320,6 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     for name, plan in rest.items():
         assert again.trajectories[name].duration == pytest.approx(plan.duration, abs=0.5)
-
-
-TIMES = np.linspace(0.0, 20.0, 401)
-RATE, THRUST = 1.0, 0.1
 
 
 def flip(offset=0.0, turns=1):

@@ -23,6 +23,7 @@ from tdm_planner.tracking import RobotTrackerParameters
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 TRACKED = [(mode, False, True) for mode in Mode]
 TRACKED += [(Mode.FOLLOWING, True, known) for known in (True, False)]
+AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
 @pytest.fixture(scope='module')
@@ -191,9 +192,6 @@ def test_a_tuned_robot_is_predicted_with_its_own_gains(flight):
     tuned = FormationExecution(FORMATION, {'robot1': stiff}).predict(flight, now, at + 0.5)
     assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
     np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
-
-
-AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
 @pytest.fixture(scope='module')

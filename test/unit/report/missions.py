@@ -37,7 +37,6 @@ from tdm_sim.report import mission as parts
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 
 DURATION = 2.0
-
 PENDULUM_PARAMETERS = {'plant.arm_length': 0.1, 'plant.com_distance': 0.06}
 PENDULUM_PARAMETERS |= {'limits.torque': 0.02, 'limits.disk_angle': 1.5}
 ARENA_PARAMETERS = {'arena.length': 4.0, 'arena.width': 3.0, 'arena.minimum_separation': 0.4}
@@ -52,6 +51,9 @@ EVIL = (  # strings that would do something if they could
 # A single robot, so that its place fits into the arena.
 ALONE = {'robots': ['robot1'], 'robot1.start.x': 0.5, 'robot1.start.y': 2.0}
 ALONE |= {'formation.anchor': [0.0, 0.0, 0.0], 'formation.robot1': [1.0, 2.0, 0.0]}
+START = 1_700_000_000_250_000_000  # ns
+SECOND = 10**9
+STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def pendulum_states(t: Any) -> Any:
@@ -182,11 +184,6 @@ class Parts(HTMLParser):
         self.texts.append(data)
         if self.rows and self.rows[-1]:
             self.rows[-1][-1] += data
-
-
-START = 1_700_000_000_250_000_000  # ns
-SECOND = 10**9
-STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 class Item(NamedTuple):

@@ -173,8 +173,6 @@ def test_mistakes_get_one_sentence(plan, capsys, arguments, words):
 
 
 LENGTH = 2.0  # s
-
-
 Sled = changed(
     DoubleIntegrator,
     name='sled',

@@ -37,6 +37,8 @@ from tdm_sim.study.tables import Table, Trial
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
 WEAK = {'limits.torque': 1e-4, 'solver.deadline': 0.05}
 ASKED = [(PendulumSwingUp, how) for how in (STRONG, WEAK, {**STRONG, 'method': 'smooth'})]
+KINDS, MAPS = Axis('kind', ('plain', 'odd')), ['cost', 'duration']
+AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), KINDS]
 
 
 @pytest.mark.parametrize(('kind', 'parameters'), [*ASKED, (RobotFormation, {})])
@@ -207,10 +209,6 @@ def test_all_combinations_and_random_ones_together() -> None:
     ):
         with pytest.raises(InvalidProblem, match=words):
             Points(axes)
-
-
-KINDS, MAPS = Axis('kind', ('plain', 'odd')), ['cost', 'duration']
-AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), KINDS]
 
 
 def found(point: dict[str, Any]) -> dict[str, Any]:

@@ -29,6 +29,8 @@ TICK = 0.005
 SETTINGS = settings(max_examples=12)
 SEEDS = st.integers(0, 1000)
 Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
+DRIVEN = [(HANGING, 0.01, 0.11), ([0.3, 0.1, -8.0, 4.0], 1e-9, 0.11)]
+DRIVEN += [([0.01, 0.0, 0.0, 0.0], 0.001, 0.42)]
 
 
 @pytest.fixture
@@ -142,10 +144,6 @@ class Sensor:
 @pytest.fixture
 def sensor(estimator: StateEstimator) -> Sensor:
     return Sensor(estimator)
-
-
-DRIVEN = [(HANGING, 0.01, 0.11), ([0.3, 0.1, -8.0, 4.0], 1e-9, 0.11)]
-DRIVEN += [([0.01, 0.0, 0.0, 0.0], 0.001, 0.42)]
 
 
 @pytest.mark.parametrize(('state', 'torque', 'within'), DRIVEN)
