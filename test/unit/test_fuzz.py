@@ -59,9 +59,7 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(
         ),
     ],
 )  # fmt: skip
-def test_documents_without_end_and_objects_of_a_language_are_refused(
-    tmp_path, text, says, monkeypatch
-):
+def test_endless_documents_and_foreign_objects_are_refused(tmp_path, text, says, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / 'parameters.yaml'
     path.write_text(text)

@@ -111,11 +111,10 @@ def test_what_holds_for_all_nodes(name: str):
 
 
 @pytest.mark.parametrize('pushed', [None, 'site', '/site'])
-@pytest.mark.parametrize(
-    ('name', 'topic'), [('pendulum', 'plant_markers'), ('robots', 'robot2/goal_pose')]
-)
-def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name: str, topic: str):
+@BOTH
+def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name: str):
     """A namespace that is pushed too; of relative names launch_ros takes care."""
+    topic = {'pendulum': 'plant_markers', 'robots': 'robot2/goal_pose'}[name]
     arguments = {'rviz': 'true', 'record': 'true', 'bag': 'bag', 'enclaves': 'true'}
     started = described(name).started(pushed, namespace='hall', **arguments)
     above = 'site/' if pushed else ''
@@ -153,9 +152,8 @@ def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: 
 def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
     def ends(item: Any, code: int, shutdown: bool = False) -> bool:
         try:
-            item.on_exit(
-                SimpleNamespace(returncode=code), launch_stand_ins.LaunchContext({}, shutdown)
-            )
+            context = launch_stand_ins.LaunchContext({}, shutdown)
+            item.on_exit(SimpleNamespace(returncode=code), context)
         except RuntimeError as error:
             assert f'ended with code {code}: the launch ends' in str(error)
             return True

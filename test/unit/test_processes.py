@@ -100,9 +100,7 @@ def make_share(prefix: Path) -> Path:
     return share
 
 
-def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
-    tmp_path, monkeypatch
-):
+def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
     assert resources.share_directory() == SOURCE
@@ -217,10 +215,8 @@ def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(folder, ca
 
 
 def test_parameter_files_and_settings_as_users_run_it(folder: Path):
-    (folder / 'p.yaml').write_text(
-        '/**:\n  planner:\n    ros__parameters:\n      limits: {torque: 9e-2}\n'
-        '      start: {source: measured, theta: 3.0}\n'
-    )
+    values = '{limits: {torque: 9e-2}, start: {source: measured, theta: 3.0}}'
+    (folder / 'p.yaml').write_text(f'/**:\n  planner:\n    ros__parameters: {values}\n')
     words = ['plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1']
     words += ['--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']
     done = python('-m', 'tdm_planner.cli', *words)
@@ -248,9 +244,7 @@ def test_parameter_files_and_settings_as_users_run_it(folder: Path):
         (['--plot', 'plan.bmp'], 2, ['plan.bmp']),
     ],
 )
-def test_mistakes_get_one_sentence_and_a_code(
-    arguments, code, words, tmp_path, monkeypatch, capsys
-):
+def test_mistakes_get_a_sentence_and_a_code(arguments, code, words, tmp_path, monkeypatch, capsys):
     (tmp_path / 'wrong.yaml').write_text('a: [1, 2\nb: }')
     (tmp_path / 'folder').mkdir()
     monkeypatch.chdir(tmp_path / 'folder')
@@ -274,9 +268,7 @@ def test_usage_version_and_without_ros_the_way_out_are_told(monkeypatch, capsys)
 
 
 @pytest.mark.parametrize('foreign', ['out', 'out/thesis.tex'])
-def test_a_demo_refuses_a_speed_that_cannot_be_and_leaves_alone_what_is_not_its_own(
-    foreign, folder, capsys
-):
+def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreign, folder, capsys):
     pytest.importorskip('rclpy')
     for speed in ('0', '-1', '100', 'nan'):
         assert main(['demo', 'pendulum', f'--speed={speed}', '-o', 'out']) == 2

@@ -243,9 +243,7 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(('namespace', 'wanted'), SPACES)
-def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
-    namespace, wanted
-):
+def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both(namespace, wanted):
     choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
     for topic in SHARED | OTHERS:
         assert choice.wants(topic) == (topic in SHARED | wanted), topic
@@ -258,9 +256,7 @@ def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorde
         assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
 
 
-def test_ros2_bag_records_where_it_is_installed_and_the_installed_tdm_elsewhere(
-    tmp_path, monkeypatch
-):
+def test_ros2_bag_records_where_it_is_installed_and_our_tdm_elsewhere(tmp_path, monkeypatch):
     """Of a workspace that colcon built; its Python need not be this one."""
     index = tmp_path / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)

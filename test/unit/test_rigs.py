@@ -26,11 +26,10 @@ RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
 def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
-    tracked, planned = (
-        read_parameters(path, node=node, namespace='/pendulum') for node in ('tracker', 'planner')
-    )
-    follower = PendulumTracker(build(PendulumTrackerParameters, tracked))
-    plan = PendulumSwingUp.from_parameters(planned).solve(deadline=5.0).trajectory
+    nodes = ('planner', 'tracker')
+    values = {node: read_parameters(path, node=node, namespace='/pendulum') for node in nodes}
+    follower = PendulumTracker(build(PendulumTrackerParameters, values['tracker']))
+    plan = PendulumSwingUp.from_parameters(values['planner']).solve(deadline=5.0).trajectory
     loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0))
     loop.begin(plan)
     loop.run(plan.duration + 24.0 / follower.parameters.plant.natural_frequency)

@@ -83,10 +83,8 @@ def test_the_integral_of_the_controls_is_exact(monkeypatch, interpolation):
     monkeypatch.setattr(PPoly, 'antiderivative', of_old)
     times = np.cumsum([0.0, 0.11, 0.07, 0.2, 0.05])
     trajectory = make(times, interpolation, [1.0, -2.0, 0.5, 3.0, 0.0])
-    pieces = [
-        quad(lambda t: float(trajectory.sample(t).control[0]), *edges)[0]
-        for edges in zip(times[:-1], times[1:] - 1e-15, strict=True)
-    ]
+    edges = zip(times[:-1], times[1:] - 1e-15, strict=True)
+    pieces = [quad(lambda t: float(trajectory.sample(t).control[0]), *both)[0] for both in edges]
     integral = trajectory.control_integral(times)[:, 0]
     np.testing.assert_allclose(integral, np.cumsum([0.0, *pieces]), atol=1e-12)
     outside = trajectory.control_integral([-1.0, times[-1] + 1.0])[:, 0]
@@ -133,9 +131,8 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
 def test_a_state_whose_end_is_free_or_wide_is_checked_before(states, words, allowed):
     free = np.array([allowed, 1e-6])
     start = np.zeros(2)
-    assert verify(PLANT, BANG_BANG, np.ones(2), free, LIMITS[:1], start=start).reasons == (
-        'v ends 1 m/s from the goal (allowed 1e-06)',
-    )
+    reached = verify(PLANT, BANG_BANG, np.ones(2), free, LIMITS[:1], start=start)
+    assert reached.reasons == ('v ends 1 m/s from the goal (allowed 1e-06)',)
     changed = replace(BANG_BANG, states=np.array(states))
     check = verify(PLANT, changed, GOAL, free, LIMITS, start=start)
     assert len(check.reasons) == 1

@@ -56,9 +56,8 @@ FORMS = {
     'tau = t': changed(PENDULUM, duration=lambda s: Duration(guess=1.5)),
 }
 Plain = changed(DirectPlant, fly=lambda s, trajectory, until: None)  # it is left to scipy
-TIGHT = TrustRegionOptions(
-    penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
-)
+TIGHT = TrustRegionOptions((30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,))
+TIGHT = TIGHT._replace(corrections=4)
 
 
 @pytest.mark.parametrize('form', FORMS.values(), ids=FORMS)

@@ -74,9 +74,8 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     states = np.array([0.0, 0.0, 1.0, 0.5]) + times[:, None] * [1.0, 0.5, 0.0, 0.0]
     plan = Trajectory.of(VIEW.kind, times, states, np.full((21, 1), 0.01), 'linear')
     charts = history(1.0).charts(TimedTrajectory(plan, BEGIN))
-    assert [chart.title for chart in charts] == [
-        'theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS,
-    ]  # fmt: skip
+    titles = ['theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS]
+    assert [chart.title for chart in charts] == titles
     angles = charts[0]
     assert set(angles.curves) == {'theta', 'psi', 'theta, planned', 'psi, planned'}
     assert angles.planned == {'theta, planned', 'psi, planned'}

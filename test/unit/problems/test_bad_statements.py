@@ -127,20 +127,16 @@ def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():
 
 def test_a_condition_that_collocation_would_lose_is_kept():
     """A jerk given at the end is neither a state nor a control: the plan is not refined."""
-    ends = {
-        'x': Output((-2.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=4, derivatives=2),
-        'y': Output((0.6, 0.0), (0.6, 0.0), free=4),
-    }
+    ends = {'x': Output((-2.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=4, derivatives=2)}
+    ends['y'] = Output((0.6, 0.0), (0.6, 0.0), free=4)
     motion = changed(Car, outputs=lambda s: ends)().solve().trajectory
     assert motion.interpolation == 'cubic'
     assert motion.controls[-1, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_start_conditions_and_a_free_start():
-    ends = {
-        'x': Output({1: 0.0}, (2.0, 0.0), free=5, scale=3.0),
-        'y': Output({1: 0.0}, (0.0, 0.0), free=5, scale=1.0),
-    }
+    ends = {'x': Output({1: 0.0}, (2.0, 0.0), free=5, scale=3.0)}
+    ends['y'] = Output({1: 0.0}, (0.0, 0.0), free=5, scale=1.0)
     made = changed(
         Car,
         outputs=lambda s: ends,

@@ -253,10 +253,8 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_stay_where_an_end_is_
     problem = RoundTheObstacle()
     assert Trace.of(CheckedFormulation(problem)).obstacles
     assert not Trace.of(CheckedFormulation(WEAK())).obstacles
-    straight, left, right = (
-        refinement(problem).straight(20, bend, np.random.default_rng(1)).states
-        for bend in (0, 0.2, -0.2)
-    )
+    lines = (refinement(problem).straight(20, b, np.random.default_rng(1)) for b in (0, 0.2, -0.2))
+    straight, left, right = (line.states for line in lines)
     assert left - straight == pytest.approx(straight - right)
     assert np.abs(left[:, 1]).max() > 0.2
 

@@ -137,10 +137,8 @@ def test_a_recognised_plan_that_does_nothing_has_no_arcs():
 
 def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(planned):
     problem, solution = planned
-    spoilt = {
-        name: replace(motion, controls=0.9 * motion.controls)
-        for name, motion in solution.trajectories.items()
-    }
+    motions = solution.trajectories.items()
+    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
     with pytest.raises(VerificationFailed):
         problem.recognised(spoilt)
 

@@ -147,10 +147,8 @@ def test_verification_catches_collisions_with_robots_that_have_arrived():
     first = pose('first', (1.0, 2.0, 0.0), (2.0, 2.0, 0.0))
     second = (3.5, 2.0, 0.0), (0.5, 2.0, 0.0)
     alongside = formation(**apart, **first, **pose('second', (3.5, 1.0, 0.0), (0.5, 1.0, 0.0)))
-    plans = {
-        'first': alongside.solve().trajectories['first'],
-        'second': formation(**alone(*second, name='second')).solve().trajectories['second'],
-    }
+    other = formation(**alone(*second, name='second'))
+    plans = {**alongside.solve().trajectories, **other.solve().trajectories}
     task = formation(**apart, **first, **pose('second', *second)).task
     plan = assessed(task, plans, np.full(4, 0.25), 1e-6, np.zeros(0))
     assert not plan.verification.ok

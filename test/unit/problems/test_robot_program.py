@@ -311,10 +311,8 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     solution, asked = plans['thrust_arcs'][1], problem(1)
     now = share * min(plan.duration for plan in solution.trajectories.values())
     rest = {name: plan.after(now) for name, plan in solution.trajectories.items()}
-    starts = {
-        name: RobotStart(**dict(zip(plan.state_names, plan.states[0].tolist(), strict=True)))
-        for name, plan in rest.items()
-    }
+    firsts = {n: zip(p.state_names, p.states[0].tolist(), strict=True) for n, p in rest.items()}
+    starts = {name: RobotStart(**dict(first)) for name, first in firsts.items()}
     gas = sum(plan.control_integral(plan.duration)[0] / 10.5 for plan in rest.values())
     again = replace(asked, starts=starts).solve(warm_start=replace(solution, trajectories=rest))
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)

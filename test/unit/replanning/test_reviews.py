@@ -27,9 +27,8 @@ from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.verification import Verification
 
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
-OUTLOOKS = st.builds(
-    Outlook, cost=COSTS, failure=st.sampled_from(['', 'it falls']), settled=st.booleans()
-)
+FAILURES = st.sampled_from(['', 'it falls'])
+OUTLOOKS = st.builds(Outlook, cost=COSTS, failure=FAILURES, settled=st.booleans())
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
 
@@ -240,9 +239,8 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
 
 def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
     execution = GenericExecution(('x', 'v'), 0.05)
-    other = replace(
-        CART, start=CartStart(x=3.0), solver=DirectSolverParameters(deadline=1.0, seed=3)
-    )
+    solver = DirectSolverParameters(deadline=1.0, seed=3)
+    other = replace(CART, start=CartStart(x=3.0), solver=solver)
     assert execution.same_question(plan.problem, other)
     assert not execution.same_question(plan.problem, replace(CART, limit=2.0))
 

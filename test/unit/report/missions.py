@@ -122,16 +122,13 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
 
 
 def robots_mission(
-    names: Sequence[str] = ('robot1', 'robot2'),
-    measured: bool = True,
-    rate: float = 100.0,
-    after: float = 1.0,
-    given: Any = ARENA_PARAMETERS | ALONE,
-    **changes: Any,
+    measured: bool = True, rate: float = 100.0, after: float = 1.0, **changes: Any
 ) -> Mission:
+    """Return one of robots `names` in an arena `given` by parameters."""
     vehicles = []
+    given = changes.pop('given', ARENA_PARAMETERS | ALONE)
     view = RobotView(problem=RobotFormation.from_parameters(given))
-    for number, name in enumerate(names):
+    for number, name in enumerate(changes.pop('names', ('robot1', 'robot2'))):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
         if measured:

@@ -206,10 +206,8 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     states, controls = motion.sample(np.minimum(at, LENGTH))
     states = states + np.array([off.get('x', 0.0), off.get('v', 0.0)])
     controls = (at[:, None] < LENGTH) * controls + off.get('u', 0.0)
-    measured = {
-        'states': Signals(at, states, ('x', 'v'), ('m', 'm/s')),
-        'commands': Signals(at, controls, ('u',), ('m/s^2',)),
-    }
+    measured = {'states': Signals(at, states, ('x', 'v'), ('m', 'm/s'))}
+    measured['commands'] = Signals(at, controls, ('u',), ('m/s^2',))
     vehicle = Vehicle('sled', StatedView(problem), (FollowedPlan(motion, 0.0),), **measured)
     return Mission('Sled', problem.name, (vehicle,))
 

@@ -313,9 +313,7 @@ def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
 
 
 @pytest.mark.timeout(300)
-def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
-    tmp_path, monkeypatch, capsys
-):
+def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
     words = ['study', 'pendulum', '--over', 'limits.torque=.0001:.09:2', '--over']
