@@ -3,8 +3,6 @@
 
 """What a release is checked for: generated files, manifest, changelog, versions, benchmark."""
 
-from __future__ import annotations
-
 import ast
 import os
 from pathlib import Path
@@ -28,7 +26,6 @@ FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
 
 
 def sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Flat parameters of every node in a parameter file, by the node's name."""
     document = yaml.safe_load(path.read_text(encoding='utf-8'))
     nodes = [str(key).rsplit('/', 1)[-1] for key in document]
     return {node: ros_parameters(document, node) for node in nodes}
@@ -88,7 +85,6 @@ CHANGELOG = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
 
 
 def imported(*folders: str) -> set[str]:
-    """Top-level packages that the sources in these folders import, anywhere."""
     found: set[str] = set()
     for path in (path for folder in folders for path in (SOURCE / folder).rglob('*.py')):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):

@@ -3,8 +3,6 @@
 
 """Bad input, sabotaged solvers: some of every kind, and every case that ever escaped."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out
@@ -61,9 +59,7 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(
         ),
     ],
 )  # fmt: skip
-def test_documents_without_end_and_objects_of_a_language_are_refused(
-    tmp_path, text, says, monkeypatch
-):
+def test_endless_documents_and_foreign_objects_are_refused(tmp_path, text, says, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / 'parameters.yaml'
     path.write_text(text)

@@ -3,8 +3,6 @@
 
 """What the launch files start, and what they refuse, with stand-ins for `launch`."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import shutil
@@ -12,13 +10,8 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
-from launch_stand_ins import (  # noqa: F401
-    described,
-    ExecuteProcess,
-    LaunchContext,
-    Node,
-    stand_ins,
-)
+import launch_stand_ins
+from launch_stand_ins import described, ExecuteProcess, Node, stand_ins  # noqa: F401
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.exceptions import InvalidProblem
@@ -56,7 +49,6 @@ def written(folder: Path, sections: dict[str, Any]) -> str:
 
 
 def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path: Path):
-    """YAML 1.1 takes 5e-2 for a text, ROS 2 and the nodes for a number."""
     path = written(tmp_path, {'/**/planner': {'plant': {'mass': '5e-2', 'arm_length': 0.2}}})
     found = nodes('pendulum', params_file=path, namespace='/rig')
     assert one(found, 'robot_state_publisher').namespace == 'rig'
@@ -107,7 +99,6 @@ def test_what_holds_for_all_nodes(name: str):
             enclave = f'/{node.namespace}/{node.executable}'
             assert node.ros_arguments[-2:] == ['--enclave', enclave]
             assert enclave in known
-    # neither window nor recording unless asked for
     started = described(name).started()
     assert not [item for item in started if isinstance(item, ExecuteProcess)]
     assert 'rviz2' not in {item.executable for item in started}
@@ -120,11 +111,10 @@ def test_what_holds_for_all_nodes(name: str):
 
 
 @pytest.mark.parametrize('pushed', [None, 'site', '/site'])
-@pytest.mark.parametrize(
-    ('name', 'topic'), [('pendulum', 'plant_markers'), ('robots', 'robot2/goal_pose')]
-)
-def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name: str, topic: str):
+@BOTH
+def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name: str):
     """A namespace that is pushed too; of relative names launch_ros takes care."""
+    topic = {'pendulum': 'plant_markers', 'robots': 'robot2/goal_pose'}[name]
     arguments = {'rviz': 'true', 'record': 'true', 'bag': 'bag', 'enclaves': 'true'}
     started = described(name).started(pushed, namespace='hall', **arguments)
     above = 'site/' if pushed else ''
@@ -162,7 +152,8 @@ def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: 
 def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
     def ends(item: Any, code: int, shutdown: bool = False) -> bool:
         try:
-            item.on_exit(SimpleNamespace(returncode=code), LaunchContext({}, shutdown))
+            context = launch_stand_ins.LaunchContext({}, shutdown)
+            item.on_exit(SimpleNamespace(returncode=code), context)
         except RuntimeError as error:
             assert f'ended with code {code}: the launch ends' in str(error)
             return True

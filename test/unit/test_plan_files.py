@@ -3,48 +3,42 @@
 
 """Plans as files, of which every bit is kept, and as pictures, in which everything is drawn."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 from double_integrator import DoubleIntegrator
 import numpy as np
 import pytest
+from stated import changed
 from tdm_planner.drawing import LIMIT, SWITCH
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import check_path, load_plan, save_plan
 from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
-from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
-Planned = tuple[Any, Solution]
 CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
 
 
-class Foreign(Problem):
-    """Neither derived from the built-in ones nor stated as a formulation; without limits."""
-
-    name = 'foreign'
-
-    def search(self, budget: Any, rng: Any, previous: Any) -> Any:
-        raise NotImplementedError
+# Neither derived from the built-in ones nor stated as a formulation; without limits.
+Foreign = changed(Problem, name='foreign', search=Mock(side_effect=NotImplementedError))
 
 
 @pytest.fixture(scope='module')
-def swing_up() -> Planned:
+def swing_up() -> Any:
     return PendulumSwingUp(), PendulumSwingUp().solve(deadline=5.0)
 
 
 @pytest.fixture(scope='module')
-def formation() -> Planned:
+def formation() -> Any:
     return RobotFormation(), RobotFormation().solve(deadline=5.0)
 
 
-def test_json_csv_and_npz_keep_every_bit(swing_up: Planned, tmp_path: Path) -> None:
+def test_json_csv_and_npz_keep_every_bit(swing_up: Any, tmp_path: Path) -> None:
     solution = swing_up[1]
     original = solution.trajectory
     for ending in ('json', 'csv', 'npz'):
@@ -64,7 +58,7 @@ def test_json_csv_and_npz_keep_every_bit(swing_up: Planned, tmp_path: Path) -> N
         np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
 
 
-def test_several_vehicles(formation: Planned, tmp_path: Path) -> None:
+def test_several_vehicles(formation: Any, tmp_path: Path) -> None:
     solution = formation[1]
     plan, robots = solution.to_dict(), solution.trajectories
     assert set(plan['robots']) == set(robots)
@@ -105,7 +99,6 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
                 assert values.min() == pytest.approx(check.worst[margin], abs=2e-3), margin
     assert list(margins) == ['push', 'pull']
     np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
-    # of a problem with a search of its own
     plan = swing_up[1].trajectory
     assert plan_margins(Foreign(), plan) == ()
     limited, fastest = Foreign(), np.abs(plan.state('theta_dot')).max()
@@ -117,7 +110,7 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
     assert extremes == pytest.approx((2 * fastest, fastest), rel=1e-2)
 
 
-def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planned) -> None:
+def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -> None:
     problem, solution = swing_up
     figure = plot_plans(problem, solution.trajectories)
     found = {axis.get_ylabel(): axis for axis in figure.axes}

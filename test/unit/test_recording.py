@@ -3,8 +3,6 @@
 
 """Recorder and demo: what a kill and a full disk leave; topics, commands, connections, lines."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 import errno
 from importlib.util import find_spec
@@ -14,6 +12,7 @@ from pathlib import Path
 import re
 import sqlite3
 import sys
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -40,15 +39,19 @@ from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
 
-
-class Endpoint:
-    qos_profile = QoSProfile(depth=1)
-    topic_type_hash = None
+ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
+DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
+TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
+SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
+OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
+          '/hall/a/odom', '/hall/abc'}  # fmt: skip
+SPACES = [(name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')]
+SPACES += [('hall/a', {'/hall/a/odom'}), ('/', OTHERS)]
 
 
 def written(writer: BagWriter, most: int, size: int) -> int:
     """Write messages until one cannot be, at most `most`; how many could."""
-    connection = writer.add_topic('/t', 'std_msgs/msg/String', [Endpoint()])
+    connection = writer.add_topic('/t', 'std_msgs/msg/String', [ENDPOINT])
     for k in range(most):
         text = f'{k:06d}' + 'x' * size
         writer.write(connection, 10**9 + k, serialize_message(String(data=text)))
@@ -143,9 +146,6 @@ def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> Non
             message_class(absent)
 
 
-DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
-
-
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
     failures: list[Exception] = []
@@ -167,12 +167,6 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
         failures[:] = [failure]
         assert run(Path('bag'), [], 'mcap', quiet) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
-
-
-TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
-SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
-OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
-          '/hall/a/odom', '/hall/abc'}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -211,15 +205,9 @@ def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() 
     assert settings('planner', 4.0) == {'use_sim_time': True, **longer}
     tracker = settings('tracker', 4.0, rates=2.0)
     assert (tracker['rate'], tracker['state_timeout']) == (100.0, pytest.approx(0.4))
-    assert settings('pendulum_plant', 4.0, drives_clock=True, rates=2.0) == {
-        'use_sim_time': False,
-        'publish_clock': True,
-        'real_time_factor': 4.0,
-        'clock_followers': ['joint_command'],
-        'command_timeout': pytest.approx(0.4),
-        'rate': 100.0,
-    }
-    # slower, nothing is shortened
+    plant = {'use_sim_time': False, 'publish_clock': True, 'real_time_factor': 4.0, 'rate': 100.0}
+    plant |= {'clock_followers': ['joint_command'], 'command_timeout': pytest.approx(0.4)}
+    assert settings('pendulum_plant', 4.0, drives_clock=True, rates=2.0) == plant
     assert settings('planner', 0.5)['start.delay'] == 1.0
     assert settings('tracker', 0.5)['rate'] == 200.0
 
@@ -233,12 +221,9 @@ def test_piped_there_are_plain_lines_and_when_quiet_none(capsys):
         assert re.fullmatch(lines, capsys.readouterr().out)
 
 
-class Terminal(io.StringIO):
-    isatty = Mock(return_value=True)
-
-
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal()
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, 'isatty', lambda: True)
     monkeypatch.setenv('TERM', 'xterm')
     monkeypatch.setenv('COLUMNS', '100')
     monkeypatch.setattr(sys, 'stdout', terminal)
@@ -250,7 +235,6 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
         progress.update('live only')
         progress._bars.refresh()
     progress.line('done')
-    # an error ends the live line
     with pytest.raises(ZeroDivisionError), progress:
         progress.phase(f'{1 // 0}')
     assert not progress._bars.live.is_started
@@ -258,23 +242,13 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
         assert words in terminal.getvalue()
 
 
-@pytest.mark.parametrize(
-    ('namespace', 'wanted'),
-    [
-        *((name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')),
-        ('hall/a', {'/hall/a/odom'}),
-        ('/', OTHERS),
-    ],
-)
-def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
-    namespace, wanted
-):
+@pytest.mark.parametrize(('namespace', 'wanted'), SPACES)
+def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both(namespace, wanted):
     choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
     for topic in SHARED | OTHERS:
         assert choice.wants(topic) == (topic in SHARED | wanted), topic
         assert bool(pattern.search(topic)) == choice.wants(topic), topic
     assert not choice.wants('/robots/_hidden/odom')
-    # by name, or all
     choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
     both = TopicChoice(frozenset({'/chosen'}), 'robots')
     asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')
@@ -282,9 +256,7 @@ def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorde
         assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
 
 
-def test_ros2_bag_records_where_it_is_installed_and_the_installed_tdm_elsewhere(
-    tmp_path, monkeypatch
-):
+def test_ros2_bag_records_where_it_is_installed_and_our_tdm_elsewhere(tmp_path, monkeypatch):
     """Of a workspace that colcon built; its Python need not be this one."""
     index = tmp_path / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)

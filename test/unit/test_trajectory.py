@@ -33,7 +33,6 @@ LIMITS = (
 
 
 def make(times=(0.0, 1.0, 3.0), interpolation='zero_order_hold', controls=(1.0, -1.0, 0.0)):
-    """Return a double integrator under the given controls, exact for held ones."""
     times, u = np.array(times), np.array(controls)
     states = np.zeros((times.size, 2))
     for k in range(times.size - 1):
@@ -84,13 +83,10 @@ def test_the_integral_of_the_controls_is_exact(monkeypatch, interpolation):
     monkeypatch.setattr(PPoly, 'antiderivative', of_old)
     times = np.cumsum([0.0, 0.11, 0.07, 0.2, 0.05])
     trajectory = make(times, interpolation, [1.0, -2.0, 0.5, 3.0, 0.0])
-    pieces = [
-        quad(lambda t: float(trajectory.sample(t).control[0]), *edges)[0]
-        for edges in zip(times[:-1], times[1:] - 1e-15, strict=True)
-    ]
+    edges = zip(times[:-1], times[1:] - 1e-15, strict=True)
+    pieces = [quad(lambda t: float(trajectory.sample(t).control[0]), *both)[0] for both in edges]
     integral = trajectory.control_integral(times)[:, 0]
     np.testing.assert_allclose(integral, np.cumsum([0.0, *pieces]), atol=1e-12)
-    # Outside the samples nothing is commanded.
     outside = trajectory.control_integral([-1.0, times[-1] + 1.0])[:, 0]
     np.testing.assert_array_equal(outside, integral[[0, -1]])
 
@@ -101,11 +97,9 @@ BANG_BANG = make((0.0, 1.0, 2.0))  # minimum time over 1 m with |u| <= 1
 def test_a_good_plan_passes_and_margins_are_reported():
     check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, LIMITS)
     assert check.ok, check.reasons
-    assert check.worst['thrust'] == pytest.approx(0)
-    assert check.worst['speed'] == pytest.approx(1e-4)
+    assert (check.worst['thrust'], check.worst['speed']) == (pytest.approx(0), pytest.approx(1e-4))
     assert check.worst_times['speed'] == pytest.approx(1.0, abs=2e-3)
     assert check.to_dict()['terminal_error'].keys() == {'x', 'v'}
-    # An end that is free has no error.
     free = verify(PLANT, BANG_BANG, np.add(GOAL, [3.0, 0.0]), TOLERANCE * [np.inf, 1.0], LIMITS)
     assert free.ok, free.reasons
     assert free.terminal_error == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -137,9 +131,8 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
 def test_a_state_whose_end_is_free_or_wide_is_checked_before(states, words, allowed):
     free = np.array([allowed, 1e-6])
     start = np.zeros(2)
-    assert verify(PLANT, BANG_BANG, np.ones(2), free, LIMITS[:1], start=start).reasons == (
-        'v ends 1 m/s from the goal (allowed 1e-06)',
-    )
+    reached = verify(PLANT, BANG_BANG, np.ones(2), free, LIMITS[:1], start=start)
+    assert reached.reasons == ('v ends 1 m/s from the goal (allowed 1e-06)',)
     changed = replace(BANG_BANG, states=np.array(states))
     check = verify(PLANT, changed, GOAL, free, LIMITS, start=start)
     assert len(check.reasons) == 1
@@ -194,5 +187,4 @@ def test_where_controls_jump():
         (replace(BANG_BANG, interpolation='linear'), [], [0, 1, 2]),
         (replace(BANG_BANG, interpolation='cubic'), [], [0, 2]),
     ):
-        assert plan.switches.tolist() == switches
-        assert plan.smooth_pieces == pieces
+        assert (plan.switches.tolist(), plan.smooth_pieces) == (switches, pieces)

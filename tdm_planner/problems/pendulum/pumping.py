@@ -165,13 +165,13 @@ def pump(
     torques: Array,
     arcs: Integers,
     distances: Array,
-) -> None:
+) -> int:
     """
     Follow every variant from `start` (4,) to where it promises most.
 
     Filled are `durations` [s] and `torques` [N m] (n, K) of its arcs, their number `arcs` (n,), 0
     if it never comes near, and `distances` (n,), the sum of squares that shooting reduces. What
-    becomes of a variant does not depend on the others.
+    becomes of a variant does not depend on the others. Returns the number of steps taken.
     """
     p, w0, most = pumping, pumping.w0, durations.shape[1]
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
@@ -181,7 +181,7 @@ def pump(
     stage, arc, taken = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp), 0
     steps, away = np.zeros(LANES, np.intp), np.zeros(LANES, np.bool_)
     age, total, since, last = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    promise = np.empty(LANES)
+    promise, done = np.empty(LANES), 0
     while True:
         busy = 0
         for i in range(LANES):
@@ -202,7 +202,7 @@ def pump(
                 promise[i], arcs[n], distances[n] = np.inf, 0, np.inf
             busy += lanes[i] >= 0
         if busy == 0:
-            return
+            return done
         _steer(k, p, x)
         for i in range(LANES):
             n = lanes[i]
@@ -244,6 +244,7 @@ def pump(
                 goes_on = (total[i] - since[i]) * w0 <= weight * math.sqrt(distances[n])
                 goes_on = goes_on and steps[i] < _MOST_STEPS and total[i] < p.longest / w0
             if not goes_on:
+                done += steps[i]
                 if arcs[n] > 0:
                     durations[n, arcs[n] - 1] = last[i]
                 lanes[i] = -1

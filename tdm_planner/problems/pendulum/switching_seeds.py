@@ -48,6 +48,7 @@ _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arriv
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
+_EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _POLISHED = 16  # last arcs whose time is minimised
 _STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
@@ -171,7 +172,7 @@ def pumped(
     for _ in range(_ROUNDS):
         if late() or len(swings) >= LANES:
             break
-        swings += _swings(task, laws(task, rng, VARIANTS), most, enough)
+        swings += _swings(task, laws(task, rng, VARIANTS), most, budget, enough)
     steps = min(task.steps(COARSE_STEPS), _STEPS)
     landed: list[Candidate] = []
     for first in range(0, len(swings), LANES):
@@ -194,7 +195,11 @@ def landed_finely(
 
 
 def _swings(
-    task: SwingUpTask, variants: Laws, most: int, enough: Callable[[int], bool]
+    task: SwingUpTask,
+    variants: Laws,
+    most: int,
+    budget: Budget,
+    enough: Callable[[int], bool],
 ) -> list[Candidate]:
     """
     Return the promising variants, the best first, with a tail to land by.
@@ -213,10 +218,11 @@ def _swings(
         if enough(int(np.count_nonzero(distances < NEAR))):
             break
         rows = slice(first, first + some)
-        pump(
+        steps = pump(
             task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
+        budget.evaluations += math.ceil(steps / _EVALUATION)
     total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
     promise = np.where(distances < NEAR, w0 * total + weight * np.sqrt(distances), np.inf)
     best = np.argsort(promise)[:_LANDED]

@@ -3,8 +3,6 @@
 
 """Graphs of limits without the kinks that only fold them, and of rates with rounded kinks."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -34,13 +32,12 @@ def test_the_least_row_is_the_limit(limit, rows) -> None:
     both = ca.vertcat(1.0 + x[1], limit(t, ca.vertsplit(x), ca.vertsplit(u), p))
     margins = ca.Function('margins', [t, x, u, p], [both])
     found = Unfolded(margins, NUMBERS)
-    parts, of = found.rows, found.limit
-    assert of.tolist() == [0] + [1] * rows
+    assert found.limit.tolist() == [0] + [1] * rows
     rng = np.random.default_rng(3)
     for _ in range(50):
         at = rng.normal(), rng.normal(size=2), 2.0 * rng.normal(size=2), NUMBERS
-        least, wanted = (np.array(function(*at)).ravel() for function in (parts, margins))
-        assert [least[of == k].min() for k in (0, 1)] == pytest.approx(wanted)
+        least, wanted = (np.array(function(*at)).ravel() for function in (found.rows, margins))
+        assert [least[found.limit == k].min() for k in (0, 1)] == pytest.approx(wanted)
 
 
 def test_many_kinks_do_not_multiply_without_end() -> None:
@@ -48,10 +45,9 @@ def test_many_kinks_do_not_multiply_without_end() -> None:
     one = [ca.SX.sym('t'), x, ca.SX.sym('u'), ca.SX.sym('p')]
     margins = ca.Function('margins', one, [1.0 - ca.sum1(ca.fabs(x))])
     found = Unfolded(margins, NUMBERS)
-    parts, of = found.rows, found.limit
-    assert of.size <= 64
+    assert found.limit.size <= 64
     at = 0.0, np.linspace(-0.1, 0.1, 20), 0.0, NUMBERS
-    assert float(np.min(parts(*at))) == pytest.approx(float(margins(*at)))
+    assert float(np.min(found.rows(*at))) == pytest.approx(float(margins(*at)))
 
 
 def test_numbers_that_turn_a_fold_round_unfold_anew() -> None:
@@ -71,9 +67,8 @@ def test_kinks_within_kinks_are_rounded_and_measured() -> None:
     assert rounded.count == 3
     at = [3.0, -0.5], 2.0
     sizes = np.array(rounded.sizes(*at)).ravel()
-    assert sorted(np.abs(sizes)) == pytest.approx(
-        [0.5, 0.5, 1.0]
-    )  # |x1|, the difference, the root
+    # |x1|, the difference, the root
+    assert sorted(np.abs(sizes)) == pytest.approx([0.5, 0.5, 1.0])
     exact, near = (float(rounded.value(*at, e)) for e in (np.zeros(3), np.full(3, 1e-3)))
     assert exact == pytest.approx(1.0)
     assert near == pytest.approx(exact, abs=1e-4)

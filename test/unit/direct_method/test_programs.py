@@ -3,8 +3,6 @@
 
 """Nonlinear programs: made of a stated problem, and minimised; compiled replays."""
 
-from __future__ import annotations
-
 from differences import central
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from stated import Cart, changed
-from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.nonlinear_program import (
+    Budget,
     Linearisation,
     Multipliers,
     NonlinearProgram,
@@ -56,6 +55,9 @@ FORMS = {
     'sines': changed(PENDULUM, outputs=lambda s: SINES),
     'tau = t': changed(PENDULUM, duration=lambda s: Duration(guess=1.5)),
 }
+Plain = changed(DirectPlant, fly=lambda s, trajectory, until: None)  # it is left to scipy
+TIGHT = TrustRegionOptions((30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,))
+TIGHT = TIGHT._replace(corrections=4)
 
 
 @pytest.mark.parametrize('form', FORMS.values(), ids=FORMS)
@@ -73,11 +75,8 @@ def test_derivatives_agree_with_differences(form):
         rows, _ = program.derivatives(program.evaluate(x), multipliers)
         return rows[0] + multipliers.equalities @ rows[1:2] - multipliers.inequalities @ rows[2:]
 
-    rows = central(lambda x: program.evaluate(x).cache[0], xi)
-    for found, expected, allowed in (
-        (jacobian, rows, 1e-7),
-        (hessian, central(lagrangian, xi), 1e-6),
-    ):
+    rows, slopes = (central(of, xi) for of in (lambda x: program.evaluate(x).cache[0], lagrangian))
+    for found, expected, allowed in ((jacobian, rows, 1e-7), (hessian, slopes, 1e-6)):
         scale = 1 + np.abs(expected).max(axis=0)
         np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-7, atol=allowed)
     motion = program.motion(xi)
@@ -92,16 +91,12 @@ def test_a_first_guess_is_fitted():
     def first_guess(self, s):
         return {'x': 0.2 + 0.8 * s + 0.7 * np.sin(np.pi * s) ** 2}
 
-    guessed, straight = (
-        Transcription(cls(), chebyshev_nodes(41))
-        for cls in (changed(PENDULUM, first_guess=first_guess), PENDULUM)
-    )
-    wanted = first_guess(None, guessed.nodes)['x']
-    away = [
-        np.abs(program.motion(program.first_guess).states[:, 0] - wanted).max()
-        for program in (guessed, straight)
-    ]
-    assert away[0] < 0.2 * away[1]
+    def away(form):
+        program = Transcription(form(), chebyshev_nodes(41))
+        wanted = first_guess(None, program.nodes)['x']
+        return np.abs(program.motion(program.first_guess).states[:, 0] - wanted).max()
+
+    assert away(changed(PENDULUM, first_guess=first_guess)) < 0.2 * away(PENDULUM)
 
 
 def test_a_reserve_is_kept_whatever_was_asked_before():
@@ -123,7 +118,6 @@ def test_quadrature_is_exact_for_polynomials_and_that_of_a_spline_on_other_nodes
 
 
 def damped(damping=0.1):
-    """Return a damped pendulum, as stiff as one likes."""
     return changed(
         Cart,
         outputs=lambda s: {'x': Output((0.3, 0.0), (1.0, 0.0), free=1)},
@@ -138,7 +132,6 @@ def damped(damping=0.1):
 
 ESCAPING = changed(
     Cart,
-    __doc__='A plant that is at infinity before long.',
     invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - y['x'][1] ** 3,)),
     derivative=lambda s, x, u: (x[1], u[0] + x[1] ** 3),
 )
@@ -149,13 +142,6 @@ def plan(intervals, interpolation='linear', size=20.0):
     times = to_nanoseconds(np.linspace(0.0, 2.0, intervals + 1))
     states = np.tile([0.3, -0.5], (intervals + 1, 1))
     return Trajectory.of(Cart, times, states, controls, interpolation)
-
-
-class Plain(DirectPlant):
-    """It is left to scipy."""
-
-    def fly(self, trajectory, until):
-        return None
 
 
 @pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
@@ -239,11 +225,6 @@ def test_what_has_no_minimum_is_noticed():
             assert solve_quadratic_program(*program) is None
     free = np.zeros((0, 2)), np.zeros(0), np.full(2, -1e12), np.full(2, 1e12)
     assert solved(np.diag([1.0, -1.0]), np.ones(2), *free) is None
-
-
-TIGHT = TrustRegionOptions(
-    penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
-)
 
 
 class Smooth(NonlinearProgram):

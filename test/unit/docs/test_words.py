@@ -3,8 +3,6 @@
 
 """Sources and pages keep to the glossary; pages are short, and quote messages as they are."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 import io
@@ -24,16 +22,14 @@ PAGES = sorted(
 RETIRED = {
     r'left out|leaves? (states|messages) out': 'ignored, dropped, skipped',
     r'in force|carried out|carries out': 'active, executed',
-    r'taken over|takes over|taken up|take-over': 'superseded, resumed, recovered',
-    r'preempt\w*': 'superseded',
+    r'taken over|takes over|taken up|take-over|preempt\w*': 'superseded, resumed, recovered',
     r'refus(e|es|ed|ing|als?)': 'rejected, ignored',
     r'given up|gives? up': 'dropped, aborted',
     r'foreseen|foresees|foretell': 'predicted',
     r'made anew|started anew|planned anew': 'replanned, restarted',
     r'first guess': 'initial guess',
     r'steer(s|ed|ing)?': 'shooting',
-    r'lockstep|worth all|beyond help|whoever has written': '-',
-    r'wish(es|ed)?|trouble': '-',
+    r'lockstep|worth all|beyond help|whoever has written|wish(es|ed)?|trouble': '-',
     r'(some|no|every)body': 'a client, no node, a viewer',
 }
 CHECKED = re.compile('|'.join(rf'\b(?:{phrase})\b' for phrase in RETIRED), re.IGNORECASE)

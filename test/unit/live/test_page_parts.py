@@ -3,13 +3,11 @@
 
 """Parts of the live page: sliders, curves, tasks; shapes in space, the camera, handles to drag."""
 
-from __future__ import annotations
-
-from functools import partial
 import math
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -28,15 +26,10 @@ from tdm_sim.live.sliders import shown_range, slider_of
 
 
 def slider(name: str, value: Any, kind: int = 3, most: float = 1e12, **more: Any) -> Any:
-    declared = {
-        'name': name,
-        'type': kind,
-        'description': 'largest torque [N m]',
-        'additional_constraints': 'must be in [1e-12, 1e+12] N m',
-        'read_only': False,
-        'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=most)],
-        'integer_range': [SimpleNamespace(from_value=1, to_value=1000)],
-    }
+    declared = {'name': name, 'type': kind, 'description': 'largest torque [N m]'}
+    declared |= {'additional_constraints': 'must be in [1e-12, 1e+12] N m', 'read_only': False}
+    declared['floating_point_range'] = [SimpleNamespace(from_value=0.0, to_value=most)]
+    declared['integer_range'] = [SimpleNamespace(from_value=1, to_value=1000)]
     made: Any = SimpleNamespace(**(declared | more))
     return slider_of(made, value)
 
@@ -50,7 +43,6 @@ def test_range_unit_and_description_come_from_the_declaration() -> None:
     assert (share.low, share.high, share.unit, share.group) == (0.0, 1.0, '', '')
     whole = slider('switching_arcs', 256, 2)
     assert all(isinstance(v, int) for v in (whole.low, whole.high, whole.step, whole.value))
-    # what has none
     assert slider('method', 'switching', 4) is slider('goal.turns', None, 2) is None
     assert slider('limits.torque', 0.02, read_only=True) is None
     for name in ('start.delay', 'solver.deadline', 'replan.rate'):
@@ -66,6 +58,8 @@ def test_a_slider_holds_its_value_and_keeps_to_what_is_allowed(value, one, other
 
 BEGIN = 1_800_000_000.0  # s, as clocks show
 VIEW = view_of(PendulumSwingUp())
+PATIENCE = 30.0  # s
+angle = st.floats(-6.0, 6.0)
 
 
 def history(seconds: float) -> History:
@@ -80,9 +74,8 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     states = np.array([0.0, 0.0, 1.0, 0.5]) + times[:, None] * [1.0, 0.5, 0.0, 0.0]
     plan = Trajectory.of(VIEW.kind, times, states, np.full((21, 1), 0.01), 'linear')
     charts = history(1.0).charts(TimedTrajectory(plan, BEGIN))
-    assert [chart.title for chart in charts] == [
-        'theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS,
-    ]  # fmt: skip
+    titles = ['theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS]
+    assert [chart.title for chart in charts] == titles
     angles = charts[0]
     assert set(angles.curves) == {'theta', 'psi', 'theta, planned', 'psi, planned'}
     assert angles.planned == {'theta, planned', 'psi, planned'}
@@ -95,7 +88,6 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     assert (margins.curves['torque'] > 0.0).all()
     for chart in charts:
         assert all(np.isfinite(curve).all() for curve in chart.curves.values())
-    # only the last seconds are kept; a clock that begins anew begins anew
     made = history(SPAN + 5.0)
     x = made.charts(None)[0].x
     assert -SPAN - 1.0 < x[0] < -SPAN / 2
@@ -109,14 +101,10 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
     for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
         times.add(number, solve_time)
     chart: Any = times.chart()
-    assert chart.title == SOLVING
-    assert chart.x.tolist() == [1.0, 2.0]
+    assert (chart.title, chart.x.tolist()) == (SOLVING, [1.0, 2.0])
     assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
     times.add(1, 0.2)  # the planner was started anew
     assert times.chart() is None
-
-
-PATIENCE = 30.0  # s
 
 
 def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
@@ -129,15 +117,12 @@ def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
         go_on.wait(PATIENCE)
         return 'first'
 
-    def fail(error: Exception) -> str:
-        raise error
-
     tasks.submit('drag', first, told.append)
     assert begun.wait(PATIENCE)
     for number in range(5):
         tasks.submit('drag', f'drag {number}'.__str__, told.append)
-    tasks.submit('push', partial(fail, Infeasible('the goal is outside')), told.append)
-    tasks.submit('pull', partial(fail, KeyError('x')), told.append)
+    tasks.submit('push', Mock(side_effect=Infeasible('the goal is outside')), told.append)
+    tasks.submit('pull', Mock(side_effect=KeyError('x')), told.append)
     tasks.submit('next', lambda: 'next', told.append)
     tasks.submit('last', lambda: '', lambda _: done.set())
     go_on.set()
@@ -197,9 +182,6 @@ def test_what_moves_in_an_upright_plane_is_seen_from_the_front() -> None:
     assert upright.camera[1] < -upright.size / 2
     deep = view_on([Line(((0.0, 0.0, 0.0), (3.0, 2.0, 2.0)))])
     assert deep.camera[0] > deep.target[0]
-
-
-angle = st.floats(-6.0, 6.0)
 
 
 @given(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0))

@@ -3,8 +3,6 @@
 
 """Who may look at the live page, and nodes that are kept up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 import time
@@ -55,7 +53,6 @@ def test_only_own_pages_may_ask(server: Any) -> None:
     ('patience', 'told'), [(60.0, r'recorder\.log'), (0.0, 'no message has come in space')]
 )
 def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
-    """A recorder that ends at once; one that waits in vain."""
     monkeypatch.setattr(recordings, '_PATIENCE', patience)
     begin = NodeProcesses.start
     monkeypatch.setattr(

@@ -3,8 +3,6 @@
 
 """Small parts of nodes on clocks set by hand: instants, rates, rations, plans' status, states."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -26,6 +24,8 @@ from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
 
 SECOND = 10**9
+STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}
+NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
 
 class Clock:
@@ -61,15 +61,12 @@ def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_i
     for rate in (1.0, 7.0, 50.0, 1000.0):
         watch = RateWatch(rate, Clock())
         tick(watch, rate, 5.0)
-        assert watch.problem() == ''
-        assert watch.measured() == pytest.approx(rate, abs=0.51)
+        assert (watch.problem(), watch.measured()) == ('', pytest.approx(rate, abs=0.51))
     watch = RateWatch(200.0, Clock())
-    tick(watch, 143.0, 1.0)
-    assert watch.problem() == ''
-    tick(watch, 143.0, 4.0)
-    assert watch.problem() == '143 Hz instead of 200: the computer is too busy, lower the rate'
-    tick(watch, 200.0, 5.0)
-    assert watch.problem() == ''
+    slow = '143 Hz instead of 200: the computer is too busy, lower the rate'
+    for rate, seconds, told in ((143.0, 1.0, ''), (143.0, 4.0, slow), (200.0, 5.0, '')):
+        tick(watch, rate, seconds)
+        assert watch.problem() == told
     watch._clock.now += 1.0
     assert watch.measured() == pytest.approx(100.0, abs=1.0)
     assert watch.problem()
@@ -78,8 +75,6 @@ def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_i
 
 
 class SetClock:
-    """A steady clock, and the time of day, set by `offset` ns; or simulated."""
-
     offset = simulated = took = 0
     steady, ros_time_is_active = 7 * SECOND, False
 
@@ -106,14 +101,12 @@ def day(monkeypatch):
 def test_a_clock_that_is_set_moves_no_instant(day, step):
     steps: list[float] = []
     motion = MotionClock(day, steps.append)
-    assert pacing_clock(day).clock_type == ClockType.STEADY_TIME
-    assert motion.now() == 0.0
+    assert (pacing_clock(day).clock_type, motion.now()) == (ClockType.STEADY_TIME, 0.0)
     day.steady += SECOND
     assert motion.instant(day.now().nanoseconds) == motion.now() == 1.0
     day.offset += round(step * SECOND)
     for _ in range(2):
-        assert motion.now() == 1.0
-        assert motion.instant(day.now().nanoseconds) == 1.0
+        assert (motion.now(), motion.instant(day.now().nanoseconds)) == (1.0, 1.0)
         assert steps == [pytest.approx(step)]
 
 
@@ -133,16 +126,9 @@ def test_simulated_time_is_the_plants_own(day):
     assert not MotionClock(day).runs
     day.simulated = 1000 * SECOND
     motion = MotionClock(day)
-    assert motion.runs
-    assert pacing_clock(day) == day
-    assert motion.now() == 0.0
+    assert (motion.runs, pacing_clock(day), motion.now()) == (True, day, 0.0)
     day.simulated = 1002 * SECOND
-    assert motion.now() == pytest.approx(2.0)
-    assert motion.instant(1005 * SECOND) == pytest.approx(5.0)
-
-
-STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}
-NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
+    assert (motion.now(), motion.instant(1005 * SECOND)) == pytest.approx((2.0, 5.0))
 
 
 class Bench:
@@ -170,7 +156,6 @@ class Bench:
         self.status.accepted(self.plans[start], start, str(start).encode())
 
     def tracker(self, phase: Phase, *starts: int, unquiet: bool = False) -> Any:
-        """Return one in a phase, with the motions of current and following plan."""
         motions = [SimpleNamespace(trajectory=self.plans[start]) for start in starts]
         made = SimpleNamespace(phase=phase, unquiet=unquiet)
         made.current, made.following = [*motions, None, None][:2]
@@ -182,12 +167,8 @@ class Bench:
         return self.told[-1]
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-def test_a_plan_from_its_acceptance_to_its_end(bench):
+def test_a_plan_from_its_acceptance_to_its_end():
+    bench = Bench()
     assert bench.told == [{}]
     bench.accept(5)
     assert bench.tick(Phase.WAITING, 5) == {5: 'ACCEPTED'}
@@ -207,7 +188,8 @@ def test_a_plan_from_its_acceptance_to_its_end(bench):
     assert bench.followed == [b'5', b'8', JointTrajectory(), b'9', JointTrajectory()]
 
 
-def test_a_plan_that_is_superseded_is_canceled_and_one_that_is_rejected_aborted(bench):
+def test_a_plan_that_is_superseded_is_canceled_and_one_that_is_rejected_aborted():
+    bench = Bench()
     bench.accept(5)
     bench.tick(Phase.TRACKING, 5)
     bench.accept(8)
@@ -227,7 +209,8 @@ def test_a_plan_that_is_superseded_is_canceled_and_one_that_is_rejected_aborted(
     assert bench.tick(Phase.STOPPED) == {9: 'ABORTED'}
 
 
-def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest(bench):
+def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest():
+    bench = Bench()
     bench.accept(5)
     bench.tick(Phase.TRACKING, 5)
     assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}

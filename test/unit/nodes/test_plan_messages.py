@@ -3,8 +3,6 @@
 
 """Plans, states and commands as messages and back; what viewers are told to draw."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 from typing import Any
@@ -41,6 +39,9 @@ CRANE = named_kind(
     ('force', 'winch'),
     [('trolley', 'x', 'v'), ('winch', 'rope', 'reel')],  # the winch is a joint and a control
 )
+DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
+number = st.floats(-20.0, 20.0)
+BODY = {('body', 0), ('body', 1)}
 
 
 def switched(kind: PlantKind, count: int = 20) -> Trajectory:
@@ -79,7 +80,6 @@ def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> Non
 
 
 def test_a_robots_plan_is_one_message() -> None:
-    """Joints and their quantities are a contract; what is no state is told besides."""
     robot = FloatingRobot()
     plan = switched(ROBOT).with_rates(robot.derivative)
     omega = plan.state('omega')
@@ -220,10 +220,6 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
         setattr(part, name, good)
 
 
-DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
-number = st.floats(-20.0, 20.0)
-
-
 def place(point: Any) -> list[float]:
     return [point.x, point.y, point.z]
 
@@ -231,9 +227,6 @@ def place(point: Any) -> list[float]:
 def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
     state = np.array(state, dtype=float)
     return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
-
-
-BODY = {('body', 0), ('body', 1)}
 
 
 @pytest.mark.parametrize(
@@ -324,7 +317,6 @@ def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> 
     np.testing.assert_allclose(ring, 0.2)
     path = scene['planned_path', 300].points  # thinned, but with its ends
     assert (len(path), path[0].x, path[-1].x) == (LONGEST_PATH, 0.5, 3.0)
-    # Of the first robot only the goal is known.
     paths = {number for name, number in scene.names if name == 'planned_path'}
     assert paths == {200, 300}
     last = formation('ab', [])

@@ -3,8 +3,6 @@
 
 """What the planner computes, in which order; recovery of plans, and where they lead meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 import threading
@@ -62,12 +60,8 @@ class Queue(PlanQueue):
         self.task_of_executor()
 
 
-@pytest.fixture
-def queue() -> Queue:
-    return Queue()
-
-
-def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy(queue: Queue) -> None:
+def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy() -> None:
+    queue = Queue()
     queue.task(*queue.job('first task'))
     queue.task(*queue.job('second task'))
     assert not queue.solving
@@ -83,20 +77,21 @@ def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy(queue: Queue)
     assert queue.done == ['first task', 'request', 'second task']
 
 
-def test_a_request_supersedes_a_review(queue: Queue) -> None:
+def test_a_request_supersedes_a_review() -> None:
+    queue = Queue()
     queue.review(*queue.job('review'))
     queue.review(*queue.job('review too much'))
     queue.request(*queue.job('request'))
     queue.finish()
     queue.finish()
-    assert queue.began == ['review', 'request']
-    assert queue.done == ['request']
+    assert (queue.began, queue.done) == (['review', 'request'], ['request'])
     queue.review(*queue.job('later review'))
     queue.finish()
     assert queue.done[1:] == ['later review']
 
 
-def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome(queue: Queue) -> None:
+def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> None:
+    queue = Queue()
     queue.request(*queue.job('request'))
     queue.task(*queue.job('task'))
     error = Inactive('deactivated')
@@ -117,7 +112,6 @@ def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome(queue: Q
 
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped() -> None:
     values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
-    # node, clock, queue and adapter of the planner
     it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
     it.now.return_value = 0.0
     replanning = Replanning(it, it, it, it, it.publish)
@@ -220,17 +214,14 @@ def predict(plan, state, measured, start):
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
 def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at):
-    """Under full thrust drifting alone would miss by ten centimetres."""
     times = np.array([at, at + 1.0])
     before, after = replay(FloatingRobot(), plan.trajectory, times)
     measured = START + at
     predicted = predict(plan, before, measured, measured + 1.0)
     np.testing.assert_allclose(predicted[:6], after[:6], atol=1e-3)
-    # a small deviation is carried along
     state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
     away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
     np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)
-    # one that does not follow drifts
     state = np.array([1.0, 1.0, 0.1, 0.0, 0.0, 0.2, 0.5])
     for force in (plan, None):
         predicted = predict(force, state, START + 9.0, START + 10.0)

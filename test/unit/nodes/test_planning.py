@@ -3,8 +3,6 @@
 
 """From parameters and a measured state to a plan or the reason for none, without ROS running."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import json
 import math
@@ -24,8 +22,6 @@ BEGIN = 1_700.0  # s
 
 
 class Clock:
-    """The node's clock, and the machine's: runs while somebody sleeps; `passed` s so far."""
-
     passed = 0.0
     runs = True
 
@@ -71,44 +67,36 @@ class Problem:
     """Solved at once; .3 s are allowed; the start is `ahead` s from now."""
 
     clock: Clock
-
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self.ahead = values.get('start.x', 0.0)
-        self.solver = SimpleNamespace(deadline=0.3)
+    ahead, solver = 0.0, SimpleNamespace(deadline=0.3)
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> Problem:
-        return cls(values)
-
-    def search(self, deadline: float) -> Any:
-        """Return nothing, or the plan, or raise why there is none."""
+    def from_parameters(cls, values: Mapping[str, Any]) -> Any:
+        made = cls()
+        made.ahead = values.get('start.x', 0.0)
+        return made
 
     def solve(self, deadline: float) -> Any:
-        return self.search(deadline) or solution()
+        return solution()
 
 
 def solved_by(search: Any) -> Any:
-    return type('Own', (Problem,), {'search': search})
+    """Return one whose `search` returns the plan or nothing, or raises why there is none."""
+    found = {'solve': lambda self, deadline: search(self, deadline) or solution()}
+    return type('Own', (Problem,), found)
 
 
 def raising(error: Exception) -> Any:
-    def search(self: Any, deadline: float) -> Any:
-        raise error
-
-    return solved_by(search)
+    return solved_by(Mock(side_effect=error))
 
 
 @solved_by
 def distant(self: Any, deadline: float) -> Any:
-    """Find after a while that nothing can be done from a start so far ahead."""
     self.clock.sleep(min(0.25, 0.8 * deadline))
     if self.ahead > 0.3:
         raise Infeasible('there is no way from this start')
 
 
-@solved_by
-def slow(self: Any, deadline: float) -> Any:
-    self.clock.sleep(2.0)
+slow = solved_by(lambda self, deadline: self.clock.sleep(2.0))
 
 
 def late(error: type[Exception], never: bool = False) -> Any:
@@ -169,7 +157,7 @@ def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
 def test_a_fault_of_the_program_is_internal_and_has_its_traceback():
     made = failure(raising(KeyError('no such column')))
     assert (made.code, made.reason) == ('INTERNAL', "KeyError: 'no such column'")
-    assert 'raise error' in made.trace
+    assert 'search(self, deadline)' in made.trace
     assert json.loads(made.to_json()) == {'code': made.code, 'reason': made.reason}
 
 
@@ -218,7 +206,6 @@ def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
 def test_the_answer_is_json_whatever_a_problem_of_ones_own_returns(cost, told):
-    problem: Any = Problem({})
-    made = ActivePlan(problem, solution(cost=cost), BEGIN)
+    made = ActivePlan(Problem(), solution(cost=cost), BEGIN)
     answer = json.loads(plan_answer(made, 1), parse_constant=pytest.fail)
     assert answer['cost'] == told

@@ -3,8 +3,6 @@
 
 """Plants' equations, what is compiled and derived of them, and the URDF, against others."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 import shutil
@@ -19,17 +17,11 @@ import pytest
 from replays import pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants import FloatingRobot, PendulumInertia, RotaryPendulum, slopes
+from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
-from tdm_planner.plants.pendulum_kernels import (
-    derivative,
-    FeedbackTable,
-    roll_arcs,
-    roll_feedback,
-    roll_states,
-    sine_and_cosine,
-)
+from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_lanes import LANES, roll_ends, roll_lanes
+from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot
 from tdm_planner.problems.pendulum.task import SwingUpTask
@@ -41,9 +33,11 @@ from tdm_planner.views.pendulum_urdf import pendulum_urdf
 PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
 START = np.array([np.pi, 0.0, 0.0, 0.0])
-STATES = st.tuples(
-    st.floats(-4.0, 4.0), st.floats(-2.0, 2.0), st.floats(-8.0, 8.0), st.floats(-8.0, 8.0)
-).map(np.array)
+STATES = st.tuples(*(st.floats(-most, most) for most in (4.0, 2.0, 8.0, 8.0))).map(np.array)
+# Unequal across the rod, to tell the axes apart.
+INERTIA = PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3)
+OTHER = RotaryPendulum(mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA)
+ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
 
 @given(STATES, TORQUES)
@@ -74,13 +68,13 @@ def alternating(count: int, torque: float = 0.05) -> np.ndarray:
 
 
 def roll(start, durations, torques, steps):
-    """Return the states at all steps, and their derivatives by the durations of arcs."""
     arcs, k = durations.size, PLANT.coefficients
     states, within = np.empty((arcs * steps + 1, 4)), np.empty((arcs * steps + 1, 4, 4))
     begins, derivatives = np.empty((arcs + 1, 4, arcs)), np.zeros((arcs * steps + 1, 4, arcs))
-    roll_arcs(k, start, durations, torques, steps, states, within, begins)
+    pendulum_kernels.roll_arcs(k, start, durations, torques, steps, states, within, begins)
     for node, m, p in np.ndindex(arcs * steps, 4, arcs):
-        derivatives[node + 1, m, p] = derivative(within, begins, node + 1, node // steps, m, p)
+        at = node + 1, node // steps, m, p
+        derivatives[node + 1, m, p] = pendulum_kernels.derivative(within, begins, *at)
     np.testing.assert_allclose(derivatives[steps::steps], begins[1:], rtol=1e-9, atol=1e-9)
     return states, derivatives
 
@@ -154,7 +148,7 @@ def test_ends_of_many_motions_are_those_one_by_one(seed):
 @given(st.floats(-1e6, 1e6))
 @settings(max_examples=200)
 def test_sine_and_cosine(angle):
-    sine, cosine = sine_and_cosine(angle)
+    sine, cosine = pendulum_kernels.sine_and_cosine(angle)
     assert abs(sine - np.sin(angle)) < 3e-16
     assert abs(cosine - np.cos(angle)) < 3e-16
 
@@ -199,8 +193,8 @@ def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
     rng = np.random.default_rng(0)
     references = rng.normal(size=(20, 4))
     torques, gains = 0.02 * rng.normal(size=20), 0.02 * rng.normal(size=(20, 4))
-    table = FeedbackTable(references, torques, gains, 5e-3, 0.03)
-    states = roll_feedback(PLANT, np.array([3.0, 0.1, 1.0, -1.0]), table)
+    table = pendulum_kernels.FeedbackTable(references, torques, gains, 5e-3, 0.03)
+    states = pendulum_kernels.roll_feedback(PLANT, np.array([3.0, 0.1, 1.0, -1.0]), table)
     state = states[0]
     for k in range(20):
         error = state - references[k]
@@ -210,20 +204,8 @@ def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
         np.testing.assert_allclose(states[k + 1], state, atol=1e-6)
 
 
-PLANTS = {
-    'default': RotaryPendulum(),
-    'other': RotaryPendulum(
-        mass=0.3,
-        com_distance=0.2,
-        arm_length=0.15,
-        # Unequal across the rod, to tell the axes apart.
-        inertia=PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3),
-    ),
-}
-
-
 @pytest.mark.parametrize('seed', range(3))
-@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+@pytest.mark.parametrize('plant', [PLANT, OTHER], ids=['default', 'other'])
 def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(plant, seed):
     mujoco = pytest.importorskip('mujoco')
     model = mujoco.MjModel.from_xml_string(pendulum_urdf(plant))
@@ -247,9 +229,6 @@ def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(plant, 
     assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)
 
 
-ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
-
-
 def trajectory(times, controls, start, interpolation='linear'):
     states = np.tile(np.asarray(start, dtype=float), (len(times), 1))
     return Trajectory.of(ROBOT, times, states, controls, interpolation)
@@ -263,13 +242,9 @@ def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
     controls = rng.uniform(-1, 1, (30, 3)) * [0.4, turning, 0.01 * turning] + [0.4, 0.0, 0.0]
     start = rng.uniform(-1, 1, 7) * [1, 1, 1, 1, 1, turning, 1]
     plan = trajectory(times, controls, start, interpolation)
-    columns = {name: plan.control(name).tolist() for name in plan.control_names}
-    document = {
-        'times': times.tolist(),
-        'states': {name: plan.state(name).tolist() for name in plan.state_names},
-        'controls': columns,
-        'interpolation': interpolation,
-    }
+    document = {'times': times.tolist(), 'interpolation': interpolation}
+    document['states'] = {name: plan.state(name).tolist() for name in plan.state_names}
+    document['controls'] = {name: plan.control(name).tolist() for name in plan.control_names}
     rates = robot_rates({'plant.mass': ROBOT.mass, 'plant.inertia': ROBOT.inertia})
     at, states, _ = zip(*replayed(document, rates, 2e-3), strict=True)
     assert ROBOT.replay(plan, np.array(at)) == pytest.approx(np.array(states), abs=2e-7)
@@ -280,10 +255,8 @@ def test_verification_replays_splines_by_integration():
     controls = np.stack([1 + np.sin(times), np.cos(times), 0.01 * times], axis=1)
     plan = trajectory(times, controls, np.zeros(7), 'cubic')
     assert ROBOT.replay(plan, times) is None
-    states = replay(ROBOT, plan, times)
-    fine = trajectory(
-        np.linspace(0.0, 2.0, 2001), plan.sample(np.linspace(0.0, 2.0, 2001)).control, np.zeros(7)
-    )
+    states, often = replay(ROBOT, plan, times), np.linspace(0.0, 2.0, 2001)
+    fine = trajectory(often, plan.sample(often).control, np.zeros(7))
     assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)
 
 

@@ -3,8 +3,6 @@
 
 """Mistakes in the statement of a problem: one sentence that names the function, and a way out."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -12,21 +10,12 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, random_statements
 from stated import Car, Cart, changed, LONG, refused, solve
+from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.exceptions import (
-    DeadlineExceeded,
-    Infeasible,
-    InvalidProblem,
-    TdmError,
-    VerificationFailed,
-)
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
-
-
-def by_if(self, t, x, u):
-    return {'pole': x[0] - 1.0 if x[0] > 0.0 else x[1]}
 
 
 def along_the_path(self, y, z):
@@ -48,57 +37,40 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
-def by_math(x):
-    return math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5
-
-
-BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
-    'math': (margins_of(pole=by_math), ['margins of Changed', 'TypeError', 'np.sqrt(x)']),
-    'if': ({'margins': by_if}, ['margins of Changed', 'ValueError', 'np.where']),
-    'min': (
-        margins_of(pole=lambda x: min(x[0] ** 2, 4.0) - 5.0),
-        ['margins of Changed', 'ValueError', 'np.minimum'],
+BAD: list[tuple[dict[str, Any], list[str]]] = [
+    *(
+        (margins_of(pole=pole), ['margins of Changed', *words])
+        for pole, *words in (
+            (lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5, 'TypeError', 'np.sqrt(x)'),
+            (lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1], 'ValueError', 'np.where'),
+            (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
+        )
     ),
-    'math on numbers': (
-        {'margins': scalar_math},
-        ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
-    ),
-    'singular at rest': (
-        {'invert': along_the_path},
-        ["invert gives control 'ax' = nan at node 0"],
-    ),
-    'a goal outside a limit': (
-        margins_of(wall=lambda x: 1.5 - x[0]),
-        ["the end violates the limit 'wall' by 0.5"],
-    ),
-    'a constant limit': (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
-    'a jump': (
+    ({'margins': scalar_math}, ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy']),
+    ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
+    (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
+    (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
+    (
         {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
         ['final_cost jumps by 1', 'np.tanh'],
     ),
-    'limits of no control': (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
-    'limits upside down': (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),
-    'a reserve of no limit': ({'reserve': {'speed': 0.1}}, ["reserve names 'speed'", 'pole']),
-    'a reserve of all': ({'reserve': {'ax': 1.0}}, ["reserve gives 'ax' = 1"]),
-    'a guess of no output': (
-        {'first_guess': lambda s, at: {'z': at}},
-        ["first_guess names 'z'", 'x, y'],
-    ),
-}
-FOR_OTHERS = {  # what only a tracker or a picture would meet
-    'weights': (
+    (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
+    (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),
+    ({'reserve': {'speed': 0.1}}, ["reserve names 'speed'", 'pole']),
+    ({'reserve': {'ax': 1.0}}, ["reserve gives 'ax' = 1"]),
+    ({'first_guess': lambda s, at: {'z': at}}, ["first_guess names 'z'", 'x, y']),
+]
+FOR_OTHERS = [  # what only a tracker or a picture would meet
+    (
         {'feedback_weights': lambda self: (np.eye(3), np.eye(2))},
         ['gives Q of shape (3, 3), expected (4, 4)'],
     ),
-    'drawing': (
+    (
         {'drawing': lambda self, x: [Disc((math.sin(x[0]), x[1]), 0.1)]},
         ['drawing of Changed raises TypeError'],
     ),
-    'a reserve': (
-        {'reserve': {'Pole': 0.1}},
-        ["which is not a limit: there are 'pole', 'ax, lowest'"],
-    ),
-}
+    ({'reserve': {'Pole': 0.1}}, ["which is not a limit: there are 'pole', 'ax, lowest'"]),
+]
 OF_A_CART = [
     ({'running_cost': DirectProblem.running_cost}, ['states no performance index']),
     ({'state_units': ('m',)}, ['2 state_names but 1 state_units']),
@@ -117,13 +89,8 @@ OF_A_CART = [
         {'integrated': lambda self: {'v': Integrated(5.0)}},
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
-    *(
-        ({'derivative': wrong}, [f"derivative gives the rate of '{state}' ="])
-        for state, wrong in (
-            ('v', lambda s, x, u: (x[1], 1.1 * u[0])),
-            ('x', lambda s, x, u: (-x[1], u[0])),
-        )
-    ),
+    ({'derivative': lambda s, x, u: (x[1], 1.1 * u[0])}, ["derivative gives the rate of 'v' ="]),
+    ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
     (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
 ]
 
@@ -131,8 +98,8 @@ OF_A_CART = [
 @pytest.mark.parametrize(
     ('of', 'ask', 'change', 'words'),
     [
-        *((Car, Car.solve, *case) for case in BAD.values()),
-        *((Car, check_problem, *case) for case in FOR_OTHERS.values()),
+        *((Car, Car.solve, *case) for case in BAD),
+        *((Car, check_problem, *case) for case in FOR_OTHERS),
         *((Cart, Cart.solve, *case) for case in OF_A_CART),
     ],
 )
@@ -160,21 +127,16 @@ def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():
 
 def test_a_condition_that_collocation_would_lose_is_kept():
     """A jerk given at the end is neither a state nor a control: the plan is not refined."""
-    ends = {
-        'x': Output((-2.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=4, derivatives=2),
-        'y': Output((0.6, 0.0), (0.6, 0.0), free=4),
-    }
+    ends = {'x': Output((-2.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=4, derivatives=2)}
+    ends['y'] = Output((0.6, 0.0), (0.6, 0.0), free=4)
     motion = changed(Car, outputs=lambda s: ends)().solve().trajectory
     assert motion.interpolation == 'cubic'
     assert motion.controls[-1, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_start_conditions_and_a_free_start():
-    """Leave a circle from wherever it is best, by `start_conditions`."""
-    ends = {
-        'x': Output({1: 0.0}, (2.0, 0.0), free=5, scale=3.0),
-        'y': Output({1: 0.0}, (0.0, 0.0), free=5, scale=1.0),
-    }
+    ends = {'x': Output({1: 0.0}, (2.0, 0.0), free=5, scale=3.0)}
+    ends['y'] = Output({1: 0.0}, (0.0, 0.0), free=5, scale=1.0)
     made = changed(
         Car,
         outputs=lambda s: ends,
@@ -204,8 +166,6 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
 
 
 class Rolling(Car):
-    """Its way along y is integrated."""
-
     way = Integrated(0.1, 0.0)
     sideways = Output((0.0,), (0.0,), free=4)
 
@@ -238,7 +198,7 @@ def test_no_plan_is_explained():
         changed(Cart, starts=2)(limit=0.9, solver=LONG).solve()
     with pytest.raises(Infeasible, match='the conditions at the end by'):
         solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
-    with pytest.raises(DeadlineExceeded):
+    with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
     with pytest.raises(InvalidProblem, match="'time' = -1"):
         Cart.from_parameters({'time': -1.0})
@@ -271,7 +231,8 @@ def test_a_function_that_fails_on_the_way():
         calls.append(1)
         return 1 / 0 if len(calls) > 4 else Cart.derivative(self, x, u)
 
-    with pytest.raises(TdmError, match='derivative of Changed raises ZeroDivisionError'):
+    told = 'derivative of Changed raises ZeroDivisionError'
+    with pytest.raises(exceptions.TdmError, match=told):
         solve(derivative=derivative)
 
 

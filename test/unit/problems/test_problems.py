@@ -3,15 +3,15 @@
 
 """What all problems share: the outer loop of the search, recognised plans, the registry."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 from planned_apart import planned_apart
 import pytest
+from stated import changed
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
@@ -52,28 +52,22 @@ class Scripted(Search[float]):
         return Infeasible(self.rejected or 'nothing found')
 
 
-class Ordered(Scripted):
-    """Less is promised by a higher cost."""
-
-    def promises_more(self, candidate: float, than: float) -> bool:
-        return candidate < than
+Ordered = changed(Scripted, promises_more=lambda search, candidate, than: candidate < than)
+PATIENT = {'solver.deadline': 60.0}
 
 
 def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
     search = Scripted([[1.0, 2.0]], {1.0: 1, 2.0: 0})
-    assert search.run().cost == 1.0
-    assert search.checked == [(1.0, 0), (1.0, 1)]
+    assert (search.run().cost, search.checked) == (1.0, [(1.0, 0), (1.0, 1)])
     assert search.rejected == 'plan 0 of 1 fails'
     search = Scripted([[], [5.0], [4.0]], {4.0: 0, 6.0: 0})
-    assert search.run().cost == 4.0
-    assert search.round == 2
+    assert (search.run().cost, search.round) == (4.0, 2)
 
 
 def test_cheapest_of_a_round_where_none_satisfies_without_checking_what_promises_no_more() -> None:
     for kind, checked in ((Scripted, {2.0, 3.0, 1.0}), (Ordered, {2.0, 1.0})):
         search = kind([[2.0, 3.0, 1.0]], {1.0: 2, 2.0: 0, 3.0: 0}, satisfying=set())
-        assert search.run().cost == 1.0
-        assert {c for c, _ in search.checked} == checked
+        assert (search.run().cost, {c for c, _ in search.checked}) == (1.0, checked)
 
 
 def test_failure_is_raised_with_the_last_reason() -> None:
@@ -98,10 +92,7 @@ def test_failure_is_raised_with_the_last_reason() -> None:
     ],
 )
 def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monkeypatch, error):
-    def standing_plan(self: PendulumSwingUp) -> None:
-        raise error
-
-    monkeypatch.setattr(PendulumSwingUp, 'standing_plan', standing_plan)
+    monkeypatch.setattr(PendulumSwingUp, 'standing_plan', Mock(side_effect=error))
     with pytest.raises((Infeasible, type(error))) as caught:
         PendulumSwingUp().solve()
     if str(error) == 'as it is':
@@ -110,9 +101,6 @@ def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monk
         assert f'{error}' in str(caught.value)
         assert 'are their units right' in str(caught.value)
         assert caught.value.__cause__ is error
-
-
-PATIENT = {'solver.deadline': 60.0}
 
 
 @pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])
@@ -124,8 +112,7 @@ def planned(request):
 def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
     problem, solution = planned
     found = problem.recognised(solution.trajectories)
-    assert found.cost == solution.cost
-    assert found.cost_terms == solution.cost_terms
+    assert (found.cost, found.cost_terms) == (solution.cost, solution.cost_terms)
     assert found.summary == solution.summary
     assert found.verification.worst == solution.verification.worst
     assert set(found.verifications) == set(solution.verifications)
@@ -150,43 +137,32 @@ def test_a_recognised_plan_that_does_nothing_has_no_arcs():
 
 def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(planned):
     problem, solution = planned
-    spoilt = {
-        name: replace(motion, controls=0.9 * motion.controls)
-        for name, motion in solution.trajectories.items()
-    }
+    motions = solution.trajectories.items()
+    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
     with pytest.raises(VerificationFailed):
         problem.recognised(spoilt)
 
-    class Silent(type(problem)):
-        assess = Problem.assess
-
+    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
     with pytest.raises(VerificationFailed, match='cannot assess'):
-        Silent.from_parameters({}).recognised(solution.trajectories)
+        silent.recognised(solution.trajectories)
 
 
 def test_processes_and_the_order_of_sets_change_nothing() -> None:
-    """The same request and seed give the same plan to the last bit."""
     assert planned_apart(PYTHONHASHSEED='0') == planned_apart(PYTHONHASHSEED='1')
 
 
 @pytest.fixture
 def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Another package's registration, as pip leaves it on the path."""
     metadata = tmp_path / 'another-1.0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: another\nVersion: 1.0\n')
     (metadata / 'entry_points.txt').write_text(
-        '[tdm_planner.problems]\n'
-        'another = another_package:Another\n'
-        'a_function = another_package:solve\n'
-        'nothing = another_package:Missing\n'
-        'broken = broken_package:Another\n'
+        '[tdm_planner.problems]\nanother = another_package:Another\nbroken = broken_package:A\n'
+        'a_function = another_package:solve\nnothing = another_package:Missing\n'
     )
     (tmp_path / 'another_package.py').write_text(
         'from tdm_planner.problems import PendulumSwingUp\n'
-        'class Another(PendulumSwingUp):\n'
-        '    name = "another"\n'
-        'def solve(): pass\n'
+        'class Another(PendulumSwingUp): name = "another"\ndef solve(): pass\n'
     )
     (tmp_path / 'broken_package.py').write_text('1 / 0\n')
     monkeypatch.syspath_prepend(tmp_path)

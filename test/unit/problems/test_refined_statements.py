@@ -11,6 +11,7 @@ from brachistochrone import Brachistochrone, cycloid_time
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from stated import changed
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem
@@ -19,12 +20,23 @@ from tdm_sim.study.flights import tracked, tracker_of
 
 
 @dataclass(frozen=True)
-class Slalom(DirectProblem):
-    """A unicycle between three posts in least time, its sideways acceleration limited."""
+class Quickest(DirectProblem):
+    """In least time."""
 
-    name = 'slalom'
+    guess = 3.0
+
+    def duration(self):
+        return Duration(guess=self.guess)
+
+    def final_cost(self, t, x):
+        return t
+
+
+@dataclass(frozen=True)
+class Slalom(Quickest):
     state_names, state_units = ('x', 'y', 'yaw', 'v'), ('m', 'm', 'rad', 'm/s')
     control_names, control_units = ('a', 'omega'), ('m/s^2', 'rad/s')
+    guess = 6.0
     folded: bool = parameter(True, 'whether the limit is stated by an absolute value')
 
     def outputs(self):
@@ -35,9 +47,6 @@ class Slalom(DirectProblem):
 
     def integrated(self):
         return {'x': Integrated(0.0, 14.0), 'y': Integrated(0.0, 0.0)}
-
-    def duration(self):
-        return Duration(guess=6.0)
 
     def invert(self, y, z):
         (yaw, omega), (v, a) = y['yaw'], y['v']
@@ -57,9 +66,6 @@ class Slalom(DirectProblem):
         posts = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))
         return grip | {f'{px:g}': np.hypot(x[0] - px, x[1] - py) - 1.5 for px, py in posts}
 
-    def final_cost(self, t, x):
-        return t
-
 
 def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
     """Collocation that meets the kink at every turn ended 16 % above this, or nowhere."""
@@ -69,20 +75,15 @@ def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
 
 
 @dataclass(frozen=True)
-class Boat(DirectProblem):
-    """A boat with drag by its speed squared, from rest to rest in least time."""
-
-    name = 'boat'
+class Boat(Quickest):
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
     control_names, control_units = ('fx', 'fy'), ('m/s^2', 'm/s^2')
+    guess = 30.0
     slow: float = parameter(0.0, 'speed below which the drag is linear', unit='m/s')
 
     def outputs(self):
         ends = {'x': 30.0, 'y': 10.0}
         return {n: Output(start=(0.0, 0.0), end=(e, 0.0), free=6) for n, e in ends.items()}
-
-    def duration(self):
-        return Duration(guess=30.0)
 
     def drag(self, vx, vy):
         return 0.5 * np.sqrt(vx**2 + vy**2 + self.slow**2)
@@ -99,83 +100,51 @@ class Boat(DirectProblem):
     def margins(self, t, x, u):
         return {'force': 1.0 - np.hypot(u[0], u[1])}
 
-    def final_cost(self, t, x):
-        return t
 
-
-def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum() -> None:
+def test_drag_that_has_no_slope_at_rest_is_no_obstacle_to_the_optimum_or_the_tracker() -> None:
     """Ipopt meets 0 / 0 there: plans were those of the direct method, 5 % above, or none."""
     singular, smooth = (Boat(slow=slow).solve() for slow in (0.0, 0.01))
     assert singular.trajectory.interpolation == 'linear'
     assert singular.cost == pytest.approx(smooth.cost, rel=1e-3)
-
-
-def test_the_tracker_knows_the_slopes_of_drag_at_rest() -> None:
     by_state, by_control = DirectPlant(Boat()).jacobians(np.zeros((2, 4)), np.zeros((2, 2)))
     assert by_state[0, :2, 2:] == pytest.approx(np.eye(2))
     assert by_state[1, 2:, 2:] == pytest.approx(np.zeros((2, 2)), abs=1e-6)
     assert by_control[1, 2:] == pytest.approx(np.eye(2))
 
 
-@dataclass(frozen=True)
-class Softly(Boat):
-    """The same without drag, and without force at either end."""
-
-    def outputs(self):
-        ends = {'x': 30.0, 'y': 10.0}
-        return {n: Output(start=(0.0, 0.0, 0.0), end=(e, 0.0, 0.0)) for n, e in ends.items()}
-
-    def drag(self, vx, vy):
-        return 0.0
-
-    def margins(self, t, x, u):
-        return {'force': 1.0 - np.hypot(u[0], u[1]), 'fast': 4.0 - np.hypot(x[2], x[3])}
-
-
 def test_limits_without_a_slope_at_rest_are_kept_by_collocation() -> None:
     """Straight on, speeding up, at the limit, braking; a force of nothing has no direction."""
-    plan = Softly().solve()
+    ends = {n: Output((0.0,) * 3, (e, 0.0, 0.0)) for n, e in (('x', 30.0), ('y', 10.0))}
+    softly = changed(
+        Boat,
+        outputs=lambda s: ends,
+        drag=lambda s, vx, vy: 0.0,
+        margins=lambda s, t, x, u: Boat.margins(s, t, x, u) | {'fast': 4.0 - np.hypot(x[2], x[3])},
+    )
+    plan = softly().solve()
     assert plan.trajectory.interpolation == 'linear'
     assert plan.cost == pytest.approx(np.hypot(30.0, 10.0) / 4.0 + 4.0, rel=0.02)
 
 
-@dataclass(frozen=True)
-class Balanced(DirectProblem):
-    """A rod upright on a cart, moved by 3 m in least time: e^15 times what it is off at first."""
-
-    name = 'balanced'
-    state_names, state_units = ('x', 'v', 'phi', 'omega'), ('m', 'm/s', 'rad', 'rad/s')
-    control_names, control_units = ('a',), ('m/s^2',)
-    rate: float = parameter(6.5, 'rate at which the rod falls', unit='1/s')
-
-    def outputs(self):
-        return {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)}
-
-    def integrated(self):
-        return {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)}
-
-    def duration(self):
-        return Duration(guess=3.0)
-
-    def invert(self, y, z):
-        phi, omega, alpha = y['phi']
-        return (z['x'], z['v'], phi, omega), (9.81 * (phi - alpha / self.rate**2),)
-
-    def derivative(self, x, u):
-        return x[1], u[0], x[3], self.rate**2 * (x[2] - u[0] / 9.81)
-
-    def control_limits(self):
-        return {'a': (-4.0, 4.0)}
-
-    def margins(self, t, x, u):
-        return {'lean': 0.3 - np.abs(x[2])}
-
-    def final_cost(self, t, x):
-        return t
-
-
 def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
-    problem = Balanced()
+    """A rod upright on a cart, moved by 3 m: e^15 times what it is off at first."""
+    stiffness = 6.5**2  # 1/s^2
+    problem = changed(
+        Quickest,
+        state_names=('x', 'v', 'phi', 'omega'),
+        state_units=('m', 'm/s', 'rad', 'rad/s'),
+        control_names=('a',),
+        control_units=('m/s^2',),
+        outputs=lambda s: {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)},
+        integrated=lambda s: {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)},
+        invert=lambda s, y, z: (
+            (z['x'], z['v'], *y['phi'][:2]),
+            (9.81 * (y['phi'][0] - y['phi'][2] / stiffness),),
+        ),
+        derivative=lambda s, x, u: (x[1], u[0], x[3], stiffness * (x[2] - u[0] / 9.81)),
+        control_limits=lambda s: {'a': (-4.0, 4.0)},
+        margins=lambda s, t, x, u: {'lean': 0.3 - np.abs(x[2])},
+    )()
     plan = problem.solve().trajectory
     state = np.array([-3.0, 0.0, 0.0, 0.0])
     pieces = zip(plan.times, plan.times[1:], plan.controls, plan.controls[1:], strict=False)
@@ -190,19 +159,15 @@ def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
 
 
 @dataclass(frozen=True)
-class Pushed(DirectProblem):
+class Pushed(Quickest):
     """A body pushed by 1 m in least time, 2 s; its force is counted in any `unit`."""
 
-    name = 'pushed'
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('force',), ('N',)
     unit: float = parameter(1.0, 'largest force, which is also the mass', unit='N')
 
     def outputs(self):
         return {'x': Output(start=(-1.0, 0.0), end=(0.0, 0.0), free=6)}
-
-    def duration(self):
-        return Duration(guess=3.0)
 
     def invert(self, y, z):
         x, v, a = y['x']
@@ -213,9 +178,6 @@ class Pushed(DirectProblem):
 
     def margins(self, t, x, u):
         return {'force': self.unit - np.abs(u[0])}
-
-    def final_cost(self, t, x):
-        return t
 
 
 @pytest.mark.parametrize('unit', [1e-8, 1e-3, 1.0, 1e5])
@@ -244,20 +206,17 @@ def test_feedback_keeps_a_limit_in_any_unit() -> None:
 
 
 @dataclass(frozen=True)
-class Between(DirectProblem):
+class Between(Quickest):
     """The shortest way, at a speed of 1 m/s at most, past a limit of any shape."""
 
-    name = 'between'
     state_names, state_units = ('x', 'y'), ('m', 'm')
     control_names, control_units = ('u', 'v'), ('m/s', 'm/s')
+    guess = 5.0
     kind: str = parameter('lens', 'which limit')
     turn: float = parameter(1.0, 'sign of the lens', unit='')
 
     def outputs(self):
         return {n: Output((-s,), (s,), free=6, derivatives=1) for n, s in (('x', 2.0), ('y', 0.0))}
-
-    def duration(self):
-        return Duration(guess=5.0)
 
     def invert(self, y, z):
         (x, u), (p, v) = y['x'], y['y']
@@ -273,9 +232,6 @@ class Between(DirectProblem):
             'line': lambda: -np.abs(x[1]),
         }
         return {'fast': 1.0 - u[0] ** 2 - u[1] ** 2, self.kind: limits[self.kind]()}
-
-    def final_cost(self, t, x):
-        return t
 
 
 def test_limits_that_turn_round_have_a_pole_or_vanish_are_kept_as_others() -> None:

@@ -3,8 +3,6 @@
 
 """Plans of robot formations, integrated by equations of their own; robots added or left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hypothesis import given, settings
@@ -31,13 +29,11 @@ def formation(**values):
 def pose(name, start, goal, **more):
     """Parameters of one robot from `start` to `goal`, both x, y, yaw in the arena's frame."""
     values = dict(zip(('x', 'y', 'yaw'), start, strict=True)) | more
-    return {f'{name}.start.{key}': value for key, value in values.items()} | {
-        f'formation.{name}': list(goal)
-    }
+    begin = {f'{name}.start.{key}': value for key, value in values.items()}
+    return begin | {f'formation.{name}': list(goal)}
 
 
 def flown(problem, **options):
-    """Return a plan that keeps all it promises, by the published controls alone."""
     solution = problem.solve(**options)
     assert solution.verification.ok
     assert faults(plan_document(problem, solution)) == []
@@ -54,8 +50,7 @@ def default() -> Solution:
 def test_default_problem(default):
     problem = formation()
     assert default.duration < 30
-    assert default.penalty == 0
-    assert default.parameters.size == 27
+    assert (default.penalty, default.parameters.size) == (0, 27)
     assert set(default.trajectories) == set(default.verifications) == set(problem.robots)
     assert default.cost == pytest.approx(sum(default.cost_terms.values()))
     for motion in default.trajectories.values():
@@ -82,8 +77,6 @@ SWAP = TWO | MOVER | pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
 STILL = TWO | pose('right', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0))
 THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
 MOVING = {'robot1.start.u': 0.1, 'robot2.start.v': 0.05, 'robot2.start.omega': 0.3}
-
-
 VARIANTS = {
     'paper': ({'end_accelerations': 'given', 'yaw_order': 7}, 21),
     'speed': ({'end_accelerations': 'given', 'speed_factor_order': 2}, 21),
@@ -154,10 +147,8 @@ def test_verification_catches_collisions_with_robots_that_have_arrived():
     first = pose('first', (1.0, 2.0, 0.0), (2.0, 2.0, 0.0))
     second = (3.5, 2.0, 0.0), (0.5, 2.0, 0.0)
     alongside = formation(**apart, **first, **pose('second', (3.5, 1.0, 0.0), (0.5, 1.0, 0.0)))
-    plans = {
-        'first': alongside.solve().trajectories['first'],
-        'second': formation(**alone(*second, name='second')).solve().trajectories['second'],
-    }
+    other = formation(**alone(*second, name='second'))
+    plans = {**alongside.solve().trajectories, **other.solve().trajectories}
     task = formation(**apart, **first, **pose('second', *second)).task
     plan = assessed(task, plans, np.full(4, 0.25), 1e-6, np.zeros(0))
     assert not plan.verification.ok
@@ -256,13 +247,9 @@ def test_added_robots_get_names_that_are_free():
     yaw=st.floats(-3.0, 3.0),
 )
 def test_places_are_clear_of_each_other_and_of_the_arena(number, length, width, zone, yaw):
-    values = pose('first', (0.5, 3.0, 0.0), (0.3, 0.0, 0.0)) | {
-        'robots': ['first'],
-        'formation.anchor': [1.7, 2.0, yaw],
-        'arena.length': length,
-        'arena.width': width,
-        'arena.obstacles': list(zone),
-    }
+    values = {'arena.length': length, 'arena.width': width, 'arena.obstacles': list(zone)}
+    values |= {'robots': ['first'], 'formation.anchor': [1.7, 2.0, yaw]}
+    values |= pose('first', (0.5, 3.0, 0.0), (0.3, 0.0, 0.0))
     try:
         values |= resized(values, number)
     except InvalidProblem as error:

@@ -3,8 +3,6 @@
 
 """Programs over robots' motions, by polynomials and by thrust arcs; thrusters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from benchmark.scenarios import crossing as drawn_crossing
@@ -36,9 +34,11 @@ FORMS = {
     'speed factor': MotionForm(7, 5, 2, False),
     'both': MotionForm(9, 7, 1, True),
 }
-
-
 CROWDED = replace(TASK, obstacles=np.array([[2.0, 1.5, 0.2]]), separation=0.8)
+MOVES = {'u': 0.02, 'v': -0.01, 'omega': 0.02, 'alpha': 0.4}
+MOVING = {f'robot1.start.{name}': value for name, value in MOVES.items()}
+TIMES = np.linspace(0.0, 20.0, 401)
+RATE, THRUST = 1.0, 0.1
 
 
 def task_where_one_stays():
@@ -108,7 +108,6 @@ def test_gradient_and_rows_against_differences(made):
     assert near[2].any()
 
     def margins(x):
-        """Margins near active: thrust of all robots, then torque and walls of one by one."""
         here = program.evaluate(x).cache
         rest = [
             row[i][mask[i]]
@@ -219,17 +218,12 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     assert (found[:, 1] >= 2).all()
 
 
-MOVES = {'u': 0.02, 'v': -0.01, 'omega': 0.02, 'alpha': 0.4}
-MOVING = {f'robot1.start.{name}': value for name, value in MOVES.items()}
-
-
 def problem(seed=0, n=3, **changes):
     settings = {'method': 'thrust_arcs', 'solver.deadline': 20.0, **changes}
     return RobotFormation.from_parameters(drawn_crossing(seed, n).parameters(**settings))
 
 
 def guess(program, seed=0):
-    """Parameters Xi near a first guess, with nothing degenerate about them."""
     x = next(ArcSeeds(program, np.random.default_rng(seed)).screened())
     away = np.random.default_rng(seed).uniform(0.5, 1.0, program.free.size)
     return np.clip(program.reduce(x) + 0.01 * away, program.lower, program.upper)
@@ -317,20 +311,13 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     solution, asked = plans['thrust_arcs'][1], problem(1)
     now = share * min(plan.duration for plan in solution.trajectories.values())
     rest = {name: plan.after(now) for name, plan in solution.trajectories.items()}
-    names = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')
-    starts = {
-        name: RobotStart(**dict(zip(names, plan.states[0].tolist(), strict=True)))
-        for name, plan in rest.items()
-    }
+    firsts = {n: zip(p.state_names, p.states[0].tolist(), strict=True) for n, p in rest.items()}
+    starts = {name: RobotStart(**dict(first)) for name, first in firsts.items()}
     gas = sum(plan.control_integral(plan.duration)[0] / 10.5 for plan in rest.values())
     again = replace(asked, starts=starts).solve(warm_start=replace(solution, trajectories=rest))
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     for name, plan in rest.items():
         assert again.trajectories[name].duration == pytest.approx(plan.duration, abs=0.5)
-
-
-TIMES = np.linspace(0.0, 20.0, 401)
-RATE, THRUST = 1.0, 0.1
 
 
 def flip(offset=0.0, turns=1):
@@ -355,7 +342,6 @@ def test_never_turns_faster_than_the_limit(rate, alpha):
 
 
 def test_the_branch_survives_small_changes():
-    """The direction of a turn must not change when the wanted acceleration changes a little."""
     wanted, yaw = flip(1e-4 * THRUST, turns=3), np.zeros(TIMES.size)
     direction = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan)
     first, _ = direction.follow(wanted)
@@ -373,9 +359,8 @@ def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
     assert not speed.any()
 
 
-def lateral_error(wanted, yaw, alpha):
+def lateral_error(wanted, heading):
     """Largest component of the wanted acceleration across the thrust, or against it."""
-    heading = alpha + yaw
     across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
     along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
     return float(np.hypot(across, np.minimum(along, 0.0)).max())
@@ -387,6 +372,6 @@ def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_mo
     assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
     # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
     # wanted acceleration is under sin(pi^2 / 40) F_max.
-    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    errors = [lateral_error(wanted, angle) for angle in angles]
     assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
     assert errors[0] < errors[1] < errors[2]

@@ -3,30 +3,18 @@
 
 """The receding horizon in closed loop, with its latency, on plants that are not the models."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import itertools
 import math
 
 from benchmark.receding import RecedingHorizon
-from closed_loop import (
-    crossing,
-    FORMATION,
-    pendulum,
-    pendulum_tracker,
-    robot,
-    smooth_swing_up,
-    SWING,
-    swing_up,
-    WEAK,
-)
+import closed_loop
+from closed_loop import FORMATION, pendulum, pendulum_tracker, robot, SWING, WEAK
 import numpy as np
 import pytest
-from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
+from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_sim.simulation import pendulum_push
 
@@ -35,12 +23,8 @@ INTERVAL = 0.005  # s
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
 
-@pytest.fixture(scope='module')
-def plan() -> ActivePlan:
-    return swing_up()
-
-
-def closed_loop(plan, seed=1, replanning=True, mismatch=0.05, noise=1.0, **values):
+def swinging(seed=1, replanning=True, mismatch=0.05, noise=1.0, **values):
+    plan = closed_loop.swing_up()
     tracker = pendulum_tracker(WEAK, **{'replan__on_deviation': True, **values})
     start = plan.solution.trajectory.states[0]
     vehicles = {VEHICLE: pendulum(tracker, start, mismatch, noise, seed)}
@@ -55,38 +39,31 @@ def run(loop: RecedingHorizon, until: float) -> None:
         loop.tick()
 
 
-def upright(loop: RecedingHorizon) -> bool:
-    tracker, plant = loop.vehicles[VEHICLE]
-    angle = math.remainder(float(plant.state[0]), math.tau)
-    return tracker.phase is Phase.HOLDING and abs(angle) < 0.05
-
-
 @pytest.mark.parametrize(('seed', 'replanning'), [(3, True), (5, True), (3, False)])
-def test_a_push_that_the_feedback_cannot_mend_is_planned_for(plan, seed, replanning):
-    """It is pushed after 0.7 s."""
-    loop = closed_loop(plan, seed, replanning)
+def test_a_push_that_the_feedback_cannot_mend_is_planned_for(seed, replanning):
+    loop = swinging(seed, replanning)
+    tracker, plant = loop.vehicles[VEHICLE]
     run(loop, 0.7)
-    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, 1.5e-3))
-    run(loop, plan.end + 1.0)
+    plant.push(lambda x: pendulum_push(SWING.plant, x, 1.5e-3))
+    run(loop, loop.plans[0].end + 1.0)
     while replanning and loop.time < loop.plans[-1].end + 1.0:
         loop.tick()
-    assert upright(loop) == replanning
+    upright = abs(math.remainder(float(plant.state[0]), math.tau)) < 0.05
+    assert (upright and tracker.phase is Phase.HOLDING) == replanning
     assert (len(loop.plans) > 1) == replanning
     assert len(loop.rejections) <= 1  # made from a state just before the push
     assert all(made.solution.verification.ok for made in loop.plans)
-    # one begins before the next is thought of
     starts = [made.start for made in loop.plans]
     assert (np.diff(starts) > PARAMETERS.delay - 1e-9).all()
-    # there is no chatter near the goal
     last = loop.reviews[-4:]
     assert all(review.outlook.settled and review.solve_time == 0.0 for review in last)
 
 
-def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
-    loop = closed_loop(plan, mismatch=0.0, noise=0.0, replan__on_deviation=False)
+def test_the_next_review_but_one_mends_a_refusal() -> None:
+    loop = swinging(mismatch=0.0, noise=0.0, replan__on_deviation=False)
     tracker, plant = loop.vehicles[VEHICLE]
     usual = tracker.parameters
-    turns = round(plan.solution.trajectory.states[-1, 0] / math.tau)
+    turns = round(loop.plans[0].solution.trajectory.states[-1, 0] / math.tau)
     loop.problem = replace(SWING, goal=replace(SWING.goal, turns=1 - turns))
     tracker.parameters = replace(usual, tolerance=replace(usual.tolerance, start=1e-9))
     while not loop.rejections:
@@ -106,10 +83,8 @@ def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
 
 
 def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
-    """Through replanner and tracker: what the plant is told goes on where plans change."""
-    first = smooth_swing_up()
+    first = closed_loop.smooth_swing_up()
     problem, interval = first.problem, 0.002
-    assert isinstance(problem, PendulumSwingUp)
     limit = problem.limits.torque
     vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
     replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
@@ -118,7 +93,6 @@ def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
     torques: list[float] = []
     while len(loop.plans) < 2 or loop.time < loop.plans[1].start + 0.02:
         if len(torques) == 20:
-            # Another question, which is answered at once, on the way.
             loop.problem = replace(problem, limits=replace(problem.limits, disk_angle=1.8))
         loop.tick()
         torques.append(float(vehicle.plant.control[0]))
@@ -132,7 +106,7 @@ def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
 
 
 def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() -> None:
-    plan, interval, delay = crossing(), 0.02, 0.6
+    plan, interval, delay = closed_loop.crossing(), 0.02, 0.6
     vehicles = {
         name: robot(motion.states[0], 0.05, 1.0, seed=k, gains=False, replan__on_deviation=True)
         for k, (name, motion) in enumerate(plan.solution.trajectories.items())
@@ -152,7 +126,6 @@ def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() ->
         places = [vehicle.plant.state[:2] for vehicle in vehicles.values()]
         pairs = itertools.combinations(places, 2)
         closest = min(closest, *(math.hypot(*(one - other)) for one, other in pairs))
-    # All keep their distance and arrive.
     assert closest > FORMATION.arena.minimum_separation
     for vehicle, goal in zip(vehicles.values(), FORMATION.task.goal, strict=True):
         np.testing.assert_allclose(vehicle.plant.state[:2], goal, atol=0.02)

@@ -9,8 +9,6 @@ The pendulum's angles turn evenly and each robot goes straight on while it turns
 what is read of it compared; the first plan's motion starts at `START`.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -35,56 +33,35 @@ from tdm_planner.plant_kind import PENDULUM, QUANTITIES, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.report.mission import (
-    Event,
-    FollowedPlan,
-    Mission,
-    PlanFigures,
-    Severity,
-    Signals,
-    Vehicle,
-)
+from tdm_sim.report import mission as parts
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 
 DURATION = 2.0
-
-PENDULUM_PARAMETERS = {
-    'plant.arm_length': 0.1,
-    'plant.com_distance': 0.06,
-    'limits.torque': 0.02,
-    'limits.disk_angle': 1.5,
-}
-ARENA_PARAMETERS = {
-    'arena.length': 4.0,
-    'arena.width': 3.0,
-    'arena.minimum_separation': 0.4,
-    'arena.obstacles': [2.0, 0.6, 0.25],
-    'limits.thrust': 1.0,
-    'limits.torque': 0.02,
-    'limits.thruster_rate': 2.0,
-}
+PENDULUM_PARAMETERS = {'plant.arm_length': 0.1, 'plant.com_distance': 0.06}
+PENDULUM_PARAMETERS |= {'limits.torque': 0.02, 'limits.disk_angle': 1.5}
+ARENA_PARAMETERS = {'arena.length': 4.0, 'arena.width': 3.0, 'arena.minimum_separation': 0.4}
+ARENA_PARAMETERS |= {'arena.obstacles': [2.0, 0.6, 0.25], 'limits.thrust': 1.0}
+ARENA_PARAMETERS |= {'limits.torque': 0.02, 'limits.thruster_rate': 2.0}
 EVIL = (  # strings that would do something if they could
     '</script><script>window.hacked=1</script>',
     '<img src=x onerror="window.hacked=2">',
     """'"><svg/onload=window.hacked=3>""",
     '<a href="javascript:window.hacked=4">x</a>{{data}}<!--',
 )
-ALONE = {  # a single robot, so that its place fits into the arena
-    'robots': ['robot1'],
-    'robot1.start.x': 0.5,
-    'robot1.start.y': 2.0,
-    'formation.anchor': [0.0, 0.0, 0.0],
-    'formation.robot1': [1.0, 2.0, 0.0],
-}
+# A single robot, so that its place fits into the arena.
+ALONE = {'robots': ['robot1'], 'robot1.start.x': 0.5, 'robot1.start.y': 2.0}
+ALONE |= {'formation.anchor': [0.0, 0.0, 0.0], 'formation.robot1': [1.0, 2.0, 0.0]}
+START = 1_700_000_000_250_000_000  # ns
+SECOND = 10**9
+STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def pendulum_states(t: Any) -> Any:
-    """Angles that turn evenly, and their rates, (n, 4)."""
     t = np.asarray(t, dtype=float)
     return np.stack([np.pi - 1.3 * t, 0.4 * t, 0 * t - 1.3, 0 * t + 0.4], axis=-1)
 
 
 def robot_states(t: Any, number: int) -> Any:
-    """Return a straight way with an even turn, (n, 7)."""
     t = np.asarray(t, dtype=float)
     one = np.ones_like(t)
     ways = [0.5 + 0.6 * t, 0.5 + number + 0.2 * t, 0.6 * one, 0.2 * one]
@@ -122,22 +99,20 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         errors = np.tile([0.02, -0.01, 0.0, 0.0], (at.size, 1))
         states = pendulum_states(moving) + errors
         kinds = {'names': plan.state_names, 'units': PENDULUM.state_units}
-        found = {
-            'states': Signals(at, states, **kinds),
-            'tracking_error': Signals(at, errors, **kinds),
-        }
+        found = {'states': Signals(at, states, **kinds)}
+        found['tracking_error'] = Signals(at, errors, **kinds)
         applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
         found['commands'] = found['applied'] = applied
     view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
     events = (
-        Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
-        Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
+        parts.Event(-0.5, parts.Severity.OK, '/pendulum/planner', 'plan 1 active'),
+        parts.Event(1.25, parts.Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
     )
     plain = Mission(
         'Swing-up',
         'pendulum_swing_up',
         (Vehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
-        figures=(PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
+        figures=(parts.PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
         events=events,
         parameters=PENDULUM_PARAMETERS,
         source='/bags/one',
@@ -147,16 +122,13 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
 
 
 def robots_mission(
-    names: Sequence[str] = ('robot1', 'robot2'),
-    measured: bool = True,
-    rate: float = 100.0,
-    after: float = 1.0,
-    given: Any = ARENA_PARAMETERS | ALONE,
-    **changes: Any,
+    measured: bool = True, rate: float = 100.0, after: float = 1.0, **changes: Any
 ) -> Mission:
+    """Return one of robots `names` in an arena `given` by parameters."""
     vehicles = []
+    given = changes.pop('given', ARENA_PARAMETERS | ALONE)
     view = RobotView(problem=RobotFormation.from_parameters(given))
-    for number, name in enumerate(names):
+    for number, name in enumerate(changes.pop('names', ('robot1', 'robot2'))):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
         if measured:
@@ -172,7 +144,6 @@ def robots_mission(
 
 
 def formation_mission(**changes: Any) -> Mission:
-    """Return one of two robots in an arena that both fit into."""
     given = robot_parameters(2)
     return robots_mission(given=given, **({'parameters': given} | changes))
 
@@ -212,11 +183,6 @@ class Parts(HTMLParser):
             self.rows[-1][-1] += data
 
 
-START = 1_700_000_000_250_000_000  # ns
-SECOND = 10**9
-STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
 class Item(NamedTuple):
     """A message to record under a topic at `stamp` [ns]; `data` replaces its bytes."""
 
@@ -239,7 +205,6 @@ def goal(start: int, code: int) -> GoalStatusArray:
 
 
 def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
-    """State x, y, u, v, yaw, omega in the arena's frame, as an odometry says it."""
     values = dict(zip(ROBOT.state_names, state, strict=False))
     exact = dict.fromkeys(values, 0.0)
     message = messages.odometry(ROBOT, values, exact, to_stamp(at), name)
@@ -306,7 +271,6 @@ def _joint_states(topic: str, joints: Any, histories: Iterable[Any]) -> Iterator
 
 
 def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:
-    """Yield instants [ns] with the values by name of histories on common instants."""
     known = [signals for signals in histories if signals is not None]
     names = [name for signals in known for name in signals.names]
     if known:
@@ -316,23 +280,17 @@ def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
-    check = {
-        'worst': {'torque': 0.006, 'disk_angle': 1.2},
-        'worst_times': {'torque': 0.0, 'disk_angle': 2.0},
-        'units': {'torque': 'N m', 'disk_angle': 'rad'},
-        'terminal_error': {'theta': 1e-6},
-    }
+    times, units = {'torque': 0.0, 'disk_angle': 2.0}, {'torque': 'N m', 'disk_angle': 'rad'}
+    check = {'worst': {'torque': 0.006, 'disk_angle': 1.2}, 'worst_times': times, 'units': units}
+    check |= {'terminal_error': {'theta': 1e-6}}
     return recorded(pendulum_mission(), namespace, verification=check)
 
 
 def robot_recording(namespace: str = '/robots') -> list[Item]:
     worst = {'robot1.walls': 0.3, 'robot2.walls': 0.3, 'separation robot1-robot2': 0.6}
-    return recorded(
-        formation_mission(),
-        namespace,
-        cost_terms={'time': 0.5, 'sequence': 0.25, 'gas': 0.5},
-        verification={'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)},
-    )
+    check = {'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)}
+    costs = {'time': 0.5, 'sequence': 0.25, 'gas': 0.5}
+    return recorded(formation_mission(), namespace, cost_terms=costs, verification=check)
 
 
 def without(items: Iterable[Item], *endings: str) -> list[Item]:
@@ -356,7 +314,6 @@ def write(path: Path, items: Iterable[Item], storage: str = 'mcap', compression:
 
 
 def after(seconds: float) -> int:
-    """Return the instant [ns] so long after the start of the motion."""
     return START + round(seconds * 1e9)
 
 

@@ -3,8 +3,6 @@
 
 """The report in a headless browser: each kind is opened once, for all that is asked of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 import json
@@ -45,7 +43,6 @@ class Page:
         return self.driver.execute_script(script, *arguments)
 
     def each(self, selector: str, script: str) -> Any:
-        """Return what a script gives for each element `e`, one by one."""
         every = 'return [...document.querySelectorAll(arguments[0])]'
         return self.run(f'{every}.map(e => {script})', selector)
 
@@ -60,7 +57,6 @@ class Page:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
     def click(self, element: Any) -> None:
-        """Click, clear of the bar at the foot of the page."""
         self.run('arguments[0].scrollIntoView({block: "center"})', element)
         element.click()
 
@@ -68,7 +64,6 @@ class Page:
         return float(self.find(selector).get_attribute(attribute))
 
     def points(self, selector: str) -> list[list[list[float]]]:
-        """Return the points of every line [px]."""
         texts = self.each(selector, 'e.getAttribute("points")')
         return [[[float(v) for v in p.split(',')] for p in text.split()] for text in texts]
 
@@ -89,12 +84,6 @@ class Page:
     def ranges(self) -> Any:
         return self.each('.chart', 'e.layout.xaxis.range')
 
-    def switch(self, name: str) -> Any:
-        path = f'preceding-sibling::ul//button[normalize-space()="{name}"]'
-        button = self.find('#chart-states').find_element(By.XPATH, path)
-        self.click(button)
-        return button
-
     def visible(self, kind: str) -> list[bool]:
         curves = self.each('.chart', 'e.data.map(t => [t.meta.kind, t.visible !== false])')
         return [shown for chart in curves for of, shown in chart if of == kind]
@@ -108,7 +97,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture(scope='class')
 def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -> Page:
-    """Return the report of the class' mission, open."""
     file = tmp_path_factory.mktemp('report') / 'report.html'
     write_report(request.cls.mission, file)
     found = Page(browser)
@@ -198,10 +186,13 @@ class TestPendulum(ReadableReport):
         assert all(measured)
         lines = 'return document.querySelectorAll("#chart-controls .scatterlayer .trace").length'
         before = page.run(lines)
-        assert page.switch('measured').get_attribute('aria-pressed') == 'false'
+        path = 'preceding-sibling::ul//button[normalize-space()="measured"]'
+        button = page.find('#chart-states').find_element(By.XPATH, path)
+        page.click(button)
+        assert button.get_attribute('aria-pressed') == 'false'
         page.wait(f'{lines} === {before - 1}')
         assert not any(page.visible('measured'))
-        page.switch('measured')
+        page.click(button)
         page.wait(f'{lines} === {before}')
         assert page.visible('measured') == measured
 

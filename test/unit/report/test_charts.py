@@ -3,12 +3,10 @@
 
 """Charts, animation and page of a report: what was planned and measured, complete, no markup."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import replace
 import hashlib
-from itertools import pairwise
+import itertools
 import json
 from pathlib import Path
 import re
@@ -17,18 +15,8 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from missions import (
-    ARENA_PARAMETERS,
-    DURATION,
-    Parts,
-    pendulum_mission,
-    pendulum_plan,
-    pendulum_states,
-    robot_states,
-    robots_mission,
-    SECOND,
-    unpacked,
-)
+import missions
+from missions import DURATION, pendulum_mission, pendulum_states, robots_mission, SECOND, unpacked
 import numpy as np
 import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
@@ -45,12 +33,11 @@ from tdm_sim.report.tables import events_table, number, summary_table
 
 
 def pendulum() -> Vehicle:
-    (vehicle,) = pendulum_mission().vehicles
-    return vehicle
+    return pendulum_mission().vehicles[0]
 
 
 def replanned(second: float) -> Vehicle:
-    plan = pendulum_plan()
+    plan = missions.pendulum_plan()
     plans = (FollowedPlan(plan, 0.0, until=second), FollowedPlan(plan, second))
     return replace(pendulum(), plans=plans)
 
@@ -80,18 +67,14 @@ def test_poses_planned_and_measured() -> None:
 def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     for mission in (pendulum_mission(), robots_mission()):
         plan = mission.vehicles[0].plans[0].trajectory
-        for chart, names in (
-            (state_chart(mission), plan.state_names),
-            (control_chart(mission), plan.control_names),
-        ):
-            assert tuple(panel.title for panel in chart.panels) == names
-            for panel in chart.panels:
-                for kind in ('planned', 'measured'):
-                    assert len(curves(panel, kind)) == len(mission.vehicles)
+        names = [*plan.state_names, *plan.control_names]
+        panels = [*state_chart(mission).panels, *control_chart(mission).panels]
+        assert [panel.title for panel in panels] == names
+        for panel, kind in itertools.product(panels, ('planned', 'measured')):
+            assert len(curves(panel, kind)) == len(mission.vehicles)
     # of the robots: within walls, half the smallest distance away
-    limits = {p.title: p.limits for c in (state_chart, control_chart) for p in c(mission).panels}
-    assert limits['x'] == pytest.approx((0.2, 3.8))
-    assert limits['y'] == pytest.approx((0.2, 2.8))
+    limits = {panel.title: panel.limits for panel in panels}
+    assert (limits['x'], limits['y']) == (pytest.approx((0.2, 3.8)), pytest.approx((0.2, 2.8)))
     assert (limits['thrust'], limits['yaw']) == ((0.0, 1.0), ())
     (torque,) = control_chart(pendulum_mission()).panels
     assert curves(torque, 'planned')[0].held
@@ -115,11 +98,11 @@ def test_the_scene_of_robots() -> None:
     assert [robot['name'] for robot in data['vehicles']] == ['robot1', 'robot2']
     zone = data['ground'][-1]
     assert (zone['kind'], zone['style'], zone['radius']) == ('disc', 'limit', 0.25)
-    end = robot_states(DURATION, 1)
+    end = missions.robot_states(DURATION, 1)
     hull, *_ = data['vehicles'][1]['goal']
     assert unpacked(hull['points']) == pytest.approx(end[:2])
     hull, *_ = data['vehicles'][0]['planned']
-    states = robot_states(np.clip(unpacked(data['times']), 0, DURATION), 0)
+    states = missions.robot_states(np.clip(unpacked(data['times']), 0, DURATION), 0)
     assert unpacked(hull['points']) == pytest.approx(states[:, :2].ravel(), abs=1e-5)
     assert scene(Mission('t', '', ())) is None
 
@@ -128,8 +111,8 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
     x, turn = np.array([0.0, 2.0]), np.array([0.0, np.pi / 2])
     corners = points_of(Box((x, 0.0, 1.0), (0.2, 0.1, 0.4), turn), 2)
     assert corners.shape == (2, 16, 3)
-    edges = {frozenset((tuple(a), tuple(b))) for a, b in pairwise(corners[0].round(9).tolist())}
-    assert len({edge for edge in edges if len(edge) == 2}) == 12
+    along = itertools.pairwise(map(tuple, corners[0].round(9).tolist()))
+    assert len({frozenset(edge) for edge in along if edge[0] != edge[1]}) == 12
     np.testing.assert_allclose(corners.min(axis=1)[:, [0, 2]], [[-0.1, 0.8], [1.95, 0.8]])
     np.testing.assert_allclose(corners.max(axis=1)[:, 0], [0.1, 2.05])
     line = Line(((x, 0.0, 1.0), (x, 0.0, 0.0)))
@@ -144,7 +127,7 @@ def test_distances_of_the_closest_pairs() -> None:
     mission = robots_mission(names=[f'r{k}' for k in range(24)], rate=20.0)
     chart = distance_chart(mission, compare(mission))
     (panel,) = chart.panels
-    assert panel.limits == (ARENA_PARAMETERS['arena.minimum_separation'],)
+    assert panel.limits == (missions.ARENA_PARAMETERS['arena.minimum_separation'],)
     series = {curve.series for curve in panel.curves}
     assert len(series) == 6
     assert series < {f'r{k} - r{k + 1}' for k in range(23)}  # neighbours, 1 m apart
@@ -210,7 +193,7 @@ def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
 
 @pytest.mark.parametrize('most', [20, 200, 3000])
 def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
-    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1), most)
+    at = plan_instants(FollowedPlan(missions.pendulum_plan(), 0.1), most)
     assert (np.diff(at) > 0).all()
     assert at.size <= most + 2
     assert np.abs(at - 0.9).min() < 1e-9
@@ -224,7 +207,7 @@ MINUS = '\N{MINUS SIGN}'
 @pytest.mark.parametrize('measured', [True, False])
 def test_self_contained(make: Any, measured: bool) -> None:
     page = report_page(make(measured=measured))
-    parts = Parts(page)
+    parts = missions.Parts(page)
     addresses = [a[key] for _, a in parts.elements for key in ('src', 'href') if key in a]
     assert addresses == ['data:,']
     assert not re.search(r'url\(\s*["\']?https?:', page)
@@ -244,7 +227,8 @@ def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -
     file = tmp_path / 'report.html'
     write_report(mission, file)
     assert file.stat().st_size < 8_000_000
-    (data,) = [s for a, s in Parts(file.read_text()).scripts if a.get('id') == 'report-data']
+    scripts = missions.Parts(file.read_text()).scripts
+    (data,) = [script for words, script in scripts if words.get('id') == 'report-data']
     (chart,) = [chart for chart in json.loads(data)['charts'] if chart['key'] == 'states']
     measured = next(t for t in chart['data'] if t['meta']['kind'] == 'measured')
     y = unpacked(measured['y'])
@@ -285,7 +269,7 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
         ['error of yaw [rad]a', '0', f'{MINUS}0.2'],
         ['walls [m]', '0.1 at 1.00 s', '0 at 1.50 s saturated'],
     ):
-        assert row in Parts(table).rows
+        assert row in missions.Parts(table).rows
     assert re.findall('<td class="bad">([^ ]*)', table) == [f'{MINUS}0.02']
 
 

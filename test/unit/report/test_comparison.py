@@ -3,8 +3,6 @@
 
 """Figures of a mission, planned and achieved, and the verdict of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 from typing import Any
@@ -17,17 +15,10 @@ from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
+from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
-from tdm_sim.report.mission import (
-    Event,
-    FollowedPlan,
-    Margin,
-    Mission,
-    PlanFigures,
-    Severity,
-    Signals,
-    Vehicle,
-)
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity, Signals
+from tdm_sim.report.verdict import judge
 
 TURN = 2 * math.pi
 
@@ -43,15 +34,16 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     psi = np.where(np.isclose(at, 1.0), -0.9, 0.5 * np.clip(at / DURATION, 0.0, 1.0))
     measured = np.stack([theta, psi, 0 * at, 0 * at], axis=1)
     torque = np.where(np.isclose(at, 0.5), -peak, 0.01)[:, None]
-    vehicle = Vehicle(
+    vehicle = mission.Vehicle(
         'pendulum',
         PendulumView(problem=PendulumSwingUp()),
         (FollowedPlan(plan, 0.0),),
         states=Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
-    found = {'margins': {'torque': Margin(0.006, 0.25, 'N m')}, 'terminal_error': {'theta': 2e-5}}
-    figures = PlanFigures(0.0, DURATION, solve_time=0.2, **found)
+    margins = {'torque': mission.Margin(0.006, 0.25, 'N m')}
+    figures = PlanFigures(0.0, DURATION, solve_time=0.2, margins=margins)
+    figures = replace(figures, terminal_error={'theta': 2e-5})
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
@@ -80,10 +72,6 @@ def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mis
 def entry(comparison: Comparison, name: str, vehicle: str = '') -> Entry:
     (found,) = [e for e in comparison.entries if (e.name, e.vehicle) == (name, vehicle)]
     return found
-
-
-def verdict(mission: Mission) -> Any:
-    return compare(mission).verdict
 
 
 def test_a_swing_up_that_was_caught_and_held() -> None:
@@ -118,17 +106,16 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     fallen.vehicles[0].states.values[-200:, 0] = 5.0
     duration = entry(compare(fallen), 'time to the goal', 'pendulum')
     assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
-    # without the pendulum's angle there is no verdict
     (vehicle,) = fallen.vehicles
     disk = Signals(vehicle.states.times, vehicle.states.values[:, 1:2], ('psi',), ('rad',))
-    assert verdict(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
+    assert judge(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
 
 
 @pytest.mark.parametrize('end', [1.0, 2.05, 2.2, 5.4, 7.0])
 def test_a_recording_that_ends_before_the_goal_was_held_long_enough(end: float) -> None:
     mission = recorded_until(swing_up(), end)
-    assert verdict(mission).reasons == ()
-    assert verdict(mission).undecided.startswith(f'the recording ends at {end:.1f} s')
+    assert judge(mission).reasons == ()
+    assert judge(mission).undecided.startswith(f'the recording ends at {end:.1f} s')
     duration = entry(compare(mission), 'time to the goal', 'pendulum')
     assert (duration.achieved is None) == (end < 2.1)
     assert duration.note == ('the recording ends before' if end < 2.1 else '')
@@ -136,17 +123,17 @@ def test_a_recording_that_ends_before_the_goal_was_held_long_enough(end: float) 
 
 def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end() -> None:
     late = swing_up(caught_at=6.5)
-    assert 'not at its goal within 3 s' in verdict(late).reasons[0]  # planned for 2 s
-    twice = verdict(replanned(late, 1.5, 4.0))  # planned anew for 5.5 s
+    assert 'not at its goal within 3 s' in judge(late).reasons[0]  # planned for 2 s
+    twice = judge(replanned(late, 1.5, 4.0))  # planned anew for 5.5 s
     assert twice.reached
     for start in (0.5, 12.5):  # planned anew for 2.5 s; or after the recording's end
-        assert 'not at its goal within 3 s' in verdict(replanned(late, start)).reasons[0]
+        assert 'not at its goal within 3 s' in judge(replanned(late, start)).reasons[0]
     assert compare(recorded_until(swing_up(), -0.1)).verdict is None
 
 
 def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end() -> None:
     mission = replanned(formation(after=10.0), 1.0)
-    assert verdict(mission).reached
+    assert judge(mission).reached
     (one, *others) = mission.vehicles
     end = one.plans[1].trajectory
     away = replace(end, states=end.states + 0.5 * np.eye(7)[1])
@@ -181,7 +168,6 @@ def test_a_formation() -> None:
 
 
 def coasting(thrust: float) -> Comparison:
-    """Compare the formation, its first robot with `thrust` for a moment, coasting otherwise."""
     mission = formation()
     first, *others = mission.vehicles
     values = np.zeros_like(first.controls.values)

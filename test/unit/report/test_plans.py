@@ -3,23 +3,21 @@
 
 """Reports of plan files by the command; a stated plant judged by its own conditions and limits."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import json
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 import webbrowser
 
 from double_integrator import DoubleIntegrator
 from missions import pendulum_plan, recorded, write
 import numpy as np
 import pytest
+from stated import changed
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
 from tdm_planner.exceptions import TdmError
-from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.plan_files import plan_document, save_plan
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotFormation, Solution
@@ -30,35 +28,25 @@ from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.verdict import held_from, judge
 
-PROBLEMS = {
-    'pendulum': PendulumSwingUp.from_parameters({'limits.torque': 0.05}),
-    'robots': RobotFormation(),
-}
 HALF = {'problem': 'x', **pendulum_plan().to_dict()}
-Plans = dict[str, tuple[Path, Solution]]
 
 
-@pytest.fixture(scope='module')
-def plans(tmp_path_factory: pytest.TempPathFactory) -> Plans:
-    def saved(name: str, problem: Problem) -> tuple[Path, Solution]:
-        solution = problem.solve()
-        file = tmp_path_factory.mktemp(name) / 'plan.json'
-        save_plan(plan_document(problem, solution), file)
-        return file, solution
-
-    return {name: saved(name, problem) for name, problem in PROBLEMS.items()}
+def saved(problem: Problem, file: Path) -> Solution:
+    solution = problem.solve()
+    save_plan(plan_document(problem, solution), file)
+    return solution
 
 
-def test_a_plan_of_the_pendulum(plans: Plans) -> None:
-    file, solution = plans['pendulum']
+def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
+    file = tmp_path / 'plan.json'
+    solution = saved(PendulumSwingUp.from_parameters({'limits.torque': 0.05}), file)
     mission = read_mission(file)
     (vehicle,) = mission.vehicles
     assert (vehicle.name, vehicle.view.name) == ('pendulum', 'pendulum')
     assert mission.problem == 'pendulum_swing_up'
     plan, planned = vehicle.plans[0].trajectory, solution.trajectory
     np.testing.assert_array_equal(plan.states, planned.states)
-    assert plan.units == planned.units
-    assert vehicle.view.bounds()['torque'] == (-0.05, 0.05)
+    assert (plan.units, vehicle.view.bounds()['torque']) == (planned.units, (-0.05, 0.05))
     (figures,) = mission.figures
     assert (figures.cost, figures.summary) == (solution.cost, solution.summary)
     torque, check = figures.margins['torque'], solution.verification
@@ -72,8 +60,14 @@ def test_a_plan_of_the_pendulum(plans: Plans) -> None:
     assert drawn.planned.column('torque').min() == pytest.approx(torque.worst)
 
 
-def test_a_plan_of_robots(plans: Plans) -> None:
-    file, solution = plans['robots']
+@pytest.fixture(scope='module')
+def robots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Solution]:
+    file = tmp_path_factory.mktemp('robots') / 'plan.json'
+    return file, saved(RobotFormation(), file)
+
+
+def test_a_plan_of_robots(robots: tuple[Path, Solution]) -> None:
+    file, solution = robots
     mission = read_mission(file)
     assert [v.name for v in mission.vehicles] == ['robot1', 'robot2', 'robot3']
     assert {v.view.place for v in mission.vehicles} == {('x', 'y')}
@@ -105,7 +99,6 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     for absent in ('parameters', 'margins'):
         assert any(absent in text for text in mission.missing)
     assert compare(mission).margins['vehicle'].planned is None
-    # strange figures are left out
     strange = {'problem': '<b>\n' * 300, 'cost': 'cheap', 'solve_time': [1], 'verification': []}
     strange |= {'cost_terms': {'a': None, 'b': 2}, 'parameters': {'x': {'y': 1}, 'z': [1, [2]]}}
     (tmp_path / 'plan.json').write_text(json.dumps(HALF | strange))
@@ -120,18 +113,10 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     'content',
     [
-        b'',
-        b'\xff\xfe\x00',
-        b'[1, 2]',
-        b'{"a": 1}',
-        b'{"problem": "x"}',
-        b'[' * 100_000,
-        {'problem': 'x', 'robots': 3},
-        {'problem': 'x', 'robots': {'a': 3}},
-        HALF | {'times': 'abc'},
-        HALF | {'states': {'a': [1, 'x']}},
-        HALF | {'units': [1]},
-        HALF | {'interpolation': ['linear']},
+        *(b'', b'\xff\xfe\x00', b'[1, 2]', b'{"a": 1}', b'{"problem": "x"}', b'[' * 100_000),
+        *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3})),
+        *(HALF | wrong for wrong in ({'times': 'abc'}, {'units': [1]})),
+        *(HALF | wrong for wrong in ({'states': {'a': [1, 'x']}}, {'interpolation': ['linear']})),
         json.dumps(HALF).replace('0.014', 'NaN').encode(),
     ],
 )
@@ -144,9 +129,9 @@ def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content: Any
 
 
 @pytest.fixture
-def plan(plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def plan(robots: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    return str(plans['robots'][0])
+    return str(robots[0])
 
 
 def test_the_command(plan: str, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,47 +173,26 @@ def test_mistakes_get_one_sentence(plan, capsys, arguments, words):
 
 
 LENGTH = 2.0  # s
-
-
-@dataclass(frozen=True)
-class Sled(DoubleIntegrator):
-    """It goes 1 m, to rest."""
-
-    name: ClassVar[str] = 'sled'
-    limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
-
-    margins, final_cost = DirectProblem.margins, DirectProblem.final_cost
-
-    def outputs(self) -> Any:
-        return {'x': Output(start=(0.0, 0.0), end=(1.0, 0.0))}
-
-    def duration(self) -> Duration:
-        return Duration(guess=LENGTH)
-
-    def control_limits(self) -> Any:
-        return {'u': (-self.limit, self.limit)}
-
-    def joints(self) -> Any:
-        return {'runner': ('x', 'v')}
-
-    def drawing(self, x: Any) -> Any:
-        return [Disc((x[0], 0.0), 0.1, trail=True)]
-
-
-class Passing(Sled):
-    """Its velocity at the mark is free, but for a condition."""
-
-    name = 'passing'
-
-    def outputs(self) -> Any:
-        return {'x': Output(start=(0.0, 0.0), end=(1.0,))}
-
-    def end_conditions(self, t: Any, x: Any) -> Any:
-        return (x[1] - 1.5,)
+Sled = changed(
+    DoubleIntegrator,
+    name='sled',
+    margins=DirectProblem.margins,
+    final_cost=DirectProblem.final_cost,
+    outputs=lambda s: {'x': Output(start=(0.0, 0.0), end=(1.0, 0.0))},
+    duration=lambda s: Duration(guess=LENGTH),
+    control_limits=lambda s: {'u': (-s.limit, s.limit)},
+    joints=lambda s: {'runner': ('x', 'v')},
+    drawing=lambda s, x: [Disc((x[0], 0.0), 0.1, trail=True)],
+)
+Passing = changed(
+    Sled,
+    outputs=lambda s: {'x': Output(start=(0.0, 0.0), end=(1.0,))},
+    end_conditions=lambda s, t, x: (x[1] - 1.5,),
+)
+SLED, PASSING = Sled(limit=2.0), Passing(limit=2.0)
 
 
 def cubic(end: float) -> Trajectory:
-    """From rest to 1 m, where the velocity is `end`: a cubic."""
     t = np.linspace(0.0, LENGTH, 81)
     b, a = 3 / LENGTH**2 - end / LENGTH, end / LENGTH**2 - 2 / LENGTH**3
     states = np.stack([b * t**2 + a * t**3, 2 * b * t + 3 * a * t**2], axis=1)
@@ -242,10 +206,8 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     states, controls = motion.sample(np.minimum(at, LENGTH))
     states = states + np.array([off.get('x', 0.0), off.get('v', 0.0)])
     controls = (at[:, None] < LENGTH) * controls + off.get('u', 0.0)
-    measured = {
-        'states': Signals(at, states, ('x', 'v'), ('m', 'm/s')),
-        'commands': Signals(at, controls, ('u',), ('m/s^2',)),
-    }
+    measured = {'states': Signals(at, states, ('x', 'v'), ('m', 'm/s'))}
+    measured['commands'] = Signals(at, controls, ('u',), ('m/s^2',))
     vehicle = Vehicle('sled', StatedView(problem), (FollowedPlan(motion, 0.0),), **measured)
     return Mission('Sled', problem.name, (vehicle,))
 
@@ -255,29 +217,29 @@ def judged(problem: DirectProblem, end: float, **changes: Any) -> Any:
 
 
 def test_a_goal_that_can_be_held_must_be() -> None:
-    good = judged(Sled(), 0.0)
+    good = judged(SLED, 0.0)
     assert good.reached, good
     assert '5 s or more: x within 0.05 m; v within' in good.criterion
-    (reason,) = judged(Sled(), 0.0, x=0.06).reasons
+    (reason,) = judged(SLED, 0.0, x=0.06).reasons
     assert reason == 'sled was not at its goal within 1 s of the planned end: off in x by 0.06 m'
-    assert judged(Sled(), 0.0, until=6.5).undecided.startswith('the recording ends at 6.5 s')
+    assert judged(SLED, 0.0, until=6.5).undecided.startswith('the recording ends at 6.5 s')
     # limits leave the feedback some room
-    assert judged(Sled(), 0.0, u=0.55).reached  # 2.5 % above 2 m/s^2
-    (reason,) = judged(Sled(), 0.0, u=0.7).reasons
+    assert judged(SLED, 0.0, u=0.55).reached  # 2.5 % above 2 m/s^2
+    (reason,) = judged(SLED, 0.0, u=0.7).reasons
     assert "violated the limit 'u, highest' by 0.0" in reason
 
 
 def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> None:
     """What is free is not judged, what comes afterwards neither."""
-    assert judged(Passing(), 1.5).reached
-    assert judged(Passing(), 1.5, v=0.02).reached
-    assert 'off in x by 0.1 m' in judged(Passing(), 1.5, x=0.1).reasons[0]
-    assert 'end condition 0' in judged(Passing(), 1.5, v=0.2).reasons[0]
-    assert judged(Passing(), 1.5, until=1.5).undecided
+    assert judged(PASSING, 1.5).reached
+    assert judged(PASSING, 1.5, v=0.02).reached
+    assert 'off in x by 0.1 m' in judged(PASSING, 1.5, x=0.1).reasons[0]
+    assert 'end condition 0' in judged(PASSING, 1.5, v=0.2).reasons[0]
+    assert judged(PASSING, 1.5, until=1.5).undecided
 
 
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
-    sled = replace(mission(Sled(), 0.0), parameters={'limit': 2.0})
+    sled = replace(mission(SLED, 0.0), parameters={'limit': 2.0})
     bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
     found: Any = judge(read_mission(bag, problem=Sled))
     assert found.reached, found

@@ -3,8 +3,6 @@
 
 """Simulated plants: integrator, commands, wheel and walls; pushes, noise, mismatched constants."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 from typing import Any
@@ -22,14 +20,8 @@ from tdm_planner.plants.base import integrate
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_sim.simulation import (
-    mismatched,
-    mismatched_gains,
-    pendulum_push,
-    PlantSetup,
-    robot_push,
-    SimulatedPlant,
-)
+from tdm_sim import simulation as simulated
+from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 SETTINGS = settings(max_examples=25)
@@ -65,7 +57,6 @@ def test_steps_are_equal_and_no_longer_than_allowed() -> None:
     np.testing.assert_array_equal(integrate(PLANT, MOVING, TORQUE, 0.0), MOVING)
     with pytest.raises(ValueError, match='negative'):
         integrate(PLANT, MOVING, TORQUE, -0.1)
-    # a contact replaces the state
     held = integrate(PLANT, MOVING, TORQUE, 0.01, after_step=lambda state: state * [1, 0, 1, 0])
     assert held[1] == held[3] == 0.0
 
@@ -92,7 +83,6 @@ def test_time_out_ends_the_command_at_its_instant_whatever_the_step(step: float)
     free = integrate(PLANT, driven, np.array([0.0]), plant.time - 0.1)
     np.testing.assert_allclose(plant.state, free, atol=1e-8)
     assert (plant.timeouts, plant.commanded, plant.control[0]) == (1, False, 0.0)
-    # repeated commands never time out
     for _ in range(5):
         plant.command(TORQUE)
         plant.step(0.05)
@@ -114,7 +104,6 @@ def test_reset_goes_back_and_forgets_the_command() -> None:
     plant.command(LIMIT)
     plant.step(0.05)
     assert not np.allclose(plant.state, SWINGING.initial)
-    # a new setup acts without a jump
     before = plant.state
     plant.setup = replace(SWINGING, plant=RotaryPendulum(mass=0.05))
     np.testing.assert_array_equal(plant.state, before)
@@ -164,7 +153,6 @@ def test_the_wheel_takes_up_the_angular_momentum(torque, omega, wheel):
     assert after == pytest.approx(before, abs=1e-9)
     # constant torque: the wheel's angle grows with the mean of its speeds
     assert end[7] == pytest.approx(0.5 * (start[8] + end[8]), abs=1e-9)
-    # The robot itself moves as without a wheel.
     alone = integrate(WHEELED.robot, start[:7], control, 1.0, 0.01)
     np.testing.assert_allclose(end[:7], alone, atol=1e-12)
 
@@ -185,7 +173,6 @@ def test_bounces_are_elastic_reported_and_stay_inside() -> None:
     assert sum(axis == 'x' for axis, _ in hits) == int(1.3 * 10.0 / 3.7 + 0.5)
     assert sum(axis == 'y' for axis, _ in hits) == int(0.7 * 10.0 / 1.7 + 0.5)
     assert {round(speed, 9) for _, speed in hits} == {1.3, 0.7}
-    # neither in the middle nor when leaving a wall
     hits.clear()
     for away in ([2.0, 1.0, 1.0, 1.0, *np.zeros(5)], [0.1, 1.0, 1.0, 0.0, *np.zeros(5)]):
         np.testing.assert_array_equal(walls(np.array(away)), away)
@@ -204,7 +191,7 @@ def test_a_push_changes_momentum_alone(state: tuple[float, ...], push: float, wa
         momenta = [(PLANT.energy(x + h) - PLANT.energy(x - h)) / 2e-3 for x in (before, after)]
         assert momenta[1] - momenta[0] == pytest.approx(expected, abs=1e-11)
     robot = np.arange(9.0)
-    change = 4.0 * (robot_push(FloatingRobot(mass=4.0), robot, push, way) - robot)
+    change = 4.0 * (simulated.robot_push(FloatingRobot(mass=4.0), robot, push, way) - robot)
     along = push * np.cos(way), push * np.sin(way)
     np.testing.assert_allclose(change, [0, 0, *along, 0, 0, 0, 0, 0], atol=1e-12)
 
@@ -241,9 +228,9 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
         assert all(abs(disturbed[name] / nominal[name] - 1.0) <= most for name in nominal)
         assert mismatched(plant, mismatch, seed) == made
         assert mismatched(plant, 0.0, seed) == plant
-    gains = mismatched_gains(3, mismatch, seed)
+    gains = simulated.mismatched_gains(3, mismatch, seed)
     assert (np.abs(gains - 1.0) <= mismatch * (1 + 1e-12)).all()
-    np.testing.assert_array_equal(gains, mismatched_gains(3, mismatch, seed))
+    np.testing.assert_array_equal(gains, simulated.mismatched_gains(3, mismatch, seed))
 
 
 def test_noise_is_in_the_measurement_alone_and_streams_do_not_disturb_each_other() -> None:

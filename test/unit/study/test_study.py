@@ -12,9 +12,11 @@ import json
 from pathlib import Path
 import time
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from stated import Cart, changed
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.exceptions import InvalidProblem
@@ -33,17 +35,13 @@ from tdm_sim.study.study import _collect
 from tdm_sim.study.tables import Table, Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
+WEAK = {'limits.torque': 1e-4, 'solver.deadline': 0.05}
+ASKED = [(PendulumSwingUp, how) for how in (STRONG, WEAK, {**STRONG, 'method': 'smooth'})]
+KINDS, MAPS = Axis('kind', ('plain', 'odd')), ['cost', 'duration']
+AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), KINDS]
 
 
-@pytest.mark.parametrize(
-    ('kind', 'parameters'),
-    [
-        (PendulumSwingUp, STRONG),
-        (PendulumSwingUp, {'limits.torque': 1e-4, 'solver.deadline': 0.05}),
-        (PendulumSwingUp, {**STRONG, 'method': 'smooth'}),
-        (RobotFormation, {}),
-    ],
-)
+@pytest.mark.parametrize(('kind', 'parameters'), [*ASKED, (RobotFormation, {})])
 def test_a_slow_machine_finds_the_same(kind, parameters, monkeypatch):
     """Here by a clock on which every look takes a tenth of a second."""
     trial = Trial(kind, parameters)
@@ -53,10 +51,6 @@ def test_a_slow_machine_finds_the_same(kind, parameters, monkeypatch):
     again = trial({})
     assert row | {'solve_time': again['solve_time']} == again
     assert row['code'] == ('' if row['verified'] else 'DEADLINE')
-
-
-def faulty(self: Any) -> None:
-    raise ZeroDivisionError('a fault of the program')
 
 
 @pytest.mark.parametrize(
@@ -69,6 +63,7 @@ def faulty(self: Any) -> None:
 )
 def test_a_row_without_a_plan_says_why(point, code, reason, monkeypatch):
     if code == 'INTERNAL':
+        faulty = Mock(side_effect=ZeroDivisionError('a fault of the program'))
         monkeypatch.setattr(PendulumSwingUp, 'standing_plan', faulty)
     row = Trial(PendulumSwingUp, {'solver.deadline': 0.05})(point)
     assert (row['verified'], row['code'], row['cost']) == (False, code, None)
@@ -141,55 +136,35 @@ def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
 
 
 def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> None:
-    class Thirsty(Hop):
-        """Its thrust has a size."""
+    def derivative(self, x, u):
+        rates = Hop.derivative(self, x, u)
+        return (*rates[:5], rates[5] + 1e-9 * np.sqrt(u[0] ** 2 + u[1] ** 2))
 
-        def derivative(self, x, u):
-            rates = super().derivative(x, u)
-            return (*rates[:5], rates[5] + 1e-9 * np.sqrt(u[0] ** 2 + u[1] ** 2))
-
-    flown(Thirsty, mismatch=0.02)
+    flown(changed(Hop, derivative=derivative), mismatch=0.02)
 
 
 @pytest.mark.parametrize(('growth', 'least'), [(10.0, ''), (50.0, 'must be 600 Hz or more')])
 def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) -> None:
-    @dataclass(frozen=True)
-    class Falling(DirectProblem):
-        """A place whose error grows by e in the time 1 / `growth` without feedback."""
-
-        state_names, state_units = ('x', 'v'), ('m', 'm/s')
-        control_names, control_units = ('push',), ('m/s^2',)
-
-        def outputs(self):
-            return {'x': Output(start=(1.0, 0.0), end=(0.0, 0.0), free=2)}
-
-        def duration(self):
-            return Duration(5.0 / growth, fixed=True)
-
-        def invert(self, y, z):
-            x, v, a = y['x']
-            return (x, v), (a - growth**2 * x,)
-
-        def derivative(self, x, u):
-            return x[1], growth**2 * x[0] + u[0]
-
-        def running_cost(self, t, x, u):
-            return u[0] ** 2
-
-    tracker = StatedTracker(Falling(), TrackerParameters(rate=200.0))
+    """Without feedback the error of the place grows by e in the time 1 / `growth`."""
+    falling = changed(
+        Cart,
+        outputs=lambda s: {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)},
+        duration=lambda s: Duration(5.0 / growth, fixed=True),
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - growth**2 * y['x'][0],)),
+        derivative=lambda s, x, u: (x[1], growth**2 * x[0] + u[0]),
+        margins=DirectProblem.margins,
+    )()
+    tracker = StatedTracker(falling, TrackerParameters(rate=200.0))
     assert tracker.warning == ''
-    tracker.prepare(Falling().solve().trajectory)
+    tracker.prepare(falling.solve().trajectory)
     assert tracker.warning.endswith(least)
     assert bool(tracker.warning) == bool(least)
 
 
 def test_ranges_lists_and_random_values() -> None:
-    for given, values, spacing in (
-        ('0.1:0.3:3', [0.1, 0.2, 0.3], 'linear'),
-        ('1e-2:1:log 3', [0.01, 0.1, 1.0], 'log'),
-        ('-3.14:3.14:2', [-3.14, 3.14], 'linear'),
-        ('.5', [0.5], 'list'),
-    ):
+    ranges = {'0.1:0.3:3': ([0.1, 0.2, 0.3], 'linear'), '1e-2:1:log 3': ([0.01, 0.1, 1.0], 'log')}
+    ranges |= {'-3.14:3.14:2': ([-3.14, 3.14], 'linear'), '.5': ([0.5], 'list')}
+    for given, (values, spacing) in ranges.items():
         axis = parse_axis(f'a.b={given}')
         assert (axis.name, axis.spacing) == ('a.b', spacing)
         assert list(axis.values) == pytest.approx(values)
@@ -228,17 +203,12 @@ def test_all_combinations_and_random_ones_together() -> None:
         points = [''.join(map(str, point.values())) for point in Points(axes)]
         assert points == expected.split()
     assert list(Points(drawn)[0]) == ['x', 'n', 'y']
-    # not together
     for axes, words in (
         ([Axis('a', (1,)), Axis('a', (2,))], 'varied twice'),
         ([Axis('a', (1,), 'random'), Axis('b', (2, 3), 'random')], 'as many values'),
     ):
         with pytest.raises(InvalidProblem, match=words):
             Points(axes)
-
-
-KINDS, MAPS = Axis('kind', ('plain', 'odd')), ['cost', 'duration']
-AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), KINDS]
 
 
 def found(point: dict[str, Any]) -> dict[str, Any]:
@@ -285,7 +255,6 @@ def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
     assert Table(path).rows == {2, 4}
     assert Table(path).save()['reason'].to_pylist() == ['', '']  # still texts
     assert collected(path, [0, 1, 2, 3, 4, 5]).equals(collected(None, [0, 1, 2, 3, 4, 5]))
-    # what is no table is named
     path.write_bytes(b'\xff\x00')
     with pytest.raises(UnusableFile, match=path.name):
         Table(path).save()
@@ -344,12 +313,10 @@ def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
 
 
 @pytest.mark.timeout(300)
-def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
-    tmp_path, monkeypatch, capsys
-):
+def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
-    words = ['study', 'pendulum', '--over', 'limits.torque=.0001:.09:2', '--over']
+    words = ['study', 'pendulum', '--over', 'limits.torque=1e-7:.09:2', '--over']
     words += ['start.psi=0,.1']
     assert main([*words, *shared, '-o', 'out', '--csv', '--processes', '2']) == 0
     assert 'study.html' in capsys.readouterr().out
@@ -358,7 +325,7 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
     kept = Table(Path('out/table.csv')).save()
     assert kept['verified'].to_pylist() == [False, False, True, True]
     trial = Trial(PendulumSwingUp, {'torque_reserve': 0.2, 'solver.deadline': 0.2})
-    points = Points([Axis('limits.torque', (0.0001, 0.09)), Axis('start.psi', (0.0, 0.1))])
+    points = Points([Axis('limits.torque', (1e-7, 0.09)), Axis('start.psi', (0.0, 0.1))])
     for row, point in zip(kept.to_pylist(), points, strict=True):
         here = {**point, **trial(point), 'solve_time': row['solve_time']}
         assert {name: row[name] for name in here} == here
@@ -368,7 +335,7 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
     assert main([*words, '-o', 'out']) == 2
     assert 'holds another study' in capsys.readouterr().err
     asked = json.loads(Path('out/study.json').read_text())
-    assert asked['over'] == {'limits.torque': [0.0001, 0.09], 'start.psi': [0.0, 0.1]}
+    assert asked['over'] == {'limits.torque': [1e-7, 0.09], 'start.psi': [0.0, 0.1]}
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,6 @@
 
 """What is known of the state, and feedback laws: estimator, stuck sensors, regulators."""
 
-from __future__ import annotations
-
 import math
 
 from closed_loop import HANGING, moved
@@ -15,12 +13,9 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.tracking import linear_quadratic
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    discretise,
-    time_varying_regulator,
-)
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, discretise
 from tdm_planner.tracking.repetition import RepetitionWatch
 
 PLANT = RotaryPendulum()
@@ -34,6 +29,8 @@ TICK = 0.005
 SETTINGS = settings(max_examples=12)
 SEEDS = st.integers(0, 1000)
 Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
+DRIVEN = [(HANGING, 0.01, 0.11), ([0.3, 0.1, -8.0, 4.0], 1e-9, 0.11)]
+DRIVEN += [([0.01, 0.0, 0.0, 0.0], 0.001, 0.42)]
 
 
 @pytest.fixture
@@ -130,7 +127,6 @@ class Sensor:
         return self.watch.stuck
 
     def moves(self, state: np.ndarray, torque: float, count: int) -> bool:
-        """Return whether a pendulum that moves from there is never called stuck."""
         stuck = []
         for _ in range(count):
             state = self.move(state, np.array([torque]), TICK)
@@ -150,18 +146,11 @@ def sensor(estimator: StateEstimator) -> Sensor:
     return Sensor(estimator)
 
 
-@pytest.mark.parametrize(
-    ('state', 'torque', 'within'),
-    [
-        (HANGING, 0.01, 0.11),
-        (np.array([0.3, 0.1, -8.0, 4.0]), 1e-9, 0.11),
-        (np.array([0.01, 0.0, 0.0, 0.0]), 0.001, 0.42),
-    ],
-)
+@pytest.mark.parametrize(('state', 'torque', 'within'), DRIVEN)
 def test_a_sensor_that_repeats_itself_is_stuck(sensor, state, torque, within):
     for k in range(30):
-        assert not sensor.show(state + 1e-6 * k, torque)
-    assert sensor.until_stuck(state, torque) < within
+        assert not sensor.show(np.add(state, 1e-6 * k), torque)
+    assert sensor.until_stuck(np.array(state), torque) < within
 
 
 def test_a_plant_that_moves_or_rests_is_not(sensor: Sensor) -> None:
@@ -228,7 +217,8 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> N
     slowest = np.abs(np.linalg.eigvals(phi - gamma @ steady.gain)).max()
     assert slowest < 1
     n = 500 + int(np.log(1e-9) / (2.0 * np.log(slowest)))  # the end is forgotten to 1e-9
-    along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
+    many = np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1))
+    along = linear_quadratic.time_varying_regulator(*many, Q, R, Q, step)
     assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
     assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
 

@@ -3,8 +3,6 @@
 
 """The robot's tracker in closed loop with a robot that is not quite the model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 
@@ -23,7 +21,6 @@ SLOW = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque':
 
 
 def trajectory(times: np.ndarray, controls: np.ndarray, interpolation: str) -> Trajectory:
-    """Return the motion from rest at the origin."""
     plant = FloatingRobot()
     draft = Trajectory.of(plant, times, np.zeros((times.size, 7)), controls, interpolation)
     return replace(draft, states=plant.replay(draft, times))
@@ -76,7 +73,6 @@ def away(loop: Loop, plan: Trajectory) -> float:
 
 
 def followed(loop: Loop, plan: Trajectory) -> Loop:
-    """Return the loop after a plan that was followed to the centimetre."""
     loop.begin(plan, 0.2)
     begun = len(loop.states)
     loop.run(plan.duration + 0.14)
@@ -120,8 +116,6 @@ def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
     loop.begin(plan)
     loop.run(DURATION)
     setup = loop.plant.setup
-    assert isinstance(setup.plant, FloatingRobot)
-    assert setup.gains is not None
     true_gain = setup.gains[0] * FloatingRobot().mass / setup.plant.mass
     assert abs(true_gain - 1) > 0.05
     assert loop.tracker.estimator.predict(loop.now)[7] == pytest.approx(true_gain, abs=0.02)
