@@ -106,7 +106,8 @@ def test_manifest_depends_on_what_is_used_and_nothing_else():
 
     used = imported('tdm_planner', 'tdm_sim', 'launch') - WITHOUT_KEY
     ours = depends('exec_depend')
-    beside = {'python3-venv', 'robot_state_publisher'}  # for `make setup`; what launch files start
+    # For `make setup`; what launch files start; what the services of lifecycle nodes are of.
+    beside = {'python3-venv', 'robot_state_publisher', 'lifecycle_msgs'}
     assert ours == {ROSDEP_KEYS.get(name, name) for name in used} | beside
     by_tests = imported('test')
     with_key = {ROSDEP_KEYS[name] for name in by_tests if name in ROSDEP_KEYS}

@@ -239,15 +239,16 @@ def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
 def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
-    picture, scene = Picture(drawn, 60.0, name), Scene()
+    picture, arrays = Picture(drawn, 60.0, name), []
     for k, values in enumerate(states):
         state = np.array(values)
         picture.add(float(k), state)
         array = picture.draw(Time(sec=k), state, state[:3], lifetime=3.0)
         check_markers(array, drawn.kind.frame, 3.0)
-        scene.apply(array)
-        trail = {key for key in scene.names if key[0] == 'trail'}
-        assert (scene.names - trail, len(trail)) == (always, int(k > 0))
+        arrays.append(array)
+        names = Scene(*arrays).names
+        trail = {key for key in names if key[0] == 'trail'}
+        assert (names - trail, len(trail)) == (always, int(k > 0))
         assert all(m.header.stamp.sec == k for m in array.markers)
 
 
@@ -320,6 +321,5 @@ def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> 
     paths = {number for name, number in scene.names if name == 'planned_path'}
     assert paths == {200, 300}
     last = formation('ab', [])
-    scene.apply(last)
-    assert scene.names == Scene(last).names
-    assert ('goal', 300) not in scene.names
+    assert Scene(array, last).names == Scene(last).names
+    assert ('goal', 300) not in Scene(last).names
