@@ -188,10 +188,13 @@ def landed_finely(
 ) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    found = land(task, quickest, task.steps(_STEPS), budget, late)
-    return [
-        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED)) for each in found
-    ]
+    last, steps = list(map(_with_last_varied, quickest)), task.steps(_STEPS)
+    found = land(task, last, steps, budget, late)
+    return found or list(map(_with_last_varied, land(task, quickest, steps, budget, late)))
+
+
+def _with_last_varied(candidate: Candidate) -> Candidate:
+    return replace(candidate, fixed=max(candidate.fixed, candidate.durations.size - _POLISHED))
 
 
 def _swings(
