@@ -29,8 +29,9 @@ _QUICK = """\
 """
 
 _PEERS = """\
-- **tdm_planner**: `solve()` as the planner node calls it, with its own check of the plan.
-  Iterations are evaluations of the dynamics along a candidate.
+- **tdm_planner**: `solve()` as the planner node calls it, with its own check of the plan;
+  robots without `thrust_reserve`, as collocation keeps none. Iterations are evaluations of the
+  dynamics along a candidate.
 - **collocation**: Hermite-Simpson with exact first and second derivatives, CasADi and Ipopt with
   MUMPS. Variables are scaled, expressions expanded to scalars and built once; only Ipopt's own
   time is counted, not that of building, guessing or checking. Barrier strategy, tolerances and
