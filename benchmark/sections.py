@@ -78,8 +78,8 @@ _SECTIONS = (
         'Robots',
         'Random crossings of robots: {scenarios} of three, up to 50 of other teams, 30 of every '
         'variant of the method; costs against the best of three local solutions of collocation, '
-        'which uses all of the thrust (thrust arcs leave a tenth to the feedback), processor times '
-        'of solving.',
+        'which uses all of the thrust (thrust arcs leave a tenth to the feedback), processor '
+        'times of solving.',
         {'scenarios': 100},
         {'scenarios': 2},
         300.0,
