@@ -166,7 +166,7 @@ def pumped(
         return budget.elapsed > until
 
     def enough(near: int) -> bool:
-        return late() or (near >= LANES and budget.elapsed > _PUMPED * until)
+        return late() or near >= 4 * LANES or (near >= LANES and budget.elapsed > _PUMPED * until)
 
     swings: list[Candidate] = []
     for _ in range(_ROUNDS):
