@@ -49,7 +49,7 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
     assert arrival(*mission.vehicles) < plan.duration + 3.0
 
 
-@pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9643, True)])
+@pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9697, True)])
 def test_a_swing_up_that_uses_the_whole_range_of_the_disk_is_held(seed: int, slow: bool) -> None:
     """It overshoots the limit by what the noise of sensors does, and settles at its own pace."""
     problem = replace(rig(seed), torque_reserve=0.2)
