@@ -37,9 +37,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     workspace = tmp_path_factory.mktemp('workspace')
     target = workspace / 'src' / 'tdm_planner'
     shutil.copytree(SOURCE, target, ignore=shutil.ignore_patterns(*NOT_SOURCES))
-    python = target / '.venv' / 'bin' / 'python'  # the environment of `make setup`
-    python.parent.mkdir(parents=True)
-    python.symlink_to(sys.executable)
+    (target / '.venv').symlink_to(sys.prefix)  # the environment of `make setup`
     return target
 
 
