@@ -60,7 +60,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
         self._setback = ''
-        self._start_failed = False
+        self._starting = self._start_failed = False
         self._diagnostics = Diagnostics(self, title, self._report_stage)
 
     # What subclasses say.
@@ -109,10 +109,15 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """Configure and activate, unless a lifecycle manager is to do it."""
         if self._kept is None:
             self._kept = frozenset(id(item) for item, _ in self._entities())
-        if self.parameter_values[AUTOSTART.name]:
+        if not self.parameter_values[AUTOSTART.name]:
+            return
+        self._starting = True
+        try:
             self._start_failed = (
                 self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
             )
+        finally:
+            self._starting = False
 
     def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
@@ -182,7 +187,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
         def configure() -> None:
             faults = self.faults()
-            if faults and not self.parameter_values[AUTOSTART.name]:
+            if faults and not self._starting:
                 raise InvalidProblem('; '.join(faults))
             self.configure()
 
@@ -213,7 +218,12 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured after an error in a transition."""
-        self._give_up()
+        try:
+            self._give_up()
+        except Exception as error:  # noqa: B902
+            self.get_logger().error(f'after the error: {Failure.of(error).sentence}')
+            self._enter('finalized')
+            return TransitionCallbackReturn.FAILURE
         self._enter('unconfigured')
         return _SUCCESS
 

@@ -110,14 +110,15 @@ class TrackerNode(ManagedNode):
             self._ignore_state,
             lambda: self.tracker.parameters.state_timeout,
         )
-        self.create_timer(parameters.interval, self._on_tick, clock=pacing_clock(self))
 
     def activate(self) -> None:
         """Begin like a node that was just started; a plan received meanwhile is examined."""
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
         self._activated = time.monotonic()
-        self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(pacing_clock(self)))
+        clock, parameters = pacing_clock(self), self.tracker.parameters
+        self._rate = RateWatch(parameters.rate, seconds_by(clock))
+        self._timer = self.create_timer(parameters.interval, self._on_tick, clock=clock)
         self._status.begin()
         newest = self._measured.newest
         if newest is None:
@@ -128,6 +129,7 @@ class TrackerNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Switch the actuators off by a last command, and drop the active plan."""
+        self.destroy_timer(self._timer)
         self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
 
@@ -254,8 +256,6 @@ class TrackerNode(ManagedNode):
     # Commands.
 
     def _on_tick(self) -> None:
-        if not self.active:
-            return
         self._rate.tick()
         self._intake.look(self.tracker.lead)
         now, stamp = self._time.now(), self.get_clock().now().to_msg()

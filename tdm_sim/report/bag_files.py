@@ -4,8 +4,8 @@
 """
 Messages of a recording, whole or damaged: rosbag2 folders and single MCAP or SQLite files.
 
-A recording that is whole is read by `rosbags`. Of one that was cut short - no metadata, no index,
-half a file - what comes before the damage is read.
+Of a recording that was cut short - no metadata, no index, half a file - what comes before the
+damage is read.
 """
 
 from __future__ import annotations
@@ -115,8 +115,13 @@ def _storage(path: Path) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Storage files of a folder, in the order they were written."""
+    """Storage files of a folder, in the order they were written; no copies of one another."""
     found = [path for path in folder.iterdir() if path.is_file() and _storage(path)]
+    metadata = folder / 'metadata.yaml'
+    told = metadata.read_text(encoding='utf-8', errors='replace') if metadata.is_file() else ''
+    found = [path for path in found if path.name in told] or found
+    packed = {path.name + _COMPRESSED for path in found}
+    found = [path for path in found if path.name not in packed]
     return sorted(found, key=lambda path: [int(n) for n in re.findall(r'\d{1,9}', path.name)])
 
 

@@ -90,7 +90,8 @@ def _margins(
             shown.append(constraint)
             found.append(margin)
     names, units = tuple(c.name for c in shown), tuple(c.unit for c in shown)
-    return Signals(instants, np.stack(found, axis=1), names, units)
+    values = np.stack(found, axis=1) if found else np.zeros((instants.size, 0))
+    return Signals(instants, values, names, units)
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:

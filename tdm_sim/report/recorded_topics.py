@@ -187,6 +187,8 @@ def gather(messages: Iterable[Raw]) -> RecordedTopics:
         except Exception:  # noqa: B902
             # The library raises many kinds for bytes that are not such a message.
             malformed[topic] += 1
+    for received in others.values():
+        received.sort(key=lambda item: item.stamp)  # a file need not be in order
     read = {topic: part.stream() for topic, part in parts.items() if part.rows}
     return RecordedTopics(
         streams={topic: stream for topic, (stream, _) in read.items()},

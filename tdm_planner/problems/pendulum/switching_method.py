@@ -39,7 +39,6 @@ from tdm_planner.problems.pendulum.switching_seeds import (
     landed_finely,
     pumped,
     starts,
-    VARIANTS,
     warm_starts,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
@@ -218,7 +217,9 @@ class SwitchingMethod(Search[Candidate]):
             return True
         if self.rejected:
             self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
-        self._pumping = not self._pumping or self._task.swing_drive < _ALWAYS_PUMPED
+        # From near upright random starts arrive, however weak the motor: they get one turn.
+        tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
+        self._pumping = tried or not self._pumping
         return self.budget.elapsed < _STEERED * self.budget.seconds
 
     def failure(self) -> Infeasible:
@@ -237,8 +238,8 @@ class SwitchingMethod(Search[Candidate]):
     def _pumped(self) -> list[Candidate]:
         """Pump and land; all distinct arrivals, quickest first."""
         until = _STEERED * self.budget.seconds
-        found = pumped(self._task, self._rng, self._arcs, self.budget, until)
-        self._starts += VARIANTS
+        found, tried = pumped(self._task, self._rng, self._arcs, self.budget, until)
+        self._starts += tried
         self._arrived += len(found)
         return distinct(found)[:_POLISHED_PUMPED]
 
@@ -305,9 +306,9 @@ class SwitchingMethod(Search[Candidate]):
         if self._arrived:
             return search + f'gave swing-ups ({self._arrived}), but left no time to check one'
         search += 'gave no swing-up'
-        if task.drive < _WEAK:
+        if task.swing_drive < _WEAK:
             search += (
-                f'; a torque this weak (drive {task.drive:.2g}) takes many swings: a longer '
+                f'; a drive this weak ({task.swing_drive:.2g}) takes many swings: a longer '
                 'solver.deadline, more limits.torque or limits.disk_angle may help'
             )
         if self._closest is None or not math.isfinite(self._closest[0]):

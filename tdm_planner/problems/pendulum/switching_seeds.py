@@ -40,7 +40,7 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 Late = Callable[[], bool]
 
 VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the clock, or fewer
-_ROUNDS = 12  # of so many variants, where hardly any comes near
+_MOST_VARIANTS = 12 * VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
@@ -155,11 +155,12 @@ def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
 
 def pumped(
     task: SwingUpTask, rng: np.random.Generator, most: int, budget: Budget, until: float
-) -> list[Candidate]:
+) -> tuple[list[Candidate], int]:
     """
-    Pump by many variants and land the most promising; those that arrived, the quickest first.
+    Pump by many variants and land the most promising.
 
-    A plan has at most `most` arcs; nothing new is begun after `until` s of the budget.
+    Returns those that arrived, the quickest first, and how many variants were tried. A plan has at
+    most `most` arcs; nothing new is begun after `until` s of the budget.
     """
 
     def late() -> bool:
@@ -169,9 +170,9 @@ def pumped(
         return late() or near >= 4 * LANES or (near >= LANES and budget.elapsed > _PUMPED * until)
 
     swings: list[Candidate] = []
-    for _ in range(_ROUNDS):
-        if late() or len(swings) >= LANES:
-            break
+    tried = 0
+    while tried < _MOST_VARIANTS and not late() and len(swings) < LANES:
+        tried += VARIANTS
         swings += _swings(task, laws(task, rng, VARIANTS), most, budget, enough)
     steps = min(task.steps(COARSE_STEPS), _STEPS)
     landed: list[Candidate] = []
@@ -180,7 +181,7 @@ def pumped(
             break
         some = slice(first, first + LANES)
         landed += land(task, swings[some], steps, budget, late)
-    return landed_finely(task, landed, budget, late)
+    return landed_finely(task, landed, budget, late), tried
 
 
 def landed_finely(
