@@ -216,16 +216,6 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
         assert entry(compare(given), 'errors reported by nodes').achieved == count
 
 
-@pytest.mark.parametrize('mission', [swing_up(), formation()])
-@pytest.mark.parametrize('part', ['states', 'applied', 'plans'])
-def test_every_part_may_be_missing(part: str, mission: Mission) -> None:
-    empty: dict[str, Any] = {part: () if part == 'plans' else None}
-    vehicles = tuple(replace(v, **empty) for v in mission.vehicles)
-    comparison = compare(replace(mission, vehicles=vehicles, figures=()))
-    assert all(e.achieved is None or math.isfinite(e.achieved) for e in comparison.entries)
-    assert comparison.verdict is None
-
-
 @pytest.mark.parametrize('planned', [True, False])
 def test_distances_of_robots_whose_place_is_not_known_are_refused(planned: bool) -> None:
     mission = formation()
