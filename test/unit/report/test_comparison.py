@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from missions import DURATION, formation_mission, pendulum_mission, robot_parameters
+from missions import DURATION, formation_mission, pendulum_mission, replanned, robot_parameters
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -55,17 +55,6 @@ def formation(after: float = 7.0, **changes: Any) -> Mission:
 
 def recorded_until(mission: Mission, end: float) -> Mission:
     vehicles = [replace(v, states=v.states.between(-1.0, end)) for v in mission.vehicles]
-    return replace(mission, vehicles=tuple(vehicles))
-
-
-def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mission:
-    """With a second plan of every vehicle: the first one's, from `start` on and so long."""
-    vehicles = []
-    for vehicle in mission.vehicles:
-        (first,) = vehicle.plans
-        times = first.trajectory.times * duration / DURATION
-        second = FollowedPlan(replace(first.trajectory, times=times), start)
-        vehicles.append(replace(vehicle, plans=(replace(first, until=start), second)))
     return replace(mission, vehicles=tuple(vehicles))
 
 
