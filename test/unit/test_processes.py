@@ -202,30 +202,23 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(folder, capsys):
-    words = ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]
-    assert main(words) == 0
-    assert 'upright' in capsys.readouterr().out
-    plan = json.loads((folder / 'plan.json').read_text())
-    assert plan['interpolation'] == 'zero_order_hold'
-    assert list(plan['states']) == ['theta', 'psi', 'theta_dot', 'psi_dot']
-    assert plan['verification']['ok'] is True
-    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
-    assert not faults(plan)
-
-
-def test_parameter_files_and_settings_as_users_run_it(folder: Path):
+def test_a_plan_as_users_ask_for_it_is_written_and_drawn_and_reaches_the_goal(folder, capsys):
+    """By a parameter file and settings, in a process of its own; replayed from the file."""
     values = '{limits: {torque: 9e-2}, start: {source: measured, theta: 3.0}}'
     (folder / 'p.yaml').write_text(f'/**:\n  planner:\n    ros__parameters: {values}\n')
     words = ['plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1']
-    words += ['--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']
-    done = python('-m', 'tdm_planner.cli', *words)
-    assert (done.returncode, done.stdout) == (0, ''), done.stderr
-    lines = (folder / 'plan.csv').read_text().splitlines()
-    assert lines[0] == 'time,theta,psi,theta_dot,psi_dot,torque'
-    first = [float(value) for value in lines[1].split(',')]
-    assert first[1:3] == [3.0, 0.1]
-    assert abs(first[5]) == pytest.approx(0.09)
+    words += ['--set', 'solver.seed=1', *UNHURRIED]
+    done = python('-m', 'tdm_planner.cli', *words, '-o', 'plan.json', '--plot', 'plan.png')
+    assert done.returncode == 0, done.stderr
+    assert 'upright' in done.stdout
+    plan = json.loads((folder / 'plan.json').read_text())
+    assert plan['verification']['ok'] is True
+    assert [plan['states'][name][0] for name in ('theta', 'psi')] == [3.0, 0.1]
+    assert abs(plan['controls']['torque'][0]) == pytest.approx(0.09)
+    assert not faults(plan)
+    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert main([*words, '-q', '-o', 'plan.csv']) == 0
+    assert capsys.readouterr() == ('', '')
 
 
 @pytest.mark.parametrize(
@@ -255,16 +248,30 @@ def test_mistakes_get_a_sentence_and_a_code(arguments, code, words, tmp_path, mo
     assert not list((tmp_path / 'folder').iterdir())
 
 
-def test_usage_version_and_without_ros_the_way_out_are_told(monkeypatch, capsys):
-    for words, code in (([], 2), (['plan', 'pendulum'], 2), (['--version'], 0)):
+def test_usage_version_and_without_a_package_the_way_out_are_told(monkeypatch, capsys):
+    both = ['live', 'pendulum', '--attach', '/pendulum']
+    for words, code in (
+        ([], 2),
+        (['plan', 'pendulum'], 2),
+        (['live'], 2),
+        (both, 2),
+        (['--version'], 0),
+    ):
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == code
     assert capsys.readouterr().out.startswith('tdm_planner 0.')
-    monkeypatch.setitem(sys.modules, 'rclpy', None)
-    monkeypatch.delitem(sys.modules, 'tdm_sim.demo', raising=False)
-    assert main(['demo', 'pendulum']) == 2
-    assert "this needs 'rclpy', which is not installed" in capsys.readouterr().err
+    for name in [
+        name for name in sys.modules if name.startswith(('tdm_sim.live', 'tdm_sim.demo'))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    for package, command, way_out in (
+        ('viser', 'live', "pip install tdm_planner[live]'"),
+        ('rclpy', 'demo', "this needs 'rclpy', which is not installed"),
+    ):
+        monkeypatch.setitem(sys.modules, package, None)
+        assert main([command, 'pendulum']) == 2
+        assert way_out in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('foreign', ['out', 'out/thesis.tex'])
@@ -280,14 +287,3 @@ def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreig
     assert main(['demo', 'pendulum', '-o', 'out']) == 2
     assert "'out'" in capsys.readouterr().err
     assert mine.read_text() == 'mine'
-
-
-def test_the_live_page_says_what_it_needs(monkeypatch, capsys):
-    for name in [name for name in sys.modules if name.startswith('tdm_sim.live')]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, 'viser', None)
-    assert main(['live', 'pendulum']) == 2
-    assert "pip install tdm_planner[live]'" in capsys.readouterr().err
-    for words in ([], ['pendulum', '--attach', '/pendulum']):
-        with pytest.raises(SystemExit):
-            main(['live', *words])

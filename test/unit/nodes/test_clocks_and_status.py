@@ -75,7 +75,7 @@ def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_i
 
 
 class SetClock:
-    offset = simulated = took = 0
+    offset = took = 0
     steady, ros_time_is_active = 7 * SECOND, False
 
     def monotonic_ns(self):
@@ -83,8 +83,7 @@ class SetClock:
         return self.steady
 
     def now(self):
-        real = self.steady + 10**18 + self.offset
-        return SimpleNamespace(nanoseconds=self.simulated if self.ros_time_is_active else real)
+        return SimpleNamespace(nanoseconds=self.steady + 10**18 + self.offset)
 
     def get_clock(self):
         return self
@@ -119,16 +118,6 @@ def test_jitter_and_a_look_that_is_interrupted_compare_nothing(day, offset, took
     day.offset, day.took = offset, took
     assert motion.now() == pytest.approx(2 * took * 1e-9)
     assert len(told) == steps
-
-
-def test_simulated_time_is_the_plants_own(day):
-    day.ros_time_is_active = True
-    assert not MotionClock(day).runs
-    day.simulated = 1000 * SECOND
-    motion = MotionClock(day)
-    assert (motion.runs, pacing_clock(day), motion.now()) == (True, day, 0.0)
-    day.simulated = 1002 * SECOND
-    assert (motion.now(), motion.instant(1005 * SECOND)) == pytest.approx((2.0, 5.0))
 
 
 class Bench:

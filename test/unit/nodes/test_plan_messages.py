@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plans, states and commands as messages and back; what viewers are told to draw."""
+"""Plans as messages and back, measured states; what viewers are told to draw."""
 
 from dataclasses import replace
 import math
@@ -137,6 +137,7 @@ def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory)
     [
         (None, {'joint_names': ['pendulum', 'a']}, 'joint(s) disk must be named'),
         (None, {'joint_names': []}, 'names are: none'),
+        (None, {'joint_names': ['disk', 'disk']}, 'joint(s) pendulum, disk must be named once'),
         (None, {'points': []}, 'has 0 points'),
         (3, {'velocities': [0.0]}, "'velocities' of point 3 has 1 values for 2 joints"),
         (0, {'effort': []}, "'effort' of point 0 has 0 values"),
@@ -167,35 +168,10 @@ def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw)
     assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
 
 
-def read_state(kind: PlantKind, joints: JointState, moved: Odometry | None = None) -> np.ndarray:
-    found = reading.read_joints(kind.measured, joints, kind.state_names)
-    if moved is not None:
-        found |= reading.read_odometry(kind, moved)
-    return np.array([found[name] for name in kind.state_names])
-
-
-@pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
-def test_states_and_commands_come_back(kind: PlantKind) -> None:
-    rng = np.random.default_rng(2)
-    state = rng.uniform(-1, 1, len(kind.state_names))
-    values = dict(zip(kind.state_names, state.tolist(), strict=True))
-    turned = messages.odometry(kind, values, values, STAMP, 'child') if kind.odometry else None
-    measured = messages.joint_states(kind.joints, values)
-    np.testing.assert_allclose(read_state(kind, measured, turned), state, atol=1e-15)
-    control = rng.uniform(-1, 1, len(kind.control_names))
-    command = messages.command_message(kind, control)
-    assert np.array_equal(reading.read_command(kind, command), control)
-
-
-def test_malformed_commands_say_why() -> None:
-    for names, effort, words in (
-        ([], [], r'joint\(s\) disk must be named once, but the names are: none'),
-        (['disk', 'disk'], [0.0, 1.0], r'joint\(s\) disk must be named once'),
-        (['disk'], [0.0, 1.0], "'effort' has 2 values for 1 named joint"),
-        (['disk'], [math.nan], 'effort of joint disk is nan'),
-    ):
-        with pytest.raises(InvalidProblem, match=words):
-            reading.read_command(PENDULUM, JointState(name=names, effort=effort))
+def read_state(joints: JointState, moved: Odometry) -> np.ndarray:
+    found = reading.read_joints(ROBOT.measured, joints, ROBOT.state_names)
+    found |= reading.read_odometry(ROBOT, moved)
+    return np.array([found[name] for name in ROBOT.state_names])
 
 
 def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
@@ -206,7 +182,7 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
     pose.position.x, pose.position.y = 1.0, 2.0
     pose.orientation = messages.to_quaternion(math.pi / 2)
     twist.linear.x, twist.angular.z = 0.3, 0.1  # forward, which is along y here
-    state = read_state(ROBOT, thruster, message)
+    state = read_state(thruster, message)
     np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1, 0.5], atol=1e-15)
     for part, name, bad, words in (
         (pose.position, 'x', math.inf, 'finite'),
@@ -216,7 +192,7 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
         good = getattr(part, name)
         setattr(part, name, bad)
         with pytest.raises(InvalidProblem, match=words):
-            read_state(ROBOT, thruster, message)
+            read_state(thruster, message)
         setattr(part, name, good)
 
 

@@ -148,6 +148,17 @@ def formation_mission(**changes: Any) -> Mission:
     return robots_mission(given=given, **({'parameters': given} | changes))
 
 
+def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mission:
+    """With a second plan of every vehicle: the first one's, from `start` on and so long."""
+    vehicles = []
+    for vehicle in mission.vehicles:
+        (first,) = vehicle.plans
+        times = first.trajectory.times * duration / DURATION
+        second = FollowedPlan(replace(first.trajectory, times=times), start)
+        vehicles.append(replace(vehicle, plans=(replace(first, until=start), second)))
+    return replace(mission, vehicles=tuple(vehicles))
+
+
 def unpacked(data: dict[str, str]) -> Any:
     return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
 

@@ -77,6 +77,9 @@ def test_the_yaw_of_robots_is_that_of_an_attitude_counted_on_the_planned_turn(re
 def test_what_is_missing_is_said(read, recorded, topic, sentence, absent):
     mission = read(without(recorded(), f'/{topic}'))
     assert told(mission, sentence)
+    comparison = compare(mission)
+    assert all(e.achieved is None or np.isfinite(e.achieved) for e in comparison.entries)
+    assert not absent or comparison.verdict is None
     for vehicle in mission.vehicles:
         parts = ('states', 'applied', 'plans')
         assert {part for part in parts if getattr(vehicle, part) in (None, ())} == absent

@@ -36,12 +36,6 @@ def pendulum() -> Vehicle:
     return pendulum_mission().vehicles[0]
 
 
-def replanned(second: float) -> Vehicle:
-    plan = missions.pendulum_plan()
-    plans = (FollowedPlan(plan, 0.0, until=second), FollowedPlan(plan, second))
-    return replace(pendulum(), plans=plans)
-
-
 def curves(panel: Panel, kind: str) -> list[Curve]:
     return [curve for curve in panel.curves if curve.kind == kind]
 
@@ -53,7 +47,8 @@ def test_poses_planned_and_measured() -> None:
     expected = pendulum_states(np.clip(at, 0.0, DURATION))
     assert states['theta'] == pytest.approx(expected[:, 0], abs=1e-9)
     assert controls['torque'].tolist() == [0.0, 0.014, 0.014, -0.014, 0.0]
-    states, _ = planned_frames(replanned(0.9), np.array([0.8, 0.9, 1.0])) or ({}, {})
+    (again,) = missions.replanned(pendulum_mission(), 0.9).vehicles
+    states, _ = planned_frames(again, np.array([0.8, 0.9, 1.0])) or ({}, {})
     expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
     assert states['theta'] == pytest.approx(expected, abs=1e-9)
     measured: Any = pendulum().states
@@ -85,7 +80,7 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     expected = pendulum_states(planned.times[known])[:, 0]
     assert planned.values[known] == pytest.approx(expected, abs=1e-9)
     # as long as the plan was followed
-    panel = state_chart(replace(pendulum_mission(), vehicles=(replanned(0.7),))).panels[0]
+    panel = state_chart(missions.replanned(pendulum_mission(), 0.7)).panels[0]
     (planned,) = curves(panel, 'planned')
     gaps = np.flatnonzero(np.isnan(planned.values))
     assert planned.times[[0, gaps[0] - 1, *gaps]] == pytest.approx([0.0, 0.7, 0.7, 0.7 + DURATION])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from missions import DURATION, formation_mission, pendulum_mission, robot_parameters
+from missions import DURATION, formation_mission, pendulum_mission, replanned, robot_parameters
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -55,17 +55,6 @@ def formation(after: float = 7.0, **changes: Any) -> Mission:
 
 def recorded_until(mission: Mission, end: float) -> Mission:
     vehicles = [replace(v, states=v.states.between(-1.0, end)) for v in mission.vehicles]
-    return replace(mission, vehicles=tuple(vehicles))
-
-
-def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mission:
-    """With a second plan of every vehicle: the first one's, from `start` on and so long."""
-    vehicles = []
-    for vehicle in mission.vehicles:
-        (first,) = vehicle.plans
-        times = first.trajectory.times * duration / DURATION
-        second = FollowedPlan(replace(first.trajectory, times=times), start)
-        vehicles.append(replace(vehicle, plans=(replace(first, until=start), second)))
     return replace(mission, vehicles=tuple(vehicles))
 
 
@@ -214,16 +203,6 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
-
-
-@pytest.mark.parametrize('mission', [swing_up(), formation()])
-@pytest.mark.parametrize('part', ['states', 'applied', 'plans'])
-def test_every_part_may_be_missing(part: str, mission: Mission) -> None:
-    empty: dict[str, Any] = {part: () if part == 'plans' else None}
-    vehicles = tuple(replace(v, **empty) for v in mission.vehicles)
-    comparison = compare(replace(mission, vehicles=vehicles, figures=()))
-    assert all(e.achieved is None or math.isfinite(e.achieved) for e in comparison.entries)
-    assert comparison.verdict is None
 
 
 @pytest.mark.parametrize('planned', [True, False])

@@ -341,8 +341,6 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ('words', 'told'),
     [
-        (['--over', 'limits.torqe=1'], 'limits.torque'),
-        (['--over', 'limits.torque'], 'LOW:HIGH:N'),
         (['--over', 'start.psi=0', '--seeds', '3'], '--closed-loop'),
         (['--over', 'start.psi=0', '--closed-loop', '--seeds', '0'], "'seeds' = 0"),
         (['--over', 'start.psi=0', '--scheduler', 'localhost'], "'localhost' does not answer"),
