@@ -9,12 +9,11 @@ import shutil
 import threading
 from typing import Any, NamedTuple
 
-from differences import central
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from replays import pendulum_points, replayed, robot_rates
+from replays import central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
