@@ -4,7 +4,7 @@
 """
 Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
 
-By the classical Runge-Kutta method, with limits looked at after every step. Also slopes, `central`.
+By the classical Runge-Kutta method, with limits looked at after every step. Slopes by `central`.
 """
 
 from collections.abc import Callable, Iterator
