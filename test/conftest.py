@@ -28,7 +28,7 @@ LONGEST = (
     *('test_ended', 'test_demo', 'test_recorded'),
     *('test_pendulum_swing_up', 'test_own_plant', 'test_hostile_network', 'test_tracker'),
     *('test_problems', 'test_faults', 'test_bad_statements', 'test_study', 'test_fuzz'),
-    *('test_replanning', 'test_browser', 'test_receding_horizon', 'test_robot_formation'),
+    *('test_replanning', 'test_browser', 'test_prediction', 'test_robot_formation'),
 )
 
 

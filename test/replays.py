@@ -4,7 +4,7 @@
 """
 Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
 
-By the classical Runge-Kutta method, with limits looked at after every step.
+By the classical Runge-Kutta method, with limits looked at after every step. Slopes by `central`.
 """
 
 from collections.abc import Callable, Iterator
@@ -198,3 +198,10 @@ def pendulum_points(plant: Any, theta: Any, psi: Any) -> tuple[Any, Any]:
     pivot = plant.arm_length * np.stack([c, s, zero], axis=-1)
     rod = np.stack([-sine * s, sine * c, np.cos(theta)], axis=-1)
     return pivot, pivot + 2.0 * plant.com_distance * rod
+
+
+def central(function: Callable[[Any], Any], at: Any, step: float = 1e-6) -> Any:
+    """Return the derivative (..., n) of a function (...) of n numbers."""
+    changes = step * np.eye(len(at))
+    slopes = [np.subtract(function(at + h), function(at - h)) / (2 * step) for h in changes]
+    return np.stack(slopes, axis=-1)

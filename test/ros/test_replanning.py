@@ -88,6 +88,8 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):
     assert [summary['plan_id'] for summary in summaries] == list(range(1, len(rig.plans) + 1))
     assert all(summary['verification']['ok'] for summary in summaries)
     assert {summary['parameters']['torque_reserve'] for summary in summaries} == {0.25}
+    starts = [seconds_of(plan.header.stamp) for plan in rig.plans]
+    assert min(np.diff(starts)) > 0.2 - 1e-9  # replan.delay
     assert 'the problem has changed' not in rig.told('planner')
     stamps = np.array([seconds_of(state.header.stamp) for state in rig.states])
     angles = np.array([state.position[0] for state in rig.states])

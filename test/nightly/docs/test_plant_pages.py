@@ -85,8 +85,7 @@ def test_landing_against_collocation():
     assert quicker < 0.999 * replace(problem, free=3, speed_factor_order=0).solve().cost
 
 
-PLANT, TORQUE = RotaryPendulum(), 0.09
-ARCS = TORQUE * np.array([-1.0, 1.0, -1.0, 1.0])
+PLANT = RotaryPendulum()
 
 
 @pytest.fixture(autouse=True)

@@ -3,11 +3,11 @@
 
 """Nonlinear programs: made of a stated problem, and minimised; compiled replays."""
 
-from differences import central
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from replays import central
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from stated import Cart, changed
 from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries

@@ -200,8 +200,6 @@ def test_no_plan_is_explained():
         solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
     with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
-    with pytest.raises(InvalidProblem, match="'time' = -1"):
-        Cart.from_parameters({'time': -1.0})
 
 
 def test_warm_starts_that_are_no_plans_of_the_problem():

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import importlib
 import inspect
 import math
@@ -23,7 +22,6 @@ from tdm_planner.direct_method.collocation import COLD, Ends, Motion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import Infeasible, VerificationFailed
-from tdm_planner.parameters import parameter
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -45,37 +43,6 @@ KINDS: dict[str, dict[str, Any]] = {
     'abrupt': {'margins': lambda s, t, x, u: {'force': s.limit - np.abs(u[0])}},
     'a controls limit': ABRUPT,
 }
-
-
-@dataclass(frozen=True)
-class Sprint(DirectProblem):
-    """From rest to rest, 1 m, at no more than 1 m/s^2: 2 s; nothing is said of a solver."""
-
-    state_names, state_units = Cart.state_names, Cart.state_units
-    control_names, control_units = Cart.control_names, Cart.control_units
-    way: float = parameter(1.0, 'way', unit='m')
-    invert, derivative = Cart.invert, Cart.derivative
-
-    def outputs(self):
-        return {'x': Output((0.0, 0.0), (self.way, 0.0), free=3)}
-
-    def duration(self):
-        return Duration(guess=3.0)
-
-    def control_limits(self):
-        return {'u': (-1.0, 1.0)}
-
-    def final_cost(self, t, x):
-        return t
-
-
-def test_a_statement_need_not_mention_the_solver():
-    problem = Sprint.from_parameters({'way': 4.0, 'solver': {'deadline': 60.0}})
-    assert problem.solver == DirectSolverParameters(deadline=60.0)
-    assert problem.solve().duration == pytest.approx(4.0, rel=1e-3)
-    assert next(iter(Sprint.parameter_specifications({}))) == 'way'
-    heir = dataclass(frozen=True)(type('Heir', (Sprint,), {}))
-    assert heir(way=2.0, solver=LONG).solver is LONG
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,11 @@ from time import process_time
 from types import SimpleNamespace
 
 from benchmark.rigs import rig as random_rig
-from differences import central
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from replays import faults
+from replays import central, faults
 from scipy.optimize import minimize
 from tdm_planner.direct_method import nonlinear_program
 from tdm_planner.direct_method.nonlinear_program import Budget

@@ -11,10 +11,10 @@ from brachistochrone import Brachistochrone, cycloid_time
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from stated import changed
+from stated import Car, changed, LONG
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
-from tdm_planner.problems import DirectProblem
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim.study.flights import tracked, tracker_of
 
@@ -187,6 +187,15 @@ def test_a_limit_in_any_unit_is_kept_to_the_same_share(unit: float) -> None:
     assert np.abs(plan.trajectory.controls).max() <= (1.0 + 2e-4) * unit
     assert plan.cost == pytest.approx(2.0, rel=2e-3)
     assert DirectPlant(Pushed(unit=unit)).limit_tolerances(plan.trajectory) <= 1e-3 * unit
+
+
+def test_a_statement_need_not_mention_the_solver() -> None:
+    problem = Pushed.from_parameters({'unit': 4.0, 'solver': {'deadline': 60.0}})
+    assert problem.solver == DirectSolverParameters(deadline=60.0)
+    assert problem.solve().duration == pytest.approx(2.0, rel=2e-3)
+    assert next(iter(Car.parameter_specifications({}))) == 'drag'
+    heir = dataclass(frozen=True)(type('Heir', (Pushed,), {}))
+    assert heir(unit=2.0, solver=LONG).solver is LONG
 
 
 def test_feedback_keeps_a_limit_in_any_unit() -> None:

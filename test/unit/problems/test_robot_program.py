@@ -7,12 +7,11 @@ from dataclasses import replace
 
 from benchmark.scenarios import crossing as drawn_crossing
 from closed_loop import FORMATION
-from differences import central
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from replays import faults
+from replays import central, faults
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.virtual_arc import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.plan_files import plan_document

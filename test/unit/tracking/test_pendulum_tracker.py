@@ -207,9 +207,6 @@ def test_parameters_that_give_no_feedback_are_refused(plan: Trajectory) -> None:
     tracker.accept(plan, 0.1, 0.01)
     with pytest.raises(InvalidProblem, match='no feedback'):
         pendulum_tracker(plant__gravity=1e9).adopt(tracker)
-    for name, value in (('tolerance__path', -1.0), ('weights__torque', 0.0)):
-        with pytest.raises(InvalidProblem, match=name.replace('__', r'\.')):
-            pendulum_tracker(**{name: value})
 
 
 def test_a_stuck_sensor_switches_the_torque_off_and_stays_stuck_for_other_parameters() -> None:
