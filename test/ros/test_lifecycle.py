@@ -5,6 +5,7 @@
 
 import threading
 from typing import Any
+from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition, TransitionEvent
@@ -12,6 +13,7 @@ from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from pendulum_rig import measured_state
 from ros_harness import ros_arguments, Space
 from stepped_ros import Stepped
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.problems import Problem
 
@@ -106,6 +108,24 @@ def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
     space.set('tracker', plant__mass=0.024)
     assert manager.state == 'active'
     assert manager.says('no state has been received')
+
+
+def test_a_node_that_went_up_in_spite_of_a_wrong_parameter_is_not_configured_again(ros):
+    Space(ros, 'odd').start('tracker', {'state_timeout': -1.0})
+    manager = Manager(ros, '/odd/tracker')
+    manager.do('deactivate', 'cleanup')
+    assert manager.refuses('configure')
+
+
+def test_a_node_that_cannot_recover_is_finalized_and_says_so(ros, monkeypatch):
+    process = Space(ros, 'broken').start('tracker')
+    manager = Manager(ros, '/broken/tracker')
+    manager.do('deactivate')
+    monkeypatch.setattr(process.node, 'cleanup', Mock(side_effect=InvalidProblem('no way out')))
+    assert not ros.change(manager.node, 'cleanup')
+    assert manager.state == 'finalized'
+    assert not process.node.configured
+    assert 'after the error: no way out' in process.output
 
 
 def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(ros, monkeypatch):

@@ -65,6 +65,14 @@ def checked(made: PendulumSwingUp, seconds: float = ENOUGH) -> Solution:
     return solution
 
 
+@pytest.mark.parametrize(('torque', 'disk_angle'), [(0.02, 0.1), (0.004, 0.3), (0.004, 0.1)])
+def test_weak_motors_and_narrow_disks_are_planned_for_from_near_upright(torque, disk_angle):
+    """Pumping hardly ever arrives from there."""
+    for start in (PendulumStart(0.003, 0.0), PendulumStart(0.02, 0.005), PendulumStart(0.0, 0.01)):
+        made = problem(torque, start)
+        checked(dataclasses.replace(made, limits=PendulumLimits(torque, disk_angle)), 10.0)
+
+
 @pytest.mark.parametrize(('torque', 'longest'), [(0.09, 0.387), (0.02, 1.06)])
 def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
     made = problem(torque)

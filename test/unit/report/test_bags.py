@@ -36,12 +36,17 @@ def read(tmp_path: Path) -> Any:
 )
 def test_every_storage_and_compression(tmp_path: Path, storage: str) -> None:
     bag = missions.write(tmp_path / 'bag', pendulum_recording(), *storage.split())
+    once = read_mission(bag / 'metadata.yaml')
+    (file,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
+    copy = file.with_name(f'copy_of_{file.name}')
+    copy.write_bytes(file.read_bytes())
     mission = read_mission(bag / 'metadata.yaml')
     missions.check_pendulum(mission)
     assert mission.missing == ()
+    assert mission.vehicles[0].states.times.size == once.vehicles[0].states.times.size
+    copy.unlink()
     # A folder whose recorder was killed has no metadata: its file alone, or within the folder.
     (bag / 'metadata.yaml').unlink()
-    (file,) = bag.iterdir()
     before = file.read_bytes()
     for path in (bag, file):
         missions.check_pendulum(read_mission(path))
