@@ -9,10 +9,6 @@ import sys
 import time
 from types import TracebackType
 
-from rich.console import Console
-from rich.progress import Progress as Bars
-from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
-
 
 class Progress:
     """
@@ -23,6 +19,11 @@ class Progress:
     """
 
     def __init__(self, quiet: bool = False) -> None:
+        # Here, as every command loads this module: rich takes 60 ms.
+        from rich.console import Console
+        from rich.progress import Progress as Bars
+        from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
         self.live = not quiet and sys.stdout.isatty()
         self._started = time.monotonic()
         self._console = Console(highlight=False, emoji=False, quiet=quiet)

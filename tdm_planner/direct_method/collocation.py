@@ -32,10 +32,7 @@ Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
-_SMALL_LIMIT, _NO_LIMIT = (
-    1e-2,
-    1e-13,
-)  # sizes of a limit along the guess between which it is scaled
+_SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
 _LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
 _HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {

@@ -61,11 +61,11 @@ def read_plan(
         raise InvalidProblem(
             f"trajectory 'points' has {len(points)} points: at least two are needed"
         )
-    columns: dict[str, list[float]] = {}
+    placed, columns = _placed(kind.joints, message.joint_names), dict[str, list[float]]()
     for quantity, field in zip(QUANTITIES, _FIELDS, strict=True):
         rows = [getattr(point, field) for point in points]
         told = f"trajectory '{field}' of point {{}} has {{}} values for {{}} joints"
-        columns |= _columns(kind.joints, quantity, message.joint_names, rows, known, told)
+        columns |= _columns(placed, quantity, len(message.joint_names), rows, known, told)
 
     def stacked(names: Sequence[str]) -> Array:
         values = np.array([columns[name] for name in names], dtype=float)
@@ -81,19 +81,8 @@ def read_plan(
     )
 
 
-def _columns(
-    joints: Sequence[Joint],
-    quantity: str,
-    names: Sequence[str],
-    rows: Sequence[Sequence[float]],
-    known: Collection[str],
-    told: str,
-) -> dict[str, list[float]]:
-    """
-    Return those of the `known` states and controls that are a quantity of joints, by name.
-
-    `rows` hold a value for each of the joints' `names`; `told` says where one does not.
-    """
+def _placed(joints: Sequence[Joint], names: Sequence[str]) -> list[tuple[Joint, int]]:
+    """Return joints with their places among the names of a message."""
     listed = list(names)
     wrong = [joint.name for joint in joints if listed.count(joint.name) != 1]
     if wrong:
@@ -101,11 +90,27 @@ def _columns(
         raise InvalidProblem(
             f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
         )
-    places = {getattr(joint, quantity): listed.index(joint.name) for joint in joints}
+    return [(joint, listed.index(joint.name)) for joint in joints]
+
+
+def _columns(
+    placed: Sequence[tuple[Joint, int]],
+    quantity: str,
+    count: int,
+    rows: Sequence[Sequence[float]],
+    known: Collection[str],
+    told: str,
+) -> dict[str, list[float]]:
+    """
+    Return those of the `known` states and controls that are a quantity of joints, by name.
+
+    `rows` hold `count` values each; `told` says where one does not.
+    """
+    places = {getattr(joint, quantity): place for joint, place in placed}
     wanted = {name: place for name, place in places.items() if name in known}
     for number, row in enumerate(rows if wanted else ()):
-        if len(row) != len(names):
-            raise InvalidProblem(told.format(number, len(row), len(names)))
+        if len(row) != count:
+            raise InvalidProblem(told.format(number, len(row), count))
     return {name: [float(row[place]) for row in rows] for name, place in wanted.items()}
 
 
@@ -142,11 +147,12 @@ def read_joints(joints: Sequence[Joint], message: Any, names: Iterable[str]) -> 
         For joints that are missing, lengths that do not match, or values that are not finite.
 
     """
-    known, found = set(names), {}
+    known, placed, found = set(names), _placed(joints, message.name), {}
     for quantity in QUANTITIES:
         told = f"'{quantity}' has {{1}} values for {{2}} named joints"
         rows = [getattr(message, quantity)]
-        for name, (value,) in _columns(joints, quantity, message.name, rows, known, told).items():
+        columns = _columns(placed, quantity, len(message.name), rows, known, told)
+        for name, (value,) in columns.items():
             if not abs(value) <= LARGEST:
                 joint = next(joint for joint in joints if getattr(joint, quantity) == name)
                 raise InvalidProblem(

@@ -15,6 +15,7 @@ from tdm_planner.nodes.clocks import MotionClock, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.parameters import build
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 
@@ -47,6 +48,7 @@ class Replanning:
         self._replanner: Replanner | None = None
         self._reviewed: ActivePlan | None = None
         self._trackers: Mapping[str, Any] = {}
+        self._asked: tuple[Mapping[str, Any], ActivePlan, Problem] | None = None
         self._reviews = self._replans = 0
         self._last = ''
         self.values_changed()
@@ -98,11 +100,7 @@ class Replanning:
 
         def review() -> Review:
             replanner = self._replanner_of(plan, values)
-            # Ignore start.*: it must not make the problem invalid.
-            own = plan.problem.to_parameters()
-            starts = {name: value for name, value in own.items() if 'start.' in name}
-            problem = type(plan.problem).from_parameters({**values, **starts})
-            return replanner.review(problem, observations, now)
+            return replanner.review(self._problem(plan, values), observations, now)
 
         self._queue.review(review, self._on_review)
 
@@ -121,6 +119,16 @@ class Replanning:
         self._reviewed, self._trackers = plan, trackers
         self._replanner.parameters = parameters
         return self._replanner
+
+    def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
+        """Return the problem that the parameters state, from the start of the active plan."""
+        if self._asked is None or self._asked[1] is not plan or self._asked[0] != values:
+            # Ignore start.*: it must not make the problem invalid.
+            own = plan.problem.to_parameters()
+            starts = {name: value for name, value in own.items() if 'start.' in name}
+            made = type(plan.problem).from_parameters({**values, **starts})
+            self._asked = (values, plan, made)
+        return self._asked[2]
 
     def _on_review(self, outcome: Review | Exception) -> None:
         self._reviews += 1

@@ -142,16 +142,12 @@ def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ..
                 f'others is not known; there is: {", ".join(known.names) or "none"}'
             )
     places = {name: known.select(*place).at(times).values for name, known in states.items()}
-    pairs = list(itertools.combinations(places, 2))
-
-    def distance(number: int) -> Array:
-        one, other = pairs[number]
-        return np.asarray(np.hypot(*(places[one] - places[other]).T))
-
-    def nearest(number: int) -> float:
-        return float(np.nanmin(distance(number), initial=np.inf))
-
-    closest = sorted(heapq.nsmallest(MOST_PAIRS, range(len(pairs)), key=nearest))
-    names = tuple(' - '.join(pairs[number]) for number in closest)
-    values = np.stack([distance(number) for number in closest], axis=1)
-    return Signals(times, values, names, ('m',) * len(names))
+    apart = (
+        (number, f'{one} - {other}', np.hypot(*(places[one] - places[other]).T))
+        for number, (one, other) in enumerate(itertools.combinations(places, 2))
+    )
+    nearest = heapq.nsmallest(
+        MOST_PAIRS, apart, key=lambda pair: float(np.nanmin(pair[2], initial=np.inf))
+    )
+    _, names, values = zip(*sorted(nearest, key=lambda pair: pair[0]), strict=True)
+    return Signals(times, np.stack(values, axis=1), names, ('m',) * len(names))
