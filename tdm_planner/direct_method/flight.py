@@ -30,9 +30,11 @@ TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
-_MOST_STEPS = 40_000
+_MOST_STEPS = 100_000
+_SOME_STEPS = 64  # between looks at the clock
 _PARTS = 4  # steps where their errors are not looked at
-_FEW = 30  # pieces; of more the tolerance is less, as their errors add up
+# Of more than `_FEW` pieces the tolerance is less, as what follows magnifies their errors.
+_FEW, _STRICTEST = 30, 100.0
 
 
 def _dense_output() -> Array:
@@ -148,7 +150,9 @@ class Integrator:
         step, size = Call(self._step), self._size
         x, a, b, length, step.given[-1][...] = *step.given[:-1], numbers
         instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
-        proposed, stricter = np.inf, max(1.0, (times.size - 1) / _FEW)
+        late = False
+        proposed = np.inf
+        stricter = min(max((times.size - 1) / _FEW, 1.0) ** 2, _STRICTEST)
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
             whole, change = end - now, last[k] - first[k]
@@ -156,7 +160,8 @@ class Integrator:
             while now < end:
                 left = end - now
                 h = left if proposed >= left else proposed
-                late = len(rows) >= _MOST_STEPS or (until is not None and until.spent)
+                if len(rows) % _SOME_STEPS == 0:
+                    late = len(rows) >= _MOST_STEPS or (until is not None and until.spent)
                 if h < _LEAST_STEP * whole or late:
                     return None
                 if not held and h < whole:
@@ -172,11 +177,11 @@ class Integrator:
                     proposed = h * max(_SMALLEST, factor)
                     continue
                 begins.append(state)
-                rows.append(slopes.reshape(-1, size).copy())
+                rows.append(slopes.copy())
                 state = reached.copy()
                 now = end if h == left else now + h
                 instants.append(now)
                 proposed = h * min(_LARGEST, factor)
         if not np.isfinite(state).all():
             return None
-        return Flown(np.array(instants), np.array(begins), np.array(rows))
+        return Flown(np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size)))

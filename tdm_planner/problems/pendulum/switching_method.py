@@ -60,7 +60,7 @@ _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 # s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
 _OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
-_LOST = 1e-2  # violation after the fine polish of what is not worth a check
+_LOST = 2e-4  # violation after the fine polish of what is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
@@ -124,7 +124,8 @@ class SwitchingMethod(Search[Candidate]):
         if self._pumping and not self._short_of_time(shorter):
             # Of so many arcs the last digits of the time do not matter.
             fine, violation = corrected(self._task, shorter, self._task.steps(FINE_STEPS))
-        for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
+        omitted = shorter.durations.size < candidate.durations.size
+        for arcs in [shorter, candidate] if omitted else [shorter]:
             if violation < 1e-6:
                 break
             if self._short_of_time(arcs):

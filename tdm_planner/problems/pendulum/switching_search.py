@@ -32,7 +32,7 @@ _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
-_CORRECTIONS = 6  # steps that bring a polished candidate to its end again
+_CORRECTIONS = 10  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
