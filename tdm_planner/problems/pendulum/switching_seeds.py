@@ -140,6 +140,11 @@ def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
 
     # The torque that takes half a swing to move the disk through its range, about.
     in_a_swing = np.minimum(spread(0.5, 1.5) / crossing, 1.0)
+    lead = mostly(0.5, 0.0, rng.uniform(-0.4, 0.4, count))
+    if crossing > 1.0:
+        # The disk is at its limit before the swing is over: on large swings it has to move later,
+        # as it is slow while the pendulum is horizontal.
+        lead = mostly(0.25, lead, rng.uniform(-3.0, -0.5, count))
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
         share=mostly(0.5, 1.0, mostly(0.3, spread(weakest, 1.0), in_a_swing)),
@@ -147,7 +152,7 @@ def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
         on_momentum=spread(0.003, 1.0),
         band=spread(0.05, 1.0),
         brake=rng.uniform(0.6, 1.0, count),
-        lead=mostly(0.5, 0.0, rng.uniform(-0.4, 0.4, count)),
+        lead=lead,
         hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
         weight=weight * spread(1.0, _PATIENCE),
     )

@@ -173,12 +173,23 @@ def rig(size: float, arm: float, disk: float, across: float, torque: float, angl
         (rig(0.3, 0.5, 20.0, 0.3, 0.3, 2.0), 256),  # weaker still
         (rig(0.127, 1.6, 0.02, 0.034, 0.066, 1.15), 20),  # it takes nearly all of the inertia
         (rig(0.09, 1.2, 0.09, 0.06, 0.04, 0.835), 20),
+        (random_rig(3054), 20),  # a strong motor whose disk reaches its limit at once
     ],
 )
 def test_foreign_rigs_need_no_settings(made, fewest):
     solution = checked(made)
     assert solution.parameters.size >= fewest
     assert solution.trajectory.times.size < 30_000
+
+
+def test_motions_of_thousands_of_arcs_are_replayed():
+    task = random_rig(1070).task
+    times = np.arange(7001) * 2.2 / task.plant.natural_frequency
+    torques = task.torque * (-1.0) ** np.arange(7001)
+    states = roll_states(task.plant, task.start, np.diff(times), torques[:-1])
+    flown = task.plant.fly(task.trajectory(times, states, torques[:, None]))
+    assert flown.steps.size > 40_000
+    np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
 
 
 @pytest.mark.parametrize('seconds', [0.03, 0.5, 1.0])
