@@ -17,8 +17,7 @@ from typing import Any
 
 import fuzz_inputs as fuzz
 from fuzz_inputs import message, message_type, messages, SPECIFICATIONS, texts
-from fuzzing import profile
-from hypothesis import given
+from fuzzing import tried
 from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -135,13 +134,7 @@ class SixNodes:
 
     def endure(self, cases: int, *, new: bool = False) -> None:
         self.meet()
-
-        @profile(cases, new=new)
-        @given(st.data())
-        def survive(data: Any) -> None:
-            self.suffer(data.draw)
-
-        survive()
+        tried(st.data(), lambda data: self.suffer(data.draw), cases, new=new)
         self.recover()
 
     def suffer(self, draw: Any) -> None:
