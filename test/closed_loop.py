@@ -83,9 +83,7 @@ def pendulum_tracker(limit: float = STRONG, **values: Any) -> tracking.PendulumT
     return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
 
 
-def pendulum(
-    tracker: Any, initial: Any = HANGING, mismatch: float = 0, noise: float = 0, seed: int = 0
-) -> TrackedPlant:
+def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> TrackedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
     plant = mismatched(tracker.parameters.plant, mismatch, seed)
@@ -93,13 +91,10 @@ def pendulum(
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
-def robot(
-    initial: Any, mismatch: float = 0, noise: float = 0, seed: int = 0, gains: Any = 1, **own: Any
-) -> TrackedPlant:
+def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own: Any) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
-    tracker = tracking.RobotTracker(
-        build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
-    )
+    given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
+    tracker = tracking.RobotTracker(given)
     limits = tracker.parameters.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
     lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)

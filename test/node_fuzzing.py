@@ -75,9 +75,8 @@ transitions = st.integers(0, 255).filter(lambda n: n not in (4, 7)) | st.builds(
     id=st.sampled_from([0, 4, 7]),
     label=(texts | st.sampled_from(['configure', 'Deactivate', ' deactivate'])).filter(bool),
 )
-values = st.deferred(
-    lambda: messages(message_type('rcl_interfaces/ParameterValue'), type=st.integers(0, 12))
-)
+VALUE = 'rcl_interfaces/ParameterValue'
+values = st.deferred(lambda: messages(message_type(VALUE), type=st.integers(0, 12)))
 
 
 def sendable(text: str) -> str:
@@ -99,8 +98,7 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
         found.append(made)
     odd = [*NODES[node][1], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', fuzz.FORGED]
     for name in draw(st.lists(st.sampled_from(odd), max_size=3)):
-        value = message('rcl_interfaces/ParameterValue', draw(values))
-        found.append(Parameter(name=name, value=value))
+        found.append(Parameter(name=name, value=message(VALUE, draw(values))))
     return [item for item in found if item.name not in NEVER_SET]
 
 

@@ -143,9 +143,7 @@ def formation_faults(document: dict[str, Any]) -> list[str]:
     return faults
 
 
-def _robot_faults(
-    name: str, plan: dict[str, Any], p: dict[str, Any]
-) -> tuple[list[tuple[float, State]], list[str]]:
+def _robot_faults(name: str, plan: dict[str, Any], p: dict[str, Any]) -> tuple[list, list[str]]:
     path, half, flat = [], p['arena.minimum_separation'] / 2, p['arena.obstacles']
     thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
     zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))

@@ -7,7 +7,7 @@ Faults put into the solvers, each of a drawn size: what leaves them must be righ
 replays.py tells what is wrong with the plans, as they are written to files, by its own equations.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 import itertools
@@ -30,7 +30,6 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
-Motions = Mapping[str, Trajectory]
 Change = Callable[[Generator, float, Trajectory], Trajectory]
 
 
@@ -74,10 +73,10 @@ def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
     _formations(patch, lambda m: dict(zip(m, map(m.__getitem__, swapped(m)), strict=True)))
 
 
-def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
+def _formations(patch: Patch, change: Callable[[Any], Any]) -> None:
     check = formation_search.assessed
 
-    def assessed(task: Any, motions: Motions, *others: Any) -> Solution:
+    def assessed(task: Any, motions: Any, *others: Any) -> Solution:
         return check(task, change(motions), *others)
 
     patch.setattr(formation_search, 'assessed', assessed)

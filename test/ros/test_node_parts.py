@@ -221,9 +221,7 @@ def server(ros: Stepped, make: Any, middleware: Any) -> Iterator[Server]:
     ('service', 'lost'), [*((service, 2) for service in REQUESTS), ('at_once', 1000)]
 )
 @pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
-def test_an_answer_that_the_middleware_gives_up_is_sent_again(
-    ros, server, middleware, service, lost
-):
+def test_an_answer_that_the_middleware_drops_is_sent_again(ros, server, middleware, service, lost):
     """As when a service does not know its client yet."""
     server.node.release.set()
     middleware.lost = lost

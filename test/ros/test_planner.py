@@ -69,11 +69,6 @@ def planner(ros: Stepped) -> Planner:
     return Planner(ros, start__source='parameters')
 
 
-@pytest.fixture
-def measuring(ros: Stepped) -> Planner:
-    return Planner(ros)
-
-
 def begins(message: JointTrajectory) -> int:
     return nanoseconds_of(message.header.stamp)
 
@@ -134,8 +129,8 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     assert abs(planner.made().points[-1].positions[0]) < 7.0
 
 
-def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
-    asked = ros.now
+def test_a_request_before_the_first_state_waits_for_it(ros):
+    measuring, asked = Planner(ros), ros.now
     reason = f'no state was received on {measuring.space}/joint_states within 0.5 s'
     assert measuring.refusal() == ('NO_STATE', f'{reason} (start.max_age)')
     assert ros.now - asked >= 0.5e9
@@ -147,8 +142,8 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     assert pending.result().success, pending.result().message
 
 
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
-    measuring.set('planner', start__delay=0.2)
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros):
+    measuring = Planner(ros, start__delay=0.2)
     state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
     measuring.measure(measuring.state(state))
     ros.spin_for(0.1)
@@ -163,7 +158,8 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
 
 
-def test_states_that_cannot_be_planned_from(ros, measuring):
+def test_states_that_cannot_be_planned_from(ros):
+    measuring = Planner(ros)
     state, hanging = measuring.state, [3.0, 0.0, 0.0, 0.0]
     short = {'name': ['pendulum', 'disk'], 'position': [0.0, 0.0], 'velocity': []}
     old = f'{measuring.space}/joint_states is 5 s old', 'not be older than 0.5 s (start.max_age)'
@@ -342,7 +338,6 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
     fleet.plan()
     plans = {name: fleet.motion(name) for name in ROBOTS}
     under_way = plans['robot1'][1] + 1_500_000_000
-
     follow = partial(fleet.follow, plans)
     assert ros.publish_until(follow, lambda: ros.now >= under_way, every=0.05)
     assert all(len(heard) == 1 for heard in fleet.motions.values())  # followed, it is kept

@@ -259,13 +259,9 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
 
 START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
 GOAL = 1.2, 1.1, 2.5
-ALONE = {
-    'robots': ['scout'],
-    **{f'scout.start.{name}': value for name, value in START.items()},
-    'formation.anchor': [*GOAL[:2], 0.0],
-    'formation.scout': [0.0, 0.0, GOAL[2]],
-    'weights.gas': 0.01,
-}
+ALONE = {f'scout.start.{name}': value for name, value in START.items()} | {'robots': ['scout']}
+ALONE |= {'formation.anchor': [*GOAL[:2], 0.0], 'formation.scout': [0.0, 0.0, GOAL[2]]}
+ALONE |= {'weights.gas': 0.01}
 
 
 class Scout(Bench):
@@ -314,9 +310,7 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     assert np.hypot(*np.array([e.position[:2] for e in scout.errors[taken:]]).T).max() < 0.05
 
 
-def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
-    ros, idle, plans, plan, monkeypatch
-):
+def test_faults_of_the_program_are_called_so_and_end_nothing(ros, idle, plans, plan, monkeypatch):
     tracker, broken = idle.tracker.node.tracker, Mock(side_effect=KeyError('a bug'))
     with monkeypatch.context() as patch:
         patch.setattr(tracker, 'prepare', broken)

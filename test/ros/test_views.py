@@ -218,7 +218,6 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     message.header.frame_id, pose = 'arena', message.pose.pose
     pose.position.x, pose.position.y, pose.orientation = 1.5, 2.5, to_quaternion(0.3)
     state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
-
     drawn = lambda scene: scene.namespaces >= ROBOT and abs(jet(scene)) > 0.01  # noqa: E731
     publish = lambda: (odometry.publish(message), joints.publish(state))  # noqa: E731
     assert viewer.shows(drawn, publish), robots.here.output

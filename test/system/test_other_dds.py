@@ -166,7 +166,6 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     assert all(abs(point.effort[1]) <= 0.09 + 1e-9 for point in plan.points)
     reader = outsider.reader('rt/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
     _, answer = client.call()
-
     wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan')

@@ -60,10 +60,8 @@ def test_nodes_agree_on_what_stands_twice(path: Path):
 
 
 # What a package that is imported is called by rosdep, where not simply its name.
-ROSDEP_KEYS = {
-    name: f'python3-{name}'
-    for name in ('hypothesis', 'matplotlib', 'numpy', 'pytest', 'rich', 'scipy', 'yaml')
-}
+OF_UBUNTU = 'hypothesis', 'matplotlib', 'numpy', 'pytest', 'rich', 'scipy', 'yaml'
+ROSDEP_KEYS = {name: f'python3-{name}' for name in OF_UBUNTU}
 # Not in Ubuntu's archive: `make setup` installs them.
 WITHOUT_KEY = {*REQUIRED, *EXTRAS, 'trimesh'} - {*ROSDEP_KEYS}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')

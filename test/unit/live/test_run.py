@@ -55,9 +55,8 @@ def test_only_own_pages_may_ask(server: Any) -> None:
 def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
     monkeypatch.setattr(recordings, '_PATIENCE', patience)
     begin = NodeProcesses.start
-    monkeypatch.setattr(
-        NodeProcesses, 'start', lambda self, name, *_: begin(self, name, 'calendar', ['2026'])
-    )
+    ends = lambda self, name, *_: begin(self, name, 'calendar', ['2026'])  # noqa: E731
+    monkeypatch.setattr(NodeProcesses, 'start', ends)
     made = Recordings(tmp_path, 'space')
     with pytest.raises(RecordingFailed, match=told):
         made.start()

@@ -127,10 +127,8 @@ class Bench:
         self.told: list[dict[int, str]] = []
         self.followed: list[Any] = []
         told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
-        node: Any = SimpleNamespace(
-            create_publisher=lambda _, topic, *__: SimpleNamespace(publish=told[topic])
-        )
-        self.status = TrackerStatus(node)
+        made = lambda _, topic, *__: SimpleNamespace(publish=told[topic])  # noqa: E731
+        self.status = TrackerStatus(SimpleNamespace(create_publisher=made))
         self.plans: dict[int, Any] = {}
         self.status.begin()
 

@@ -142,10 +142,8 @@ def test_one_figure_for_a_chart() -> None:
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
     assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
     assert np.isnan(unpacked(planned['y'])[1])
-    assert [(panel['title'], panel['unit']) for panel in data['panels']] == [
-        ('a<b', 'm'),
-        ('c', ''),
-    ]
+    titles = [(panel['title'], panel['unit']) for panel in data['panels']]
+    assert titles == [('a<b', 'm'), ('c', '')]
     low, high = data['panels'][0]['range']
     assert low < 0.0 < 2.0 < high
 
@@ -269,9 +267,7 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
 
 
 def test_events_are_dimmed_before_the_motion() -> None:
-    events = (
-        Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
-        Event(1.0, Severity.WARN, '/p/tracker', 'late'),
-    )
+    kinds = (-1.0, Severity.ERROR), (1.0, Severity.WARN)
+    events = tuple(Event(*kind, '/p/tracker', 'text') for kind in kinds)
     table = events_table(replace(pendulum_mission(), events=events))
     assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
