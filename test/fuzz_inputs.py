@@ -156,8 +156,6 @@ yaml_texts = st.one_of(
     st.builds(str.format, st.sampled_from(_places), _pieces),
     st.text(max_size=40),
 )
-
-
 FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
 texts = st.one_of(
     st.sampled_from(['', 'arena', 'world', 'map', '/arena', '../../etc', '<script>', 'é\n', '%s%n',

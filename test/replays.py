@@ -16,7 +16,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 State = list[float]
-Controls = Callable[[float], list[float]]
 
 # What is promised of every plan. Ends: rad, rad/s; m, m/s, rad, rad/s. Controls: relative; disk
 # angle: rad; distances: m. The last two allow for what happens between the instants of the check.
@@ -65,9 +64,7 @@ def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
     return rates
 
 
-def replayed(
-    plan: dict[str, Any], rates: Callable[[State, list[float]], State], longest_step: float
-) -> Iterator[tuple[float, State, list[float]]]:
+def replayed(plan: Any, rates: Any, longest_step: float) -> Iterator[tuple[float, State, list]]:
     """Yield time, state and controls after every step, from the plan's first state."""
     times, kind = plan['times'], plan['interpolation']
     rows = list(zip(*plan['controls'].values(), strict=True))
@@ -94,7 +91,7 @@ def replayed(
             yield times[k] + t + h, state, u2
 
 
-def _between(kind: str, first: Any, last: Any, span: float, spline: Any, start: float) -> Controls:
+def _between(kind: str, first: Any, last: Any, span: float, spline: Any, start: float) -> Any:
     return {
         'linear': lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)],
         'cubic': lambda t: spline(start + t).tolist(),

@@ -126,11 +126,7 @@ def _end_with_the_tests() -> None:
 
 
 class Started:
-    """What a test has started; `end` ends it and returns the exit code."""
-
-    output: str  # all that it has printed so far
-    running: bool
-    end: Callable[[], int]
+    """What a test has started; `end` ends it and returns the exit code, `output` is its so far."""
 
     def end_cleanly(self) -> None:
         """End it; the exit code must be 0 and nothing may look like a crash."""

@@ -30,7 +30,6 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
-Change = Callable[[Generator, float, Trajectory], Trajectory]
 
 
 def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
@@ -102,7 +101,7 @@ def _mirror(rng: Generator, size: float, t: Trajectory) -> Trajectory:
     return replace(t, controls=controls)
 
 
-CHANGES: dict[str, Change] = {
+CHANGES = {
     'scaled_controls': lambda g, s, t: replace(t, controls=_scale(g, s, t.controls)),
     'scaled_durations': lambda g, s, t: replace(t, times=to_nanoseconds(_scale(g, s, t.times))),
     'shifted_states': lambda g, s, t: replace(t, states=g.normal(t.states, s)),
@@ -111,7 +110,9 @@ CHANGES: dict[str, Change] = {
 }  # fmt: skip
 
 
-def sabotaged(change: Change, patch: Patch, rng: Generator, size: float) -> None:
+def sabotaged(
+    change: Callable[..., Trajectory], patch: Patch, rng: Generator, size: float
+) -> None:
     """Change every trajectory before it is checked."""
     check = SwingUpTask.plan
 
