@@ -6,7 +6,6 @@
 from functools import partial
 import json
 import math
-from typing import Any
 
 from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
@@ -35,7 +34,7 @@ UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
 class Planner(Space):
     """A planner in a namespace of its own, and a pendulum that the test measures."""
 
-    def __init__(self, ros: Stepped, **given: Any) -> None:
+    def __init__(self, ros: Stepped, **given) -> None:
         super().__init__(ros)
         named = {name.replace('__', '.'): value for name, value in given.items()}
         self.here = self.start('planner', {**STRONG, **named})
@@ -46,12 +45,12 @@ class Planner(Space):
         self.plan()
         return self.trajectories[-1]
 
-    def plan_with(self, *odd: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
+    def plan_with(self, *odd: Parameter, **own) -> tuple[bool, dict]:
         result = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
         self.ros.settle()
         return result.successful, json.loads(result.reason)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict:
         return json.loads(self.latched('plan_summary').data)
 
     def state(self, state: list[float], age: float = 0.0) -> JointState:
@@ -247,7 +246,7 @@ MOVED = [2.3, 1.8, 0.7]
 class Fleet(Space):
     """A planner in a namespace, and robots that are where the test says."""
 
-    def __init__(self, ros: Stepped, name: str, **parameters: Any) -> None:
+    def __init__(self, ros: Stepped, name: str, **parameters) -> None:
         super().__init__(ros, name)
         self.start('planner', {**FORMATION, 'start.source': 'parameters', **parameters})
         self.motions = {name: self.hear(f'{name}/trajectory') for name in ROBOTS}

@@ -9,7 +9,6 @@ from importlib import import_module
 import json
 import math
 import re
-from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from marker_checks import check_markers, Scene
@@ -43,7 +42,7 @@ class Viewer:
     def scene(self) -> Scene:
         return Scene(*self.arrays)
 
-    def shows(self, condition: Callable[[Scene], bool], publish: Any = None) -> bool:
+    def shows(self, condition: Callable[[Scene], bool], publish=None) -> bool:
         showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
         return self.ros.publish_until(publish or (lambda: None), showing)
 
@@ -238,7 +237,7 @@ TYPES = {  # of what a display or a tool of RViz handles
 }  # fmt: skip
 
 
-def within(item: Any) -> Iterator[Any]:
+def within(item) -> Iterator:
     """Yield everything in a document: mappings, lists, keys and values."""
     yield item
     if isinstance(item, dict | list):
@@ -246,7 +245,7 @@ def within(item: Any) -> Iterator[Any]:
             yield from within(part)
 
 
-def mappings(file: str) -> list[dict[str, Any]]:
+def mappings(file: str) -> list[dict]:
     """Return all in a file of RViz or Foxglove; JSON is YAML."""
     document = yaml.safe_load((CONFIG / file).read_text(encoding='utf-8'))
     return [item for item in within(document) if isinstance(item, dict)]

@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import re
 import sys
-from typing import Any
 from xml.etree import ElementTree
 
 from benchmark import __main__ as command
@@ -25,7 +24,7 @@ import yaml
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
 
 
-def sections(path: Path) -> dict[str, dict[str, Any]]:
+def sections(path: Path) -> dict[str, dict]:
     document = yaml.safe_load(path.read_text(encoding='utf-8'))
     nodes = [str(key).rsplit('/', 1)[-1] for key in document]
     return {node: ros_parameters(document, node) for node in nodes}

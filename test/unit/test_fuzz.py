@@ -3,8 +3,6 @@
 
 """Bad input, sabotaged solvers: some of every kind, and every case that ever escaped."""
 
-from typing import Any
-
 from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out
 import pytest
 from saboteurs import replayed_faults
@@ -19,7 +17,7 @@ def test_bad_input_is_met_with_a_result_or_a_reason(name: str) -> None:
 
 
 @pytest.mark.parametrize('case', corpus('parameters') + corpus('trackers'))
-def test_parameters_and_histories_that_once_escaped_do_so_no_more(case: dict[str, Any]) -> None:
+def test_parameters_and_histories_that_once_escaped_do_so_no_more(case: dict) -> None:
     if 'problem' in case:
         planned(case['problem'], case['parameters'])
     else:
@@ -35,7 +33,7 @@ def test_files_that_once_escaped_do_so_no_more(text: str) -> None:
 
 @pytest.mark.parametrize('name', ['deadline', 'seed'])
 @pytest.mark.parametrize('value', [float('nan'), float('inf'), -1, -(10**400), 'soon', True, [1]])
-def test_arguments_of_a_search_are_refused_by_name(name: str, value: Any) -> None:
+def test_arguments_of_a_search_are_refused_by_name(name: str, value) -> None:
     with pytest.raises(InvalidProblem, match=name):
         PendulumSwingUp().solve(**{name: value})
 
