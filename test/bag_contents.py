@@ -7,7 +7,6 @@ from collections import defaultdict
 import errno
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tdm_sim import bag_writer
@@ -15,7 +14,7 @@ from tdm_sim.bag_writer import BagWriter
 import yaml
 
 
-def read_with_mcap(bag: Path) -> dict[str, list[Any]]:
+def read_with_mcap(bag: Path) -> dict[str, list]:
     """Read a bag by a reader that has nothing in common with the writer."""
     reader = pytest.importorskip('mcap_ros2.reader')
     messages = defaultdict(list)
@@ -24,7 +23,7 @@ def read_with_mcap(bag: Path) -> dict[str, list[Any]]:
     return messages
 
 
-def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
+def read_with_rosbags(bag: Path) -> dict[str, list]:
     rosbag2, typesys = map(pytest.importorskip, ('rosbags.rosbag2', 'rosbags.typesys'))
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     messages = defaultdict(list)
@@ -34,21 +33,21 @@ def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
     return messages
 
 
-def metadata(bag: Path) -> Any:
+def metadata(bag: Path):
     return yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
 
 
-def numbers(messages: list[Any]) -> list[int]:
+def numbers(messages: list) -> list[int]:
     return [int(message.data[:6]) for message in messages]
 
 
 class FullFile:
     """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
 
-    def __init__(self, file: Any, room: int, reserve: Path) -> None:
+    def __init__(self, file, room: int, reserve: Path) -> None:
         self._file, self._room, self._reserve = file, room, reserve
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str):
         return getattr(self._file, name)
 
     def write(self, data: bytes) -> int:
@@ -63,6 +62,6 @@ class FullFile:
 
 def fill(writer: BagWriter, room: int) -> BagWriter:
     """Let the disk that an MCAP file is on be full after so many bytes."""
-    storage: Any = writer._writer.storage
+    storage = writer._writer.storage
     storage.bio = FullFile(storage.bio, room, writer.path / '.reserve')
     return writer

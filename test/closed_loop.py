@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import functools
 import math
-from typing import Any
 
 import numpy as np
 from tdm_planner import tracking
@@ -61,9 +60,7 @@ def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
     return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
 
 
-def seen(
-    states: Any, at: float, mode: Mode = Mode.FOLLOWING, followed: float | None = None, **away: Any
-) -> dict[str, Observation]:
+def seen(states, at, mode=Mode.FOLLOWING, followed=None, **away) -> dict[str, Observation]:
     """Return what a replanner sees of vehicles, each so far `away` from a state."""
     where = {name: state + away.get(name, 0.0) for name, state in states.items()}
     return {name: Observation(state, at, mode, followed) for name, state in where.items()}
@@ -73,19 +70,17 @@ def moved(state: np.ndarray, *change: float) -> np.ndarray:
     return np.asarray(state + np.array(change))
 
 
-def dotted(values: dict[str, Any]) -> dict[str, Any]:
+def dotted(values: dict) -> dict:
     return {name.replace('__', '.'): value for name, value in values.items()}
 
 
-def pendulum_tracker(limit: float = STRONG, **values: Any) -> tracking.PendulumTracker:
+def pendulum_tracker(limit: float = STRONG, **values) -> tracking.PendulumTracker:
     """Return a tracker for a motor; `values` are its other parameters, `__` for the dot."""
     asked = {'limits.torque': limit, **dotted(values)}
     return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
 
 
-def pendulum(
-    tracker: Any, initial: Any = HANGING, mismatch: float = 0, noise: float = 0, seed: int = 0
-) -> TrackedPlant:
+def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> TrackedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
     plant = mismatched(tracker.parameters.plant, mismatch, seed)
@@ -93,13 +88,10 @@ def pendulum(
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
-def robot(
-    initial: Any, mismatch: float = 0, noise: float = 0, seed: int = 0, gains: Any = 1, **own: Any
-) -> TrackedPlant:
+def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
-    tracker = tracking.RobotTracker(
-        build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
-    )
+    given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
+    tracker = tracking.RobotTracker(given)
     limits = tracker.parameters.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
     lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)

@@ -8,7 +8,6 @@ from contextlib import closing, contextmanager
 import functools
 import importlib.util
 import os
-from typing import Any
 
 from hypothesis import settings
 import pytest
@@ -48,7 +47,7 @@ settings.load_profile('same')
 
 
 @pytest.fixture(scope='session', autouse=True)
-def _unhurried() -> Iterator[None]:
+def _unhurried():
     """Give plans time enough where the test states no deadline: the machine may be busy."""
     from tdm_planner.problems import Problem
     from tdm_planner.replanning import Replanner
@@ -56,7 +55,7 @@ def _unhurried() -> Iterator[None]:
     solve, solve_again = Problem.solve, Replanner._solve
 
     @functools.wraps(solve)
-    def solve_unhurried(problem: Any, deadline: Any = None, *args: Any, **options: Any) -> Any:
+    def solve_unhurried(problem, deadline=None, *args, **options):
         usual = type(problem.solver).deadline
         if deadline is None and problem.solver.deadline == usual:
             deadline = ENOUGH
@@ -69,7 +68,7 @@ def _unhurried() -> Iterator[None]:
 
 
 @contextmanager
-def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator[Any]:
+def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator:
     folder = factory.mktemp('ros')
     with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         environment = ros_environment(domain, folder)
@@ -80,7 +79,7 @@ def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator
 
 
 @pytest.fixture(scope='module')
-def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     """Yield a ROS domain for the test module, in test/ros with a time of its own."""
     pytest.importorskip('rclpy')
     if request.path.parent.name == 'ros':
@@ -91,7 +90,7 @@ def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.fixture(autouse=True)
-def _ended(request: pytest.FixtureRequest) -> Iterator[None]:
+def _ended(request: pytest.FixtureRequest):
     """End the nodes that a test in test/ros has started itself; those of faults are kept."""
     here = request.path.parent.name == 'ros' and 'ros' in request.fixturenames
     here &= request.path.stem != 'test_faults'
@@ -103,7 +102,7 @@ def _ended(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture(scope='module')
-def stepped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def stepped(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     """Yield one with a time of its own, whose nodes are in the test's process."""
     pytest.importorskip('rclpy')
     from stepped_ros import Stepped

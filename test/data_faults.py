@@ -237,7 +237,6 @@ def misled_rig(stepped: Any, fault: str) -> MisledRig:
     space = 'day' if fault.startswith(TIME_OF_DAY) else 'misled'
     rigs = vars(stepped).setdefault('misled_rigs', {})
     if space not in rigs:
-        rigs[space] = MisledRig(
-            stepped, space, **{'use_sim_time': False} if space == 'day' else {}
-        )
+        common = {'use_sim_time': False} if space == 'day' else {}
+        rigs[space] = MisledRig(stepped, space, **common)
     return rigs[space]

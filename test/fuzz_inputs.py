@@ -14,14 +14,12 @@ from typing import Any
 
 from hypothesis import strategies as st
 from tdm_planner.parameters import ParameterSpec, Range, specifications
-from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.tracking import PendulumTrackerParameters, RobotTrackerParameters
 import yaml
 
 BIGGEST = 1.7976931348623157e308
-PROBLEMS: dict[str, type[Problem]] = {
-    'pendulum_swing_up': PendulumSwingUp, 'robot_formation': RobotFormation,
-}  # fmt: skip
+PROBLEMS = {kind.name: kind for kind in (PendulumSwingUp, RobotFormation)}
 SPECIFICATIONS = {name: kind.parameter_specifications({}) for name, kind in PROBLEMS.items()}
 TRACKERS = {'pendulum': PendulumTrackerParameters, 'robot': RobotTrackerParameters}
 
@@ -44,11 +42,8 @@ scalars = numbers | integers | st.booleans() | st.none() | st.text(max_size=8)
 
 
 def nested(keys: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
-    return st.recursive(
-        scalars,
-        lambda v: st.lists(v, max_size=5) | st.dictionaries(keys, v, max_size=3),
-        max_leaves=8,
-    )
+    held = lambda v: st.lists(v, max_size=5) | st.dictionaries(keys, v, max_size=3)  # noqa: E731
+    return st.recursive(scalars, held, max_leaves=8)
 
 
 anything = nested(st.text(max_size=5))
@@ -161,19 +156,14 @@ yaml_texts = st.one_of(
     st.builds(str.format, st.sampled_from(_places), _pieces),
     st.text(max_size=40),
 )
-
-
 FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
 texts = st.one_of(
     st.sampled_from(['', 'arena', 'world', 'map', '/arena', '../../etc', '<script>', 'é\n', '%s%n',
                      '$(touch owned)', FORGED, FORGED * 500]),
     st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=8),
 )  # fmt: skip
-JOINTS = {
-    'pendulum': ['pendulum', 'disk'],
-    'robot': ['x', 'y', 'yaw', 'thruster', 'reaction_wheel'],
-}
 MEASURED = ['thruster', 'reaction_wheel']  # of a robot, beside its odometry
+JOINTS = {'pendulum': ['pendulum', 'disk'], 'robot': ['x', 'y', 'yaw', *MEASURED]}
 joint_names = st.one_of(
     *(st.permutations(names) for names in (*JOINTS.values(), MEASURED)),
     st.lists(st.sampled_from(['disk', *MEASURED, '', 'é', 'Disk', FORGED]), max_size=4),
@@ -230,9 +220,8 @@ def messages(kind: Any, **hints: Any) -> st.SearchStrategy[dict[str, Any]]:
         ends = [0, 2**bits - 1] if unsigned else [-(2 ** (bits - 1)), 2 ** (bits - 1) - 1]
         return st.one_of(st.sampled_from(ends), st.integers(0, 10))
 
-    return st.fixed_dictionaries(
-        {name: of(name, text) for name, text in kind.get_fields_and_field_types().items()}
-    )
+    fields = kind.get_fields_and_field_types().items()
+    return st.fixed_dictionaries({name: of(name, text) for name, text in fields})
 
 
 def message_type(text: str) -> Any:

@@ -177,7 +177,7 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] 
        for kind in PROBLEMS},
     'forbidden settings': (fuzz_inputs.forbidden_settings(), refused_by_name, 60),
     'no mappings': (fuzz_inputs.anything,
-                    partial(becomes, PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
+                    partial(becomes, PendulumSwingUp.from_parameters, PendulumSwingUp), 60),
     'files': (fuzz_inputs.yaml_texts, partial(becomes, read_file, PendulumSwingUp), 60),
     'bytes': (st.binary(max_size=60), partial(becomes, read_file, PendulumSwingUp), 30),
     'settings': (fuzz_inputs.yaml_texts, partial(becomes, read_setting, dict), 30),
@@ -185,28 +185,29 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] 
 }  # fmt: skip
 
 
-def profile(cases: int, *, new: bool = False) -> settings:
-    """Return settings for so many cases: always the same, or new ones, which are not shrunk."""
-    return settings(
+def tried(made: Any, check: Callable[[Any], Any], cases: int, *, new: bool = False) -> list[Any]:
+    """Return outcomes of so many cases: always the same, or new ones, which are not shrunk."""
+    outcomes = []
+
+    @settings(
         max_examples=cases, deadline=None, derandomize=not new, database=None, print_blob=True,
         suppress_health_check=list(HealthCheck),
         phases=[Phase.explicit, Phase.generate, *([] if new else [Phase.shrink])],
     )  # fmt: skip
+    @given(made)
+    def holds(case: Any) -> None:
+        outcomes.append(check(case))
+
+    holds()
+    return outcomes
 
 
 def try_out(name: str, factor: int = 1) -> None:
     """Try so many times as many new cases of a property, or the few that are always the same."""
     if name.endswith('trackers'):
         pytest.importorskip('rclpy')
-    made, check, cases = PROPERTIES[name]
-    taken = []
-
-    @profile(cases * factor, new=factor > 1)
-    @given(made)
-    def holds(case: Any) -> None:
-        taken.append(check(case))
-
-    holds()
+    *property_, cases = PROPERTIES[name]
+    taken = tried(*property_, cases * factor, new=factor > 1)
     assert True in taken or False not in taken, 'whoever refuses everything would pass'
 
 

@@ -15,17 +15,11 @@ import pytest
 from ros_harness import MODULES, SOURCE
 
 
-@dataclass
-class LaunchContext:
-    launch_configurations: Mapping[str, str]
-    is_shutdown: bool = False
-
-
 @dataclass(frozen=True)
 class LaunchConfiguration:
     name: str
 
-    def perform(self, context: LaunchContext) -> str:
+    def perform(self, context: Any) -> str:
         return context.launch_configurations[self.name]
 
 
@@ -34,6 +28,7 @@ def item(name: str, *needed: str, **defaults: Any) -> type:
     return make_dataclass(name, [*needed, *((key, Any, value) for key, value in defaults.items())])
 
 
+LaunchContext: Any = item('LaunchContext', 'launch_configurations', is_shutdown=False)
 OpaqueFunction = item('OpaqueFunction', 'function')
 ExecuteProcess = item('ExecuteProcess', 'cmd', 'name', 'output', 'on_exit')
 ParameterValue = item('ParameterValue', 'value', 'value_type')

@@ -4,7 +4,6 @@
 """What every MarkerArray must satisfy for a viewer to draw it, and a viewer's memory."""
 
 import math
-from typing import Any
 
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -21,7 +20,9 @@ def check_markers(array: MarkerArray, frame: str, lifetimes: dict[str, float] | 
         name = (marker.ns, marker.id)
         assert marker.header.frame_id == frame, name
         assert marker.action in (Marker.ADD, Marker.DELETE, Marker.DELETEALL), name
-        check_pose(marker.pose)
+        place, q = marker.pose.position, marker.pose.orientation
+        assert all(map(math.isfinite, (place.x, place.y, place.z))), place
+        assert math.isclose(math.hypot(q.x, q.y, q.z, q.w), 1.0, abs_tol=1e-9), q
         if marker.action == Marker.DELETEALL:
             assert not seen, 'what is deleted must be deleted first'
             continue
@@ -45,12 +46,6 @@ def check_drawing(marker: Marker) -> None:
     lined = marker.type == Marker.LINE_STRIP
     assert (len(marker.points) >= 2) == bool(marker.points) == lined, marker.ns
     assert bool(marker.text) == (marker.type == Marker.TEXT_VIEW_FACING)
-
-
-def check_pose(pose: Any) -> None:
-    position, q = pose.position, pose.orientation
-    assert all(math.isfinite(v) for v in (position.x, position.y, position.z)), position
-    assert math.isclose(math.hypot(q.x, q.y, q.z, q.w), 1.0, abs_tol=1e-9), q
 
 
 class Scene:

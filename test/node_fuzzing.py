@@ -17,8 +17,7 @@ from typing import Any
 
 import fuzz_inputs as fuzz
 from fuzz_inputs import message, message_type, messages, SPECIFICATIONS, texts
-from fuzzing import profile
-from hypothesis import given
+from fuzzing import tried
 from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -76,9 +75,8 @@ transitions = st.integers(0, 255).filter(lambda n: n not in (4, 7)) | st.builds(
     id=st.sampled_from([0, 4, 7]),
     label=(texts | st.sampled_from(['configure', 'Deactivate', ' deactivate'])).filter(bool),
 )
-values = st.deferred(
-    lambda: messages(message_type('rcl_interfaces/ParameterValue'), type=st.integers(0, 12))
-)
+VALUE = 'rcl_interfaces/ParameterValue'
+values = st.deferred(lambda: messages(message_type(VALUE), type=st.integers(0, 12)))
 
 
 def sendable(text: str) -> str:
@@ -100,8 +98,7 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
         found.append(made)
     odd = [*NODES[node][1], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', fuzz.FORGED]
     for name in draw(st.lists(st.sampled_from(odd), max_size=3)):
-        value = message('rcl_interfaces/ParameterValue', draw(values))
-        found.append(Parameter(name=name, value=value))
+        found.append(Parameter(name=name, value=message(VALUE, draw(values))))
     return [item for item in found if item.name not in NEVER_SET]
 
 
@@ -135,13 +132,7 @@ class SixNodes:
 
     def endure(self, cases: int, *, new: bool = False) -> None:
         self.meet()
-
-        @profile(cases, new=new)
-        @given(st.data())
-        def survive(data: Any) -> None:
-            self.suffer(data.draw)
-
-        survive()
+        tried(st.data(), lambda data: self.suffer(data.draw), cases, new=new)
         self.recover()
 
     def suffer(self, draw: Any) -> None:

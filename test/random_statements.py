@@ -6,10 +6,8 @@
 from dataclasses import dataclass
 from time import process_time
 from types import SimpleNamespace
-from typing import Any
 
-from fuzzing import limited, profile
-from hypothesis import given
+from fuzzing import limited
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -59,7 +57,6 @@ class Stated(DirectProblem, Validated):
 
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('u',), ('N',)
-
     force: str = parameter('none', 'the force on it')
     cost: str = parameter('time', 'the performance index')
     limits: str = parameter('', 'names of limits, with spaces')
@@ -128,13 +125,13 @@ STATEMENTS = st.fixed_dictionaries({
 })  # fmt: skip
 
 
-def check_replay(problem: Stated, plan: Any) -> None:
+def check_replay(problem: Stated, plan) -> None:
     """Integrate the statement by other means than the package's, piece by piece."""
     motion = plan.trajectory
     x, worst = motion.states[0], dict[str, float]()
     for begin, end in zip(motion.times[:-1], motion.times[1:], strict=True):
 
-        def rates(t: float, x: Any) -> list[float]:
+        def rates(t: float, x) -> list[float]:
             u = motion.sample(t).control
             return [float(rate) for rate in problem.derivative(np.array(x), u)]
 
@@ -151,7 +148,7 @@ def check_replay(problem: Stated, plan: Any) -> None:
     assert all(value >= -1e-4 * (1.0 + problem.largest) for value in worst.values()), worst
 
 
-def outcome_of(case: dict[str, Any]) -> bool:
+def outcome_of(case: dict) -> bool:
     """Return whether there is a plan; a refusal is a sentence, a plan is replayed."""
     problem = Stated.from_parameters(case)
     try:
@@ -167,15 +164,3 @@ def outcome_of(case: dict[str, Any]) -> bool:
     assert sound or case['integrated_states']
     check_replay(problem, plan)
     return True
-
-
-def random_statements(cases: int, *, new: bool = False) -> None:
-    planned = []
-
-    @profile(cases, new=new)
-    @given(STATEMENTS)
-    def ask(case: dict[str, Any]) -> None:
-        planned.append(outcome_of(case))
-
-    ask()
-    assert any(planned)

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 State = list[float]
-Controls = Callable[[float], list[float]]
 
 # What is promised of every plan. Ends: rad, rad/s; m, m/s, rad, rad/s. Controls: relative; disk
 # angle: rad; distances: m. The last two allow for what happens between the instants of the check.
@@ -65,9 +64,7 @@ def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
     return rates
 
 
-def replayed(
-    plan: dict[str, Any], rates: Callable[[State, list[float]], State], longest_step: float
-) -> Iterator[tuple[float, State, list[float]]]:
+def replayed(plan: Any, rates: Any, longest_step: float) -> Iterator[tuple[float, State, list]]:
     """Yield time, state and controls after every step, from the plan's first state."""
     times, kind = plan['times'], plan['interpolation']
     rows = list(zip(*plan['controls'].values(), strict=True))
@@ -94,7 +91,7 @@ def replayed(
             yield times[k] + t + h, state, u2
 
 
-def _between(kind: str, first: Any, last: Any, span: float, spline: Any, start: float) -> Controls:
+def _between(kind: str, first: Any, last: Any, span: float, spline: Any, start: float) -> Any:
     return {
         'linear': lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)],
         'cubic': lambda t: spline(start + t).tolist(),
@@ -143,9 +140,7 @@ def formation_faults(document: dict[str, Any]) -> list[str]:
     return faults
 
 
-def _robot_faults(
-    name: str, plan: dict[str, Any], p: dict[str, Any]
-) -> tuple[list[tuple[float, State]], list[str]]:
+def _robot_faults(name: str, plan: dict[str, Any], p: dict[str, Any]) -> tuple[list, list[str]]:
     path, half, flat = [], p['arena.minimum_separation'] / 2, p['arena.obstacles']
     thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
     zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))

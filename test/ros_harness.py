@@ -126,11 +126,7 @@ def _end_with_the_tests() -> None:
 
 
 class Started:
-    """What a test has started; `end` ends it and returns the exit code."""
-
-    output: str  # all that it has printed so far
-    running: bool
-    end: Callable[[], int]
+    """What a test has started; `end` ends it and returns the exit code, `output` is its so far."""
 
     def end_cleanly(self) -> None:
         """End it; the exit code must be 0 and nothing may look like a crash."""
@@ -146,15 +142,10 @@ class NodeProcess(Started):
         self.output_file = Path(tempfile.mkstemp(dir=folder, suffix='.txt')[1])
         self.command = [program, *arguments]
         start = [] if os.path.isabs(program) else [sys.executable, '-m']
+        own = {'start_new_session': True, 'preexec_fn': _end_with_the_tests}
+        own |= {'env': {**os.environ, **environment}, 'stderr': subprocess.STDOUT}
         with self.output_file.open('w') as output:
-            self.process = subprocess.Popen(
-                start + self.command,
-                env={**os.environ, **environment},
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                preexec_fn=_end_with_the_tests,
-            )
+            self.process = subprocess.Popen(start + self.command, stdout=output, **own)
 
     @property
     def output(self) -> str:
@@ -172,9 +163,8 @@ class NodeProcess(Started):
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
-            raise AssertionError(
-                f'{self.command} did not end within {timeout} s of {number}:\n{self.output}'
-            ) from None
+            told = f'{self.command} did not end within {timeout} s of {number}:\n{self.output}'
+            raise AssertionError(told) from None
 
 
 class Ros:
@@ -207,9 +197,7 @@ class Ros:
 
         return SingleThreadedExecutor(**options)
 
-    def start(
-        self, role: str, given: Any = None, namespace: str = '', arguments: Sequence[str] = ()
-    ) -> Any:
+    def start(self, role: str, given: Any = None, namespace: str = '', arguments: Any = ()) -> Any:
         """Start a node with parameters; it ends with the fixture, planners have time."""
         given = {**self.common, **(given or {})}
         if role == 'planner' and '--params-file' not in arguments:
@@ -282,9 +270,7 @@ class Ros:
         self.spin_for(MATCHING)
         return met
 
-    def publish_until(
-        self, publish: Callable[[], Any], heard: Callable[[], bool], every: float = 0.02
-    ) -> bool:
+    def publish_until(self, publish: Any, heard: Callable[[], bool], every: float = 0.02) -> bool:
         """Publish every so many s until it was heard; False when nobody hears it."""
 
         def sent() -> bool:
@@ -315,9 +301,7 @@ class Ros:
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
 
-    def set_parameters(
-        self, node: str, values: Mapping[str, Any] | None = None, **named: Any
-    ) -> list[str]:
+    def set_parameters(self, node: str, values: Any = None, **named: Any) -> list[str]:
         """Set parameters (None unsets, see `parameters` for names); a reason each, '' if done."""
         from rcl_interfaces.srv import SetParameters
 

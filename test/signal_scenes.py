@@ -17,7 +17,6 @@ import os
 from pathlib import Path
 import signal
 import time
-from typing import Any
 import uuid
 
 from pendulum_rig import measured_state, note
@@ -55,14 +54,14 @@ def survivors(variable: str) -> list[int]:
 class Subject(Space):
     """A process that will be ended, a node or `tdm` with some arguments, and what it leaves."""
 
-    def __init__(self, ros: Ros, name: str, of: dict[str, Any] | list[str]) -> None:
+    def __init__(self, ros: Ros, name: str, of: dict | list[str]) -> None:
         super().__init__(ros, f'n{uuid.uuid4().hex}')
         self.arguments = of if isinstance(of, list) else ros_arguments(of, self.space)
         environment = {**ros.environment, 'TDM_TEST_MARK': self.space}
         module = 'tdm_planner.cli' if name == 'tdm' else MODULES[name]
         self.process = NodeProcess(module, self.arguments, environment, ros.folder)
 
-    def wait(self, condition: Callable[[], Any]) -> Subject:
+    def wait(self, condition: Callable) -> Subject:
 
         def holds() -> bool:
             assert self.process.running, self.process.output
@@ -74,7 +73,7 @@ class Subject(Space):
     def says(self, text: str) -> Subject:
         return self.wait(lambda: text in self.process.output)
 
-    def told(self, topic: str, message: Callable[[], Any], seen: Callable[[], Any]) -> Subject:
+    def told(self, topic: str, message: Callable, seen: Callable) -> Subject:
         publisher = self.publisher(topic, JointState)
         return self.wait(lambda: publisher.publish(message()) or seen())
 
@@ -107,7 +106,7 @@ def recording(ros: Ros) -> list[str]:
 
 
 def starting(ros: Ros, name: str) -> Subject:
-    given: Any = {'plant': {'problem': 'pendulum_swing_up'}, 'tdm': recording(ros)}.get(name, {})
+    given = {'plant': {'problem': 'pendulum_swing_up'}, 'tdm': recording(ros)}.get(name, {})
     subject = Subject(ros, name, given)
     return subject.wait(subject.begun)
 

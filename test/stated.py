@@ -22,7 +22,6 @@ class Cart(DirectProblem, Validated):
     name: ClassVar[str] = 'cart'
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('u',), ('m/s^2',)
-
     start: float = parameter(1.0, 'position', unit='m')
     time: float = parameter(2.0, 'time', unit='s', allowed=POSITIVE)
     limit: float = parameter(10.0, 'largest acceleration', unit='m/s^2')
@@ -53,7 +52,6 @@ class Car(DirectProblem, Validated):
 
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
     control_names, control_units = ('ax', 'ay'), ('m/s^2', 'm/s^2')
-
     drag: float = parameter(0.1, 'drag', unit='1/m')
     limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2')
     start: float = parameter(-2.0, 'where it starts', unit='m')

@@ -274,10 +274,9 @@ class Stepped(Ros):
 
     def _computes(self) -> bool:
         """Whether a solve is under way that does not wait for time to pass."""
-        return any(
-            thread.name == 'tdm_planner worker' and thread.ident not in self.time.wakes
-            for thread in set(threading.enumerate()) - self._strangers
-        )
+        threads = set(threading.enumerate()) - self._strangers
+        workers = {thread.ident for thread in threads if thread.name == 'tdm_planner worker'}
+        return not workers <= self.time.wakes.keys()
 
     def _next(self) -> int:
         """Instant of the next timer or wake-up [ns]."""

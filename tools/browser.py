@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import json
 from pathlib import Path
 import shutil
 import time
@@ -57,6 +58,14 @@ def open_browser(profile: Path, in_space: bool = False) -> Iterator[Any]:
         yield driver
     finally:
         driver.quit()
+
+
+def logged(driver: Any, *levels: str) -> tuple[list[str], list[str]]:
+    """Return console messages of these levels, and addresses requested, since the last call."""
+    console = [e['message'] for e in driver.get_log('browser') if e['level'] in levels]
+    events = [json.loads(e['message'])['message'] for e in driver.get_log('performance')]
+    sent = [e for e in events if e['method'] == 'Network.requestWillBeSent']
+    return console, [e['params']['request']['url'] for e in sent]
 
 
 def set_window(driver: Any, size: tuple[int, int], pixels: float = 1.0) -> None:

@@ -3,11 +3,9 @@
 
 """The planner's client for Python, with a node of its own or the user's, over DDS."""
 
-from collections.abc import Iterator
 from functools import partial
 import math
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,14 +30,14 @@ def space(ros: Stepped) -> str:
 
 
 @pytest.fixture
-def user(ros: Stepped) -> Iterator[Node]:
+def user(ros: Stepped):
     node = rclpy.create_node('user', context=ros._context)
     yield node
     node.destroy_node()
 
 
 @pytest.fixture(params=['own', 'served', 'not served'])
-def client(ros: Stepped, space: str, user: Node, request: Any) -> Iterator[PlanClient]:
+def client(ros: Stepped, space: str, user: Node, request):
     """With a node of its own, one that the test's executor serves, and one that nobody serves."""
     node = {'own': None, 'served': ros.node, 'not served': user}[request.param]
     with PlanClient(space, node=node) as made:

@@ -4,7 +4,6 @@
 """Planner and tracker as managed nodes, brought up and down by a lifecycle manager over DDS."""
 
 import threading
-from typing import Any
 from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
@@ -50,7 +49,7 @@ class Manager:
             assert self.state == states[transition]
 
 
-def silent(ros: Stepped, received: list[Any]) -> bool:
+def silent(ros: Stepped, received: list) -> bool:
     ros.settle()
     count = len(received)
     ros.spin_for(0.3)

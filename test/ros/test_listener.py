@@ -3,10 +3,9 @@
 
 """What the live page knows of nodes, and what it has done, without a browser."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -46,10 +45,10 @@ class Seen(Space):
         self.rig.follow(self.values(PLANNING))
         assert ros.spin_until(lambda: self.rig.move() or bool(self.rig.motions))
 
-    def values(self, role: str) -> dict[str, Any]:
+    def values(self, role: str) -> dict:
         return self.listener.parameters_of(role).values
 
-    def state(self) -> Any:
+    def state(self):
         self.rig.move()
         return self.rig.motions['pendulum'].state
 
@@ -72,7 +71,7 @@ class Seen(Space):
 
 
 @pytest.fixture
-def seen(ros: Stepped, tmp_path: Path) -> Iterator[Seen]:
+def seen(ros: Stepped, tmp_path: Path):
     made = Seen(ros, tmp_path)
     yield made
     made.close()

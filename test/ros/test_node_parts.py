@@ -3,10 +3,9 @@
 
 """Parts of nodes over DDS: diagnostics, what is known of a tracker, answers of services."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import threading
 from types import SimpleNamespace
-from typing import Any
 import warnings
 
 from action_msgs.msg import GoalStatusArray
@@ -146,7 +145,7 @@ REQUESTS = {
 class Stranger(ManagedNode):
     """A node that only serves; for `think` its queue waits for `release`."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options) -> None:
         super().__init__('stranger', 'stranger', {}, **options)
         self.queue, self.release = PlanQueue(self), threading.Event()
         self.create_service(Trigger, 'at_once', lambda _, response: response)
@@ -161,7 +160,7 @@ class Stranger(ManagedNode):
     def report(self) -> Report:
         return Report(Level.OK, 'active')
 
-    def on_request(self, _: Any, answer: Answer) -> None:
+    def on_request(self, _, answer: Answer) -> None:
         def done(thought: bool) -> None:
             assert threading.current_thread() is threading.main_thread()
             answer(Trigger.Response(success=thought, message='thought'))
@@ -175,7 +174,7 @@ class Stranger(ManagedNode):
 class Server:
     """Serves a `Stranger` by the executor that `make` makes, and the test's own node."""
 
-    def __init__(self, ros: Stepped, make: Callable[..., Any]) -> None:
+    def __init__(self, ros: Stepped, make: Callable) -> None:
         self.ros, self.node = ros, Stranger(context=ros._context)
         self.executor = make(context=ros._context)
         self.executor.add_node(self.node)
@@ -195,7 +194,7 @@ def middleware(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     made, really_send = SimpleNamespace(lost=0, attempts=0), Service.send_response
     told = 'failed to send response (timeout): client will not receive response'
 
-    def send(*of: Any) -> None:
+    def send(*of) -> None:
         made.attempts += 1
         if made.attempts > made.lost:
             really_send(*of)
@@ -209,7 +208,7 @@ def middleware(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 @pytest.fixture
-def server(ros: Stepped, make: Any, middleware: Any) -> Iterator[Server]:
+def server(ros: Stepped, make, middleware):
     made = Server(ros, make)
     yield made
     made.node.release.set()
@@ -221,9 +220,7 @@ def server(ros: Stepped, make: Any, middleware: Any) -> Iterator[Server]:
     ('service', 'lost'), [*((service, 2) for service in REQUESTS), ('at_once', 1000)]
 )
 @pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
-def test_an_answer_that_the_middleware_gives_up_is_sent_again(
-    ros, server, middleware, service, lost
-):
+def test_an_answer_that_the_middleware_drops_is_sent_again(ros, server, middleware, service, lost):
     """As when a service does not know its client yet."""
     server.node.release.set()
     middleware.lost = lost

@@ -38,7 +38,6 @@ FAILURES = {  # of a solver: the error, then code, reason and level
 @dataclass(frozen=True)
 class FailingSwingUp(PendulumSwingUp):
     name: ClassVar[str] = 'failing_swing_up'
-
     failure: str = parameter('crash', 'how to fail', choices=(*FAILURES, 'not'))
 
     def solve(self, *args: Any, **kwargs: Any) -> Solution:
@@ -52,7 +51,6 @@ class Cart(Problem, Validated):
     """A problem that is not stated, and gets its plans from elsewhere."""
 
     name: ClassVar[str] = 'cart'
-
     start: CartStart = group(CartStart)
     limit: float = parameter(1.0, 'largest acceleration')
     solver: SolverParameters = group(SolverParameters)
@@ -241,7 +239,6 @@ class Kind(Rail):
     """A parameter has the name of one of the tracker's own."""
 
     name: ClassVar[str] = 'kind'
-
     kind: float = parameter(1.0, 'whatever')
 
 

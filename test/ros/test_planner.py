@@ -6,7 +6,6 @@
 from functools import partial
 import json
 import math
-from typing import Any
 
 from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
@@ -35,7 +34,7 @@ UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
 class Planner(Space):
     """A planner in a namespace of its own, and a pendulum that the test measures."""
 
-    def __init__(self, ros: Stepped, **given: Any) -> None:
+    def __init__(self, ros: Stepped, **given) -> None:
         super().__init__(ros)
         named = {name.replace('__', '.'): value for name, value in given.items()}
         self.here = self.start('planner', {**STRONG, **named})
@@ -46,12 +45,12 @@ class Planner(Space):
         self.plan()
         return self.trajectories[-1]
 
-    def plan_with(self, *odd: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
+    def plan_with(self, *odd: Parameter, **own) -> tuple[bool, dict]:
         result = self.ros.set_all(f'{self.space}/plan_with', *odd, **own)
         self.ros.settle()
         return result.successful, json.loads(result.reason)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict:
         return json.loads(self.latched('plan_summary').data)
 
     def state(self, state: list[float], age: float = 0.0) -> JointState:
@@ -67,11 +66,6 @@ class Planner(Space):
 @pytest.fixture(scope='module')
 def planner(ros: Stepped) -> Planner:
     return Planner(ros, start__source='parameters')
-
-
-@pytest.fixture
-def measuring(ros: Stepped) -> Planner:
-    return Planner(ros)
 
 
 def begins(message: JointTrajectory) -> int:
@@ -134,8 +128,8 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     assert abs(planner.made().points[-1].positions[0]) < 7.0
 
 
-def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
-    asked = ros.now
+def test_a_request_before_the_first_state_waits_for_it(ros):
+    measuring, asked = Planner(ros), ros.now
     reason = f'no state was received on {measuring.space}/joint_states within 0.5 s'
     assert measuring.refusal() == ('NO_STATE', f'{reason} (start.max_age)')
     assert ros.now - asked >= 0.5e9
@@ -147,8 +141,8 @@ def test_a_request_before_the_first_state_waits_for_it(ros, measuring):
     assert pending.result().success, pending.result().message
 
 
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
-    measuring.set('planner', start__delay=0.2)
+def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros):
+    measuring = Planner(ros, start__delay=0.2)
     state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
     measuring.measure(measuring.state(state))
     ros.spin_for(0.1)
@@ -163,7 +157,8 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros, measuring):
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
 
 
-def test_states_that_cannot_be_planned_from(ros, measuring):
+def test_states_that_cannot_be_planned_from(ros):
+    measuring = Planner(ros)
     state, hanging = measuring.state, [3.0, 0.0, 0.0, 0.0]
     short = {'name': ['pendulum', 'disk'], 'position': [0.0, 0.0], 'velocity': []}
     old = f'{measuring.space}/joint_states is 5 s old', 'not be older than 0.5 s (start.max_age)'
@@ -251,7 +246,7 @@ MOVED = [2.3, 1.8, 0.7]
 class Fleet(Space):
     """A planner in a namespace, and robots that are where the test says."""
 
-    def __init__(self, ros: Stepped, name: str, **parameters: Any) -> None:
+    def __init__(self, ros: Stepped, name: str, **parameters) -> None:
         super().__init__(ros, name)
         self.start('planner', {**FORMATION, 'start.source': 'parameters', **parameters})
         self.motions = {name: self.hear(f'{name}/trajectory') for name in ROBOTS}
@@ -342,7 +337,6 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
     fleet.plan()
     plans = {name: fleet.motion(name) for name in ROBOTS}
     under_way = plans['robot1'][1] + 1_500_000_000
-
     follow = partial(fleet.follow, plans)
     assert ros.publish_until(follow, lambda: ros.now >= under_way, every=0.05)
     assert all(len(heard) == 1 for heard in fleet.motions.values())  # followed, it is kept

@@ -5,7 +5,6 @@
 
 from collections.abc import Callable
 import math
-from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -22,14 +21,14 @@ WARN, ERROR = 1, 2
 class Plant(Space):
     """A plant in a namespace of its own, and everything it publishes."""
 
-    def __init__(self, ros: Stepped, role: str, name: str, given: dict[str, Any]) -> None:
+    def __init__(self, ros: Stepped, role: str, name: str, given: dict) -> None:
         super().__init__(ros, name)
         self.name = f'/{name}/{role}: simulation'
         self.states, self.odom = self.hear('joint_states'), self.hear('odom')
         self.process = self.start(role, {'command_timeout': 30.0, **given})
         self.commands = self.publisher('joint_command')
 
-    def command(self, names: list[str], effort: list[float], **more: Any) -> None:
+    def command(self, names: list[str], effort: list[float], **more) -> None:
         self.commands.publish(JointState(name=names, effort=effort, **more))
         self.listen(0.1)
 
@@ -51,7 +50,7 @@ class Plant(Space):
         return [state.effort[joint] for state in self.states]
 
 
-def times(messages: list[Any]) -> np.ndarray:
+def times(messages: list) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
@@ -124,7 +123,7 @@ def velocity_in_arena(message: Odometry) -> np.ndarray:
     return np.array([turned.real, turned.imag])
 
 
-def rate_of(messages: list[Any], quantity: Callable[[Any], Any]) -> Any:
+def rate_of(messages: list, quantity: Callable):
     change = quantity(messages[-1]) - quantity(messages[0])
     return change / (np.ptp(times(messages)) * 1e-9)
 

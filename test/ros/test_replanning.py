@@ -5,7 +5,6 @@
 
 import json
 import math
-from typing import Any
 
 import numpy as np
 from pendulum_rig import PendulumRig
@@ -20,7 +19,7 @@ NOT_TAKEN, REJECTED = 'the last plan was rejected by', 'trajectory rejected'
 class Rig(PendulumRig):
     """A pendulum that hangs at rest, and what its planner says of plans."""
 
-    def __init__(self, ros: Stepped, namespace: str, **parameters: dict[str, Any]) -> None:
+    def __init__(self, ros: Stepped, namespace: str, **parameters: dict) -> None:
         super().__init__(ros, namespace, **parameters)
         self.summaries = self.hear('plan_summary')
         # Go on at a tenth of a second, however long it took that nodes have met.

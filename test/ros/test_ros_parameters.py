@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -38,11 +37,11 @@ class ExampleParameters(Validated):
 class ExampleNode(ParameterNode):
     """A node with nothing but parameters."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options) -> None:
         super().__init__('example', declared.specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()
 
-    def check_values(self, values: Mapping[str, Any]) -> None:
+    def check_values(self, values: Mapping) -> None:
         if values['mass'] > 100 and values['kind'] == 'fast':
             raise InvalidProblem('a mass above 100 kg cannot be fast')
 
@@ -51,12 +50,12 @@ DEFAULTS = declared.to_mapping(ExampleParameters())
 OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
-def start(ros: Stepped, name: str, given: Mapping[str, Any], *arguments: str) -> NodeHere:
+def start(ros: Stepped, name: str, given: Mapping, *arguments: str) -> NodeHere:
     return ros.add(ExampleNode, [*ros_arguments(given), '-r', f'__node:={name}', *arguments])
 
 
 @pytest.fixture(scope='module')
-def example(ros: Stepped) -> Any:
+def example(ros: Stepped):
     node = start(ros, 'example', {}).node
     assert node.parameter_values == DEFAULTS
     assert not node.invalid_overrides
@@ -169,11 +168,11 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros,
 # Which sections of a file a node takes: `ros_parameters` and rcl are of one opinion.
 
 
-def section(value: int) -> dict[str, Any]:
+def section(value: int) -> dict:
     return {'ros__parameters': {'a': {'b': value}}}
 
 
-DOCUMENTS: list[dict[str, Any]] = [
+DOCUMENTS = [
     *({name: section(1)} for name in (
         'planner', '/planner', '/**/planner', '/pendulum/planner', 'pendulum/planner',
         '/other/planner', '/*/planner', '/*/*/planner', '/pendulum/*', '/pendulum/**',
@@ -191,7 +190,7 @@ DOCUMENTS: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
-def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
+def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping:
     options = {'automatically_declare_parameters_from_overrides': True,
                'start_parameter_services': False, 'enable_rosout': False, 'namespace': namespace,
                'cli_args': ['--ros-args', '--params-file', str(file)]}  # fmt: skip

@@ -138,7 +138,6 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     ros.publisher('/early/trajectory').publish(message)
     assert ros.says('/early/tracker: tracking', '/clock')
     assert not followed
-
     simulation = Simulation(ros, 'early')
     for k in range(60):
         simulation.at(0.01 * k)

@@ -8,7 +8,6 @@ from functools import partial
 import itertools
 import math
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -43,18 +42,18 @@ class Bench(Space):
 
     theta: float | None = None
 
-    def __init__(self, ros: Stepped, name: str = '', **given: Any) -> None:
+    def __init__(self, ros: Stepped, name: str = '', **given) -> None:
         super().__init__(ros, name)
         self.given, self.name = given or STRONG, f'{self.space}/tracker: tracking'
         self.commands, self.errors = self.hear('joint_command'), self.hear('tracking_error')
         self.tracker = self.start('tracker', self.given)
 
-    def state(self, after: float = 0.0, **changes: Any) -> None:
+    def state(self, after: float = 0.0, **changes) -> None:
         at = self.ros.now + round(after * 1e9)
         self.states.publish(measured_state(at, self.theta or math.pi, **changes))
 
     @property
-    def status(self) -> Any:
+    def status(self):
         return self.ros.statuses[self.name]
 
     def says(self, *texts: str, level: int | None = None, timeout: float = 2.0) -> bool:
@@ -66,7 +65,7 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
 
 
 @pytest.fixture
-def bench(ros: Stepped) -> Iterator[Bench]:
+def bench(ros: Stepped):
     made = Bench(ros)
     made.states = made.publisher('joint_states')
     said = lambda: None if made.theta is None else made.state()  # noqa: E731
@@ -83,7 +82,7 @@ def idle(bench: Bench) -> Bench:
 
 
 @pytest.fixture
-def plans(bench: Bench) -> Iterator[Any]:
+def plans(bench: Bench) -> Iterator:
     made = bench.publisher('trajectory')
     yield made
     bench.ros.node.destroy_publisher(made)
@@ -231,7 +230,7 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     # It falls: a new plan is asked for, over and over.
     asked, answer = list[int](), '{"code": "INFEASIBLE", "reason": "test"}'
 
-    def serve(*_: Any) -> Any:
+    def serve(*_):
         asked.append(ros.now)
         return Trigger.Response(success=False, message=answer)
 
@@ -259,13 +258,9 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
 
 START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
 GOAL = 1.2, 1.1, 2.5
-ALONE = {
-    'robots': ['scout'],
-    **{f'scout.start.{name}': value for name, value in START.items()},
-    'formation.anchor': [*GOAL[:2], 0.0],
-    'formation.scout': [0.0, 0.0, GOAL[2]],
-    'weights.gas': 0.01,
-}
+ALONE = {f'scout.start.{name}': value for name, value in START.items()} | {'robots': ['scout']}
+ALONE |= {'formation.anchor': [*GOAL[:2], 0.0], 'formation.scout': [0.0, 0.0, GOAL[2]]}
+ALONE |= {'weights.gas': 0.01}
 
 
 class Scout(Bench):
@@ -282,7 +277,7 @@ class Scout(Bench):
         self.odom = self.hear('odom')
         self.plans = self.publisher('trajectory')
 
-    def offer(self, delay: float, spoil: Callable[[Any], Any] = lambda plan: None) -> None:
+    def offer(self, delay: float, spoil: Callable = lambda plan: None) -> None:
         plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))
         spoil(plan)
         self.plans.publish(plan)
@@ -314,9 +309,7 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros):
     assert np.hypot(*np.array([e.position[:2] for e in scout.errors[taken:]]).T).max() < 0.05
 
 
-def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
-    ros, idle, plans, plan, monkeypatch
-):
+def test_faults_of_the_program_are_called_so_and_end_nothing(ros, idle, plans, plan, monkeypatch):
     tracker, broken = idle.tracker.node.tracker, Mock(side_effect=KeyError('a bug'))
     with monkeypatch.context() as patch:
         patch.setattr(tracker, 'prepare', broken)

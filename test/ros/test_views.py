@@ -9,7 +9,6 @@ from importlib import import_module
 import json
 import math
 import re
-from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from marker_checks import check_markers, Scene
@@ -43,7 +42,7 @@ class Viewer:
     def scene(self) -> Scene:
         return Scene(*self.arrays)
 
-    def shows(self, condition: Callable[[Scene], bool], publish: Any = None) -> bool:
+    def shows(self, condition: Callable[[Scene], bool], publish=None) -> bool:
         showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
         return self.ros.publish_until(publish or (lambda: None), showing)
 
@@ -218,7 +217,6 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     message.header.frame_id, pose = 'arena', message.pose.pose
     pose.position.x, pose.position.y, pose.orientation = 1.5, 2.5, to_quaternion(0.3)
     state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
-
     drawn = lambda scene: scene.namespaces >= ROBOT and abs(jet(scene)) > 0.01  # noqa: E731
     publish = lambda: (odometry.publish(message), joints.publish(state))  # noqa: E731
     assert viewer.shows(drawn, publish), robots.here.output
@@ -239,7 +237,7 @@ TYPES = {  # of what a display or a tool of RViz handles
 }  # fmt: skip
 
 
-def within(item: Any) -> Iterator[Any]:
+def within(item) -> Iterator:
     """Yield everything in a document: mappings, lists, keys and values."""
     yield item
     if isinstance(item, dict | list):
@@ -247,7 +245,7 @@ def within(item: Any) -> Iterator[Any]:
             yield from within(part)
 
 
-def mappings(file: str) -> list[dict[str, Any]]:
+def mappings(file: str) -> list[dict]:
     """Return all in a file of RViz or Foxglove; JSON is YAML."""
     document = yaml.safe_load((CONFIG / file).read_text(encoding='utf-8'))
     return [item for item in within(document) if isinstance(item, dict)]

@@ -10,7 +10,6 @@ Simulated time waits for the tracker: a busy machine makes a mission longer, and
 from collections import Counter
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +45,7 @@ def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> str:
     return process.output
 
 
-def messages(bag: Path, *topics: str) -> list[Any]:
+def messages(bag: Path, *topics: str) -> list:
     (file,) = bag.glob('*.mcap')
     return list(reader.read_ros2_messages(file, topics=topics or None))
 

@@ -29,7 +29,6 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
     followed = ros.subscribe('/pendulum/tracker_status')
     demo = SCENES['demo executing'](ros)
-
     plans = lambda: [plan.status for told in followed for plan in told.status_list]  # noqa: E731
     demo.wait(lambda: GoalStatus.STATUS_EXECUTING in plans()).end('SIGINT', code=130)
     assert survivors(f'ROS_DOMAIN_ID={ros.domain}') == [recorder.process.pid]

@@ -5,7 +5,6 @@
 
 from pathlib import Path
 import signal
-from typing import Any
 
 from launch_stand_ins import described, ExecuteProcess, stand_ins  # noqa: F401
 import pytest
@@ -15,7 +14,7 @@ import yaml
 pytestmark = pytest.mark.usefixtures('stand_ins')
 
 
-def start(ros: Ros, folder: Path, items: list[Any]) -> list[NodeProcess]:
+def start(ros: Ros, folder: Path, items: list) -> list[NodeProcess]:
     """Start what is described; dictionaries of parameters become files."""
     started: list[NodeProcess] = []
     for item in items:

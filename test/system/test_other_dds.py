@@ -17,7 +17,6 @@ from importlib import import_module
 import json
 import math
 import time
-from typing import Any
 
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
@@ -48,14 +47,14 @@ CONFIGURATION = """<CycloneDDS><Domain>
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-PRIMITIVES: dict[str, Any] = {
+PRIMITIVES = {
     'double': types.float64, 'int32': types.int32, 'uint32': types.uint32, 'octet': types.byte,
     'string': str,
 }  # fmt: skip
 
 
 @cache
-def dds_type(name: str) -> Any:
+def dds_type(name: str):
     """Return the type of DDS for `pkg/msg/Name` or `pkg/srv/Name_Request`."""
     package, folder, kind = name.split('/')
     of = getattr(import_module(f'{package}.{folder}'), kind.partition('_')[0])
@@ -66,13 +65,13 @@ def dds_type(name: str) -> Any:
     return make_idl_struct(f'{kind}_', f'{package}::{folder}::dds_::{kind}_', fields)
 
 
-def _member(text: str) -> Any:
+def _member(text: str):
     if text.startswith('sequence<'):
         return types.sequence[_member(text.removeprefix('sequence<').removesuffix('>'))]
     return dds_type(text.replace('/', '/msg/')) if '/' in text else PRIMITIVES.get(text, bool)
 
 
-def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE) -> Any:
+def wait_until(condition: Callable, timeout: float = PATIENCE):
     """Wait for something that another process does, and return it."""
     end = time.monotonic() + timeout
     while not (found := condition()):
@@ -81,7 +80,7 @@ def wait_until(condition: Callable[[], Any], timeout: float = PATIENCE) -> Any:
     return found
 
 
-def one(reader: DataReader, timeout: float = PATIENCE) -> Any:
+def one(reader: DataReader, timeout: float = PATIENCE):
     return wait_until(partial(reader.take, N=1), timeout)[0]
 
 
@@ -126,11 +125,11 @@ class Client:
     def ask(self) -> None:
         self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
 
-    def reply(self, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
+    def reply(self, timeout: float = PATIENCE) -> tuple[bool, dict]:
         reply = one(self._replies, timeout)
         return bool(reply.success), json.loads(reply.message)
 
-    def call(self) -> tuple[bool, dict[str, Any]]:
+    def call(self) -> tuple[bool, dict]:
         self.ask()
         return self.reply()
 
@@ -166,7 +165,6 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     assert all(abs(point.effort[1]) <= 0.09 + 1e-9 for point in plan.points)
     reader = outsider.reader('rt/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
     _, answer = client.call()
-
     wait_until(lambda: f"'plan id', value='{answer['plan_id']}'" in repr(reader.take(N=10)))
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan')

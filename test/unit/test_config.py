@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import re
 import sys
-from typing import Any
 from xml.etree import ElementTree
 
 from benchmark import __main__ as command
@@ -25,7 +24,7 @@ import yaml
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
 
 
-def sections(path: Path) -> dict[str, dict[str, Any]]:
+def sections(path: Path) -> dict[str, dict]:
     document = yaml.safe_load(path.read_text(encoding='utf-8'))
     nodes = [str(key).rsplit('/', 1)[-1] for key in document]
     return {node: ros_parameters(document, node) for node in nodes}
@@ -60,10 +59,8 @@ def test_nodes_agree_on_what_stands_twice(path: Path):
 
 
 # What a package that is imported is called by rosdep, where not simply its name.
-ROSDEP_KEYS = {
-    name: f'python3-{name}'
-    for name in ('hypothesis', 'matplotlib', 'numpy', 'pytest', 'rich', 'scipy', 'yaml')
-}
+OF_UBUNTU = 'hypothesis', 'matplotlib', 'numpy', 'pytest', 'rich', 'scipy', 'yaml'
+ROSDEP_KEYS = {name: f'python3-{name}' for name in OF_UBUNTU}
 # Not in Ubuntu's archive: `make setup` installs them.
 WITHOUT_KEY = {*REQUIRED, *EXTRAS, 'trimesh'} - {*ROSDEP_KEYS}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')

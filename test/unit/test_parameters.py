@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -85,7 +84,7 @@ def test_one_sentence_names_parameter_value_and_range(name, value, allowed):
     assert '\n' not in message
 
 
-def read(text: str, node: str = 'node') -> dict[str, Any]:
+def read(text: str, node: str = 'node') -> dict:
     return ros_parameters(yaml.safe_load(text), node)
 
 
@@ -119,7 +118,7 @@ def test_a_field_of_a_type_that_no_parameter_has_is_named():
 
 @settings(max_examples=100)
 @given(st.one_of(FINITE, WHOLE, st.booleans(), st.text(max_size=20), st.lists(FINITE)))
-def test_values_keep_type_and_value_through_yaml(value: Any):
+def test_values_keep_type_and_value_through_yaml(value):
     text = yaml_value(value)
     assert '\n' not in text
     back = yaml.safe_load(text)

@@ -22,8 +22,6 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
-
-
 # Neither derived from the built-in ones nor stated as a formulation; without limits.
 Foreign = changed(Problem, name='foreign', search=Mock(side_effect=NotImplementedError))
 

@@ -13,7 +13,6 @@ import re
 import sqlite3
 import sys
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 from bag_contents import fill, metadata, numbers, read_with_mcap, read_with_rosbags
@@ -65,7 +64,7 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
     """Nothing in an MCAP file with room for so many bytes; without, it is a database."""
     bag = tmp_path / 'bag'
     with BagWriter(bag, 'mcap' if room else 'sqlite3') as writer:
-        storage: Any = writer._writer.storage
+        storage = writer._writer.storage
         if room:
             fill(writer, room)
         else:  # SQLite says that the disk is full beyond so many pages.
@@ -150,7 +149,7 @@ def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> Non
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
     failures: list[Exception] = []
 
-    def pretend(*_: Any, on_start: Any, on_progress: Any, **__: Any) -> Progress:
+    def pretend(*_, on_start, on_progress, **__) -> Progress:
         on_start()
         on_progress(DONE)
         if failures:
@@ -195,7 +194,7 @@ def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(node, figure
 
 
 def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:
-    def settings(node: str, speed: float, drives_clock: bool = False, **more: Any) -> Any:
+    def settings(node: str, speed: float, drives_clock: bool = False, **more):
         file = config_file('pendulum.yaml')
         return speed_settings(node, file, speed, drives_clock=drives_clock, **more)
 

@@ -5,11 +5,15 @@
 
 from dataclasses import replace
 import itertools
-import sys
 
+from brachistochrone import Brachistochrone, cycloid_time
+import double_integrator
+import misprints
 import numpy as np
+from obstacle import RoundTheObstacle, shortest_time
+import pendulum_scheme as scheme
 import pytest
-from ros_harness import SOURCE
+import robots_scheme as robots
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems import DirectSolverParameters
 
@@ -23,9 +27,7 @@ def check_plan(solution):
 
 
 def test_double_integrator_approaches_the_optimum_with_every_parameter():
-    from double_integrator import table
-
-    times = table((0, 2, 4, 8, 20))
+    times = double_integrator.table((0, 2, 4, 8, 20))
     assert times[0] == pytest.approx(np.sqrt(6.0), rel=1e-4)  # the cubic
     assert all(b < a for a, b in itertools.pairwise(times.values()))
     assert 2.0 < times[20] < 2.02
@@ -33,8 +35,6 @@ def test_double_integrator_approaches_the_optimum_with_every_parameter():
 
 
 def test_brachistochrone_is_the_cycloid():
-    from brachistochrone import Brachistochrone, cycloid_time
-
     for across, down in ((2.0, 1.0), (0.5, 1.0)):
         problem = Brachistochrone(across=across, down=down, solver=DIRECT)
         solution = problem.solve()
@@ -47,8 +47,6 @@ def test_brachistochrone_is_the_cycloid():
 
 
 def test_round_the_obstacle():
-    from obstacle import RoundTheObstacle, shortest_time
-
     best = shortest_time(2.0, 1.0, 1.0)
     problem = RoundTheObstacle(solver=DIRECT)
     plain, quicker = problem.solve(), replace(problem, speed_factor_order=3).solve()
@@ -88,14 +86,7 @@ def test_landing_against_collocation():
 PLANT = RotaryPendulum()
 
 
-@pytest.fixture(autouse=True)
-def _pages(monkeypatch):
-    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'paper'), *sys.path])
-
-
 def test_every_misprint_breaks_the_energy_balance_and_the_right_equations_are_the_plants():
-    import misprints
-
     state = np.array([0.7, 0.2, -3.0, 5.0])
     expected = PLANT.derivative(state, np.array([0.01]))[2:]
     np.testing.assert_allclose(misprints.accelerations(PLANT, state, 0.01, ()), expected)
@@ -105,8 +96,6 @@ def test_every_misprint_breaks_the_energy_balance_and_the_right_equations_are_th
 
 
 def test_orders_of_the_pendulums_schemes():
-    import pendulum_scheme as scheme
-
     switches = np.array([1.2])
     right = scheme.truth(switches)
     assert np.isnan(scheme.printed(101, switches).time)
@@ -118,16 +107,12 @@ def test_orders_of_the_pendulums_schemes():
 
 
 def test_the_plant_follows_the_mended_scheme_ever_closer():
-    import pendulum_scheme as scheme
-
     errors = list(scheme.landing_errors(0.4, 0.063, (80, 160, 320)).values())
     assert errors[0] / errors[1] > 3  # second order
     assert errors[1] / errors[2] > 3
 
 
 def test_virtual_arc_works_from_above_the_horizontal_not_from_hanging_with_weak_torque():
-    import pendulum_scheme as scheme
-
     ratios = scheme.transfers(np.array([0.8, np.pi]), np.array([0.02, 0.04]))
     assert np.isnan(ratios[:, 1]).all()
     assert (ratios[:, 0] < 1.05).all()
@@ -135,8 +120,6 @@ def test_virtual_arc_works_from_above_the_horizontal_not_from_hanging_with_weak_
 
 
 def test_robots_scheme_misses_and_the_exact_inverse_does_not():
-    import robots_scheme as robots
-
     for nodes in (101, 401):
         moving, resting = robots.move(velocity=0.2), robots.move()
         printed = robots.printed(moving, nodes)

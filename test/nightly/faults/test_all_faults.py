@@ -7,7 +7,6 @@ Nodes that are ended, killed and restarted, over real DDS, over and over; all of
 The figures are those of docs/reliability.md; with TDM_FAULT_FIGURES=FILE they are kept there.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 import time
 
@@ -40,7 +39,7 @@ def held(ros: Ros) -> PendulumRig:
 
 
 @pytest.fixture
-def rig(held: PendulumRig) -> Iterator[PendulumRig]:
+def rig(held: PendulumRig):
     """Whatever happens, no command acts for longer than `command_timeout`."""
     held.held_since(held.now)
     yield held

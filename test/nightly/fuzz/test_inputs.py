@@ -3,23 +3,20 @@
 
 """Thousands of new cases of bad input, a thousand plans of sabotaged solvers."""
 
-from typing import Any
-
 from fuzz_inputs import SPECIFICATIONS
-from fuzzing import planned, profile, PROPERTIES, try_out
-from hypothesis import given
+from fuzzing import planned, PROPERTIES, tried, try_out
 from hypothesis import strategies as st
 from node_fuzzing import SixNodes
+import numpy as np
 import pytest
-from random_statements import random_statements
-import saboteurs
-from tdm_planner.exceptions import InvalidProblem, TdmError
+from random_statements import outcome_of, STATEMENTS
+from saboteurs import replayed_faults
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.solution import Solution
 
 PENDULUM = SPECIFICATIONS['pendulum_swing_up']
-FACTOR, UNCHECKED = 35, 300  # above 10,000 cases; plans
+FACTOR = 35  # above 10,000 cases
 PATIENCE = 1.0  # s for problems that can be solved
-BITES = 0.05  # least share that violates, unchecked: 43 of 150 pendulums did, 31 of 96 robots
 
 
 @pytest.mark.parametrize('name', PROPERTIES)
@@ -28,11 +25,11 @@ def test_bad_input_is_met_with_a_result_or_a_reason(name):
 
 
 def test_a_thousand_random_statements_are_planned_for_or_refused():
-    random_statements(1000, new=True)
+    assert any(tried(STATEMENTS, outcome_of, 1000, new=True))
 
 
 @st.composite
-def moderate_pendulums(draw: Any) -> dict[str, Any]:
+def moderate_pendulums(draw) -> dict:
     """Nothing that anybody could object to: a rig like the real one, at a speed it can have."""
     parts = ('mass', 'com_distance', 'arm_length', 'inertia.disk')
     ends = {'limits.torque': (0.03, 0.2), 'limits.disk_angle': (0.8, 3.0),
@@ -46,16 +43,13 @@ def moderate_pendulums(draw: Any) -> dict[str, Any]:
 
 def test_what_is_valid_is_never_refused_and_often_planned_for():
     """Whoever refuses everything would pass all other tests here."""
-    found: list[Solution | TdmError] = []
 
-    @profile(250, new=True)
-    @given(moderate_pendulums())
-    def ask(parameters: dict[str, Any]) -> None:
-        found.append(planned('pendulum_swing_up', parameters, PATIENCE))
-        assert not isinstance(found[-1], InvalidProblem), (str(found[-1]), parameters)
+    def solved(parameters: dict) -> bool:
+        found = planned('pendulum_swing_up', parameters, PATIENCE)
+        assert not isinstance(found, InvalidProblem), (str(found), parameters)
+        return isinstance(found, Solution)
 
-    ask()
-    assert sum(isinstance(answer, Solution) for answer in found) >= len(found) / 4
+    assert np.mean(tried(moderate_pendulums(), solved, 250, new=True)) >= 1 / 4
 
 
 def test_nodes_survive_whatever_comes_and_serve_as_before(stepped):
@@ -66,16 +60,5 @@ def test_nodes_survive_whatever_comes_and_serve_as_before(stepped):
 
 @pytest.mark.parametrize(('kind', 'wanted'), [('pendulum', 600), ('robots', 400)])
 def test_no_plan_that_leaves_a_sabotaged_solver_violates_a_limit(kind, wanted):
-    bad, _ = saboteurs.replayed_faults(kind, 2006, wanted)
+    bad = replayed_faults(kind, 2006, wanted)
     assert not bad, f'{len(bad)} of {wanted} plans: {bad[:3]}'
-
-
-@pytest.mark.parametrize('kind', sorted(saboteurs.PROBLEMS))
-def test_without_the_check_many_would_and_the_check_sees_every_one(kind):
-    """The same sabotage of a solver whose check lets everything pass: the suite bites."""
-    with pytest.MonkeyPatch.context() as patch:
-        saboteurs.blind_verification(patch)
-        bad, counts = saboteurs.replayed_faults(kind, 3, UNCHECKED)
-    unseen = [case for case in bad if not case[2]['verification']['reasons']]
-    assert not unseen, f'{len(unseen)} of {len(bad)} are not seen: {unseen[:3]}'
-    assert len(bad) >= BITES * UNCHECKED, counts

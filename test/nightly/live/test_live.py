@@ -5,13 +5,11 @@
 
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
-import json
 import math
 import os
 from pathlib import Path
 import re
 import signal
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
 from tdm_sim.live.geometry import axes_of, view_on
 from tdm_sim.live.scene import drag_handles_of
-from tools.browser import chromium, open_browser, set_window
+from tools.browser import chromium, logged, open_browser, set_window
 import yaml
 
 if chromium() is None:
@@ -36,7 +34,7 @@ FOV = math.radians(75.0)  # of the camera, upright
 LONG = 180.0  # s that anything may take: drawing in space by software is slow
 DESKTOP, PHONE, SMALL = (800, 500), (390, 700), (480, 320)  # px; drawing takes time by pixels
 LOCAL = ('http://127.0.0.1', 'ws://127.0.0.1', 'blob:', 'data:', 'chrome:')
-RELAXED: dict[str, dict[str, Any]] = {  # for a machine that draws by software beside
+RELAXED = {  # for a machine that draws by software beside
     'planner': {'start': {'max_age': 2.0}, 'solver': {'deadline': ENOUGH}},
     'tracker': {'rate': 50.0, 'state_timeout': 1.0},
     **{name: {'rate': 50.0, 'command_timeout': 1.0} for name in ('robot_plant', 'plant')},
@@ -60,7 +58,7 @@ def relaxed(plant: str, folder: Path) -> Path:
 class Live:
     """A page on the nodes of a plant, or on those in a namespace, open in a tab of a browser."""
 
-    def __init__(self, ros: Ros, driver: Any, nodes: str, folder: Path, size: Any) -> None:
+    def __init__(self, ros: Ros, driver, nodes: str, folder: Path, size) -> None:
         self.ros, self.driver, self.folder = ros, driver, folder / nodes.strip('/')
         words = ['live', '--no-browser', '--port', '0', '-o', str(self.folder)]
         words += ['--attach', nodes] if nodes.startswith('/') else [nodes, '--params']
@@ -71,8 +69,7 @@ class Live:
         self.process = ros.run('tdm_planner.cli', words, variables)
         assert ros.spin_until(lambda: 'Ctrl-C ends it' in self.process.output), self.output
         (self.address,) = re.findall(r'http://\S+', self.process.output)
-        for log in ('browser', 'performance'):
-            driver.get_log(log)
+        logged(driver)
         set_window(driver, size)
         driver.get(self.address)
         self.wait_for('.tdm-status', 'ready')
@@ -119,10 +116,7 @@ class Live:
 
     def complaints(self) -> list[str]:
         """Return errors of the page, and what it asked of anybody but its own server."""
-        found = [e['message'] for e in self.driver.get_log('browser') if e['level'] == 'SEVERE']
-        events = [json.loads(e['message'])['message'] for e in self.driver.get_log('performance')]
-        sent = [e for e in events if e['method'] == 'Network.requestWillBeSent']
-        asked = [e['params']['request']['url'] for e in sent]
+        found, asked = logged(self.driver, 'SEVERE')
         assert asked
         return found + [url for url in asked if not url.startswith(LOCAL)]
 
@@ -143,14 +137,14 @@ class Live:
 
 
 @pytest.fixture(scope='module')
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     with open_browser(tmp_path_factory.mktemp('chromium'), in_space=True) as driver:
         driver.set_script_timeout(LONG)
         yield driver
 
 
 @pytest.fixture
-def open_page(ros: Ros, browser: Any, tmp_path: Path) -> Iterator[Callable[..., Live]]:
+def open_page(ros: Ros, browser, tmp_path: Path):
     opened: list[Live] = []
 
     def opens(nodes: str, size: tuple[int, int] = SMALL) -> Live:

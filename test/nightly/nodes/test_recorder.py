@@ -17,9 +17,7 @@ from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, record
 
 
-def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
-    ros, tmp_path, monkeypatch
-):
+def test_a_recording_that_fills_the_disk_has_a_reason_and_a_whole_bag(ros, tmp_path, monkeypatch):
     enter, ended = BagWriter.__enter__, Event()
     monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
     publisher, number = ros.node.create_publisher(String, '/texts', 100), count()
@@ -77,13 +75,8 @@ class Late(Node):
 
 sys.exit(run(Late))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    told = {'capture_output': True, 'text': True, 'env': {**os.environ, **ros.environment}}
+    done = subprocess.run([sys.executable, '-c', program], timeout=60, **told)
     assert done.returncode == code, done.stderr
     assert 'Traceback' not in done.stderr
     assert ('fatal: RuntimeError: something broke' in done.stderr) == (code == 1)

@@ -49,11 +49,10 @@ def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     over = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
     words = [*over, '-o', 'out', '--csv', '--processes', '2', '-q']
     command = [sys.executable, '-m', 'tdm_planner.cli', *words]
-    environment = os.environ | {'PYTHONPATH': str(SOURCE)}
+    apart = {'cwd': tmp_path, 'env': os.environ | {'PYTHONPATH': str(SOURCE)}}
     table, end = tmp_path / 'out' / 'table.csv', time.monotonic() + 3 * PATIENCE
-    with subprocess.Popen(
-        command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, start_new_session=True
-    ) as study:
+    own = {'stderr': subprocess.PIPE, 'start_new_session': True}
+    with subprocess.Popen(command, **apart, **own) as study:
         while not table.exists():
             assert study.poll() is None
             assert time.monotonic() < end
@@ -65,7 +64,7 @@ def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     assert (study.returncode, said) == (130, b'')
     rows = Table(table).rows
     assert 0 < len(rows) < len(values)
-    subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    subprocess.run(command, check=True, **apart)
     whole = Table(table).save().to_pylist()
     assert [row['row'] for row in whole] == list(range(len(values)))
     trial, points = Trial(PendulumSwingUp), Points([Axis('start.theta', values)])

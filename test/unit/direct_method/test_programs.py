@@ -10,16 +10,11 @@ import pytest
 from replays import central
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from stated import Cart, changed
-from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.flight import Flown
-from tdm_planner.direct_method.nonlinear_program import (
-    Budget,
-    Linearisation,
-    Multipliers,
-    NonlinearProgram,
-    Point,
-)
+from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import (
@@ -68,7 +63,7 @@ def test_derivatives_agree_with_differences(form):
     xi = program.first_guess + 0.2 * rng.normal(size=program.size)
     point = program.evaluate(xi)
     at, limits = program.linearise(point, None), point.cache[0].size - 2
-    multipliers = Multipliers(rng.normal(size=1), rng.random(limits), np.arange(limits))
+    multipliers = programs.Multipliers(rng.normal(size=1), rng.random(limits), np.arange(limits))
     jacobian, hessian = program.derivatives(point, multipliers)
 
     def lagrangian(x):
@@ -227,7 +222,7 @@ def test_what_has_no_minimum_is_noticed():
     assert solved(np.diag([1.0, -1.0]), np.ones(2), *free) is None
 
 
-class Smooth(NonlinearProgram):
+class Smooth(programs.NonlinearProgram):
     """J, c = 0 and their derivatives as functions; Hessian of the Lagrangian clipped."""
 
     lower, upper = np.full(2, -1e6), np.full(2, 1e6)
@@ -324,7 +319,7 @@ def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violate
 def test_absolute_terms_are_minimised_exactly():
     """J = x^2 / 2 + 3 |x - 1| has its kink at the minimum x = 1."""
 
-    class Kinked(NonlinearProgram):
+    class Kinked(programs.NonlinearProgram):
         lower, upper = np.full(1, -9.0), np.full(1, 9.0)
 
         def evaluate(self, xi):

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from decimal import Decimal
 from functools import partial
 from itertools import count
-from typing import Any
 from unittest.mock import Mock
 import warnings
 
@@ -88,7 +87,7 @@ def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
     np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
 
 
-NOT_NUMBERS: list[Any] = [None, 'fast', '1.0', np.nan, np.inf, 10**400, 1.0 + 2.0j, 1e300]
+NOT_NUMBERS = [None, 'fast', '1.0', np.nan, np.inf, 10**400, 1.0 + 2.0j, 1e300]
 NOT_NUMBERS += [[1.0, [2.0, 3.0]], {0: 1.0}, object(), []]
 NOT_WHOLE = [*NOT_NUMBERS, 1.5, -1, 10**6, True]
 WHOLE = [
@@ -174,17 +173,17 @@ FUNCTIONS = ('outputs', 'integrated', 'duration', 'invert', 'derivative', 'margi
 FUNCTIONS += ('running_cost', 'final_cost', 'end_conditions')
 
 
-def begin(formulation: Any) -> Transcription:
+def begin(formulation) -> Transcription:
     program = Transcription(formulation, chebyshev_nodes(21))
     program.begin(program.first_guess)
     return program
 
 
-def refusal(**change: Any) -> str:
+def refusal(**change) -> str:
     return refused(lambda: begin(changed(LOADED, **change)()))
 
 
-def returns(value: Any) -> Callable[..., Any]:
+def returns(value) -> Callable:
     return lambda self, *arguments: value
 
 

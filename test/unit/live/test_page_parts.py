@@ -6,7 +6,6 @@
 import math
 import threading
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 from hypothesis import assume, given
@@ -25,12 +24,12 @@ from tdm_sim.live.scene import drag_handles_of, pulled
 from tdm_sim.live.sliders import shown_range, slider_of
 
 
-def slider(name: str, value: Any, kind: int = 3, most: float = 1e12, **more: Any) -> Any:
+def slider(name: str, value, kind: int = 3, most: float = 1e12, **more):
     declared = {'name': name, 'type': kind, 'description': 'largest torque [N m]'}
     declared |= {'additional_constraints': 'must be in [1e-12, 1e+12] N m', 'read_only': False}
     declared['floating_point_range'] = [SimpleNamespace(from_value=0.0, to_value=most)]
     declared['integer_range'] = [SimpleNamespace(from_value=1, to_value=1000)]
-    made: Any = SimpleNamespace(**(declared | more))
+    made = SimpleNamespace(**(declared | more))
     return slider_of(made, value)
 
 
@@ -100,7 +99,7 @@ def test_the_times_to_solve_are_those_of_different_plans() -> None:
     assert times.chart() is None
     for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
         times.add(number, solve_time)
-    chart: Any = times.chart()
+    chart = times.chart()
     assert (chart.title, chart.x.tolist()) == (SOLVING, [1.0, 2.0])
     assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
     times.add(1, 0.2)  # the planner was started anew

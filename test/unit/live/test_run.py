@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 import time
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,13 +25,13 @@ from websockets.sync.client import connect  # noqa: E402
 
 
 @pytest.fixture
-def server() -> Iterator[Any]:
+def server() -> Iterator:
     made = run._server('127.0.0.1', 0)
     yield made
     made.stop()
 
 
-def test_only_own_pages_may_ask(server: Any) -> None:
+def test_only_own_pages_may_ask(server) -> None:
     for host, own, others in (
         ('127.0.0.1', ('127.0.0.1', 'localhost'), ('evil.example', '192.168.1.7')),
         ('0.0.0.0', ('192.168.1.7',), ('evil.example',)),
@@ -41,7 +40,7 @@ def test_only_own_pages_may_ask(server: Any) -> None:
         for origin in own + others:
             assert run._may_ask(origin, host) is (origin in own), (origin, host)
     address = f'ws://127.0.0.1:{server.get_port()}'
-    words: dict[str, Any] = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
+    words = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
     with connect(address, origin='http://localhost:8080', **words) as own_page:
         assert own_page.recv(timeout=20.0)
     evil = connect(address, origin='http://evil.example', **words)
@@ -55,9 +54,8 @@ def test_only_own_pages_may_ask(server: Any) -> None:
 def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
     monkeypatch.setattr(recordings, '_PATIENCE', patience)
     begin = NodeProcesses.start
-    monkeypatch.setattr(
-        NodeProcesses, 'start', lambda self, name, *_: begin(self, name, 'calendar', ['2026'])
-    )
+    ends = lambda self, name, *_: begin(self, name, 'calendar', ['2026'])  # noqa: E731
+    monkeypatch.setattr(NodeProcesses, 'start', ends)
     made = Recordings(tmp_path, 'space')
     with pytest.raises(RecordingFailed, match=told):
         made.start()
@@ -66,7 +64,7 @@ def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, 
 
 
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e4])
-def test_plants_of_any_size_are_in_sight(size: float, server: Any) -> None:
+def test_plants_of_any_size_are_in_sight(size: float, server) -> None:
     seen = view_on([Line(((0.0, 0.0, 0.0), (size, size, size)))])
     Scene(server, lambda *_: None, lambda *_: None).look(seen)
     away = np.linalg.norm(seen.camera - seen.target)
@@ -76,7 +74,7 @@ def test_plants_of_any_size_are_in_sight(size: float, server: Any) -> None:
 
 def test_a_node_that_ends_is_started_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, '_RESTART', 0.0)
-    scene: Any = SimpleNamespace(nodes=lambda: [('clock', 'calendar', ['2026'])])
+    scene = SimpleNamespace(nodes=lambda: [('clock', 'calendar', ['2026'])])
     nodes = run.Nodes(scene, tmp_path)
     with nodes:
         first = nodes.identifiers['clock']

@@ -4,7 +4,6 @@
 """Small parts of nodes on clocks set by hand: instants, rates, rations, plans' status, states."""
 
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
@@ -125,16 +124,14 @@ class Bench:
 
     def __init__(self) -> None:
         self.told: list[dict[int, str]] = []
-        self.followed: list[Any] = []
+        self.followed = []
         told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
-        node: Any = SimpleNamespace(
-            create_publisher=lambda _, topic, *__: SimpleNamespace(publish=told[topic])
-        )
-        self.status = TrackerStatus(node)
-        self.plans: dict[int, Any] = {}
+        made = lambda _, topic, *__: SimpleNamespace(publish=told[topic])  # noqa: E731
+        self.status = TrackerStatus(SimpleNamespace(create_publisher=made))
+        self.plans = {}
         self.status.begin()
 
-    def publish(self, message: Any) -> None:
+    def publish(self, message) -> None:
         starts = {nanoseconds_of(each.goal_info.stamp): each for each in message.status_list}
         for start, each in starts.items():
             assert list(each.goal_info.goal_id.uuid) == goal_id(start)
@@ -144,7 +141,7 @@ class Bench:
         self.plans[start] = object()
         self.status.accepted(self.plans[start], start, str(start).encode())
 
-    def tracker(self, phase: Phase, *starts: int, unquiet: bool = False) -> Any:
+    def tracker(self, phase: Phase, *starts: int, unquiet: bool = False):
         motions = [SimpleNamespace(trajectory=self.plans[start]) for start in starts]
         made = SimpleNamespace(phase=phase, unquiet=unquiet)
         made.current, made.following = [*motions, None, None][:2]
@@ -225,10 +222,10 @@ class Parts:
         MeasuredState(node, self, ROBOT, '', self.observe, self.ignore, lambda: 0.1)
         self.callbacks = [call.args[2] for call in node.create_subscription.call_args_list]
 
-    def instant_of(self, stamp: Any) -> float:
+    def instant_of(self, stamp) -> float:
         return (nanoseconds_of(stamp) or self.now) * 1e-9
 
-    def take(self, stamp: int, message: Any) -> bool:
+    def take(self, stamp: int, message) -> bool:
         message.header.stamp = to_stamp(stamp)
         self.observe.reset_mock()
         self.callbacks[isinstance(message, JointState)](message)

@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Quaternion
@@ -196,11 +195,11 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
         setattr(part, name, good)
 
 
-def place(point: Any) -> list[float]:
+def place(point) -> list[float]:
     return [point.x, point.y, point.z]
 
 
-def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
+def shown(drawn: Drawn, state, thrust: float = 0.0) -> Scene:
     state = np.array(state, dtype=float)
     return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
 

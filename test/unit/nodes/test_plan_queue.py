@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 import threading
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -35,14 +34,14 @@ class Queue(PlanQueue):
         self.delivered = threading.Event()
         super().__init__(SimpleNamespace(executor=self))  # type: ignore[arg-type]
         self.began: list[str] = []
-        self.done: list[Any] = []
+        self.done = []
         self.go = threading.Event()
 
-    def create_task(self, deliver: Callable[..., None], *what: Any) -> None:
+    def create_task(self, deliver: Callable[..., None], *what) -> None:
         self.task_of_executor = lambda: deliver(*what)
         self.delivered.set()
 
-    def job(self, name: str) -> tuple[Callable[[], str], Callable[[Any], None]]:
+    def job(self, name: str) -> tuple[Callable[[], str], Callable]:
         def compute() -> str:
             self.began.append(name)
             assert self.go.wait(20.0)
@@ -115,7 +114,7 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
     it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
     it.now.return_value = 0.0
     replanning = Replanning(it, it, it, it, it.publish)
-    plan: Any = partial(ActivePlan, 'problem', 'solution')
+    plan = partial(ActivePlan, 'problem', 'solution')
     replanning.follow(plan(0.0, own={'wide': 2.0}))
     replanning._on_timer()
     ((asked, *_), _) = it.observations.call_args
@@ -137,7 +136,7 @@ class Restarted:
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(other_planners, 'read_plan', lambda _, message: message.plan)
         node = Mock()
-        vehicles: Any = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
+        vehicles = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
         self.recovery = other_planners.Recovery(node, vehicles)
         self.takes = {c.args[1]: c.args[2] for c in node.create_subscription.call_args_list}
         assert list(self.takes) == ['a/active_trajectory', 'b/active_trajectory']
@@ -203,7 +202,7 @@ def plan():
 
 
 def predict(plan, state, measured, start):
-    robot: Any = SimpleNamespace(
+    robot = SimpleNamespace(
         _plant=planned_plant(RobotFormation, {}),
         _angles=np.isin(np.arange(7), (4, 6)),
         measured=SimpleNamespace(fresh=lambda *_: (state, measured)),

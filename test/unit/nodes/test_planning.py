@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import json
 import math
 from types import SimpleNamespace
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -42,11 +41,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> Any:
+def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False):
     """Return one that is asked how far ahead; a plan begins at `begins`, a state comes [s]."""
     made, begin = Mock(measures=True, asked=[]), BEGIN + begins
 
-    def measured_start(values: Any, now: float, start: float) -> dict[str, Any]:
+    def measured_start(values, now: float, start: float) -> dict:
         made.asked.append(now - BEGIN)
         return {'start.x': start - now}
 
@@ -56,7 +55,7 @@ def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> An
     return made
 
 
-def solution(ok: bool = True, **changes: Any) -> Any:
+def solution(ok: bool = True, **changes):
     check = SimpleNamespace(ok=ok, reasons=() if ok else ('it hits the wall',))
     figures = {'duration': 1.0, 'cost': 1.0, 'penalty': 0.0, 'solve_time': 0.1}
     figures |= {'evaluations': 3, 'summary': 'a plan', 'verification': check}
@@ -70,27 +69,27 @@ class Problem:
     ahead, solver = 0.0, SimpleNamespace(deadline=0.3)
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> Any:
+    def from_parameters(cls, values: Mapping):
         made = cls()
         made.ahead = values.get('start.x', 0.0)
         return made
 
-    def solve(self, deadline: float) -> Any:
+    def solve(self, deadline: float):
         return solution()
 
 
-def solved_by(search: Any) -> Any:
+def solved_by(search):
     """Return one whose `search` returns the plan or nothing, or raises why there is none."""
     found = {'solve': lambda self, deadline: search(self, deadline) or solution()}
     return type('Own', (Problem,), found)
 
 
-def raising(error: Exception) -> Any:
+def raising(error: Exception):
     return solved_by(Mock(side_effect=error))
 
 
 @solved_by
-def distant(self: Any, deadline: float) -> Any:
+def distant(self, deadline: float):
     self.clock.sleep(min(0.25, 0.8 * deadline))
     if self.ahead > 0.3:
         raise Infeasible('there is no way from this start')
@@ -99,10 +98,10 @@ def distant(self: Any, deadline: float) -> Any:
 slow = solved_by(lambda self, deadline: self.clock.sleep(2.0))
 
 
-def late(error: type[Exception], never: bool = False) -> Any:
+def late(error: type[Exception], never: bool = False):
     """Return one without a way far ahead; nearer, or `never`, none is found in all the time."""
 
-    def search(self: Any, deadline: float) -> Any:
+    def search(self, deadline: float):
         if self.ahead > 0.7:
             raise Infeasible('there is no way from this start')
         if self.ahead > 0.3:
@@ -113,13 +112,13 @@ def late(error: type[Exception], never: bool = False) -> Any:
     return solved_by(search)
 
 
-def plan(kind: Any = Problem, there: Any = None, source: str = 'measured', **start: Any) -> Any:
+def plan(kind=Problem, there=None, source: str = 'measured', **start):
     asked = {'source': source, 'delay': 0.4, 'max_age': 0.5} | start
     values = {f'start.{name}': value for name, value in asked.items()} | {'solver.deadline': 0.3}
     return make_plan(kind, values, there or adapter(), Problem.clock)
 
 
-def failure(kind: Any, there: Any = None, **start: Any) -> Failure:
+def failure(kind, there=None, **start) -> Failure:
     with pytest.raises(Exception) as raised:  # noqa: PT011
         plan(kind, there, **start)
     return Failure.of(raised.value)

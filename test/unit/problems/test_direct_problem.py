@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
-from typing import Any
 
 import numpy as np
 from obstacle import RoundTheObstacle
@@ -32,7 +31,7 @@ from tdm_planner.verification import replay, Verification
 DIRECT = DirectSolverParameters(deadline=60.0, refine=False)
 ABRUPT = {'margins': DirectProblem.margins, 'control_limits': lambda s: {'u': (-s.limit, s.limit)}}
 SHAPES = PowerProducts([(1, 2), (2, 1), (2, 2)]) + SineSeries(2)
-KINDS: dict[str, dict[str, Any]] = {
+KINDS = {
     'polynomial': {},
     'Taranenko': {'outputs': lambda s: {'x': Output((s.start, 0.0), (0.0, 0.0), shapes=SHAPES)}},
     'integrated': {  # the acceleration is prescribed

@@ -141,7 +141,6 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
     spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
     with pytest.raises(VerificationFailed):
         problem.recognised(spoilt)
-
     silent = changed(type(problem), assess=Problem.assess).from_parameters({})
     with pytest.raises(VerificationFailed, match='cannot assess'):
         silent.recognised(solution.trajectories)

@@ -121,9 +121,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     return replace(plain, **changes)
 
 
-def robots_mission(
-    measured: bool = True, rate: float = 100.0, after: float = 1.0, **changes: Any
-) -> Mission:
+def robots_mission(measured=True, rate=100.0, after=1.0, **changes: Any) -> Mission:
     """Return one of robots `names` in an arena `given` by parameters."""
     vehicles = []
     given = changes.pop('given', ARENA_PARAMETERS | ALONE)
@@ -253,9 +251,8 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         kind, plan = vehicle.view.kind, vehicle.plans[0].trajectory
         space = f'{namespace}/{vehicle.name}' if kind.odometry else namespace
         table = {j.name: {q: getattr(j, q) for q in QUANTITIES} for j in kind.joints}
-        vehicles[vehicle.name] = {
-            'interpolation': plan.interpolation, 'units': plan.units, 'joints': table,
-        }  # fmt: skip
+        stated = {'interpolation': plan.interpolation, 'units': plan.units, 'joints': table}
+        vehicles[vehicle.name] = stated
         motion = messages.plan_message(kind, plan, to_stamp(START))
         found.append(Item(f'{space}/trajectory', START - SECOND, motion))
         within = [joint for joint in kind.joints if joint.name not in kind.odometry]

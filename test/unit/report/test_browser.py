@@ -5,7 +5,6 @@
 
 from collections.abc import Iterator
 from importlib.util import find_spec
-import json
 import time
 from typing import Any, ClassVar
 
@@ -22,12 +21,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
-from tools.browser import chromium, open_browser, open_report, PATIENCE
+from tools.browser import chromium, logged, open_browser, open_report, PATIENCE
 
 if chromium() is None:
-    pytest.skip(
-        'no headless Chromium: apt-get install chromium chromium-driver', allow_module_level=True
-    )
+    pytest.skip('no headless Chromium: apt-get install chromium', allow_module_level=True)
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 LOCAL = ('file:', 'data:', 'chrome:')  # the last of the browser's own first page
@@ -67,14 +64,6 @@ class Page:
         texts = self.each(selector, 'e.getAttribute("points")')
         return [[[float(v) for v in p.split(',')] for p in text.split()] for text in texts]
 
-    def logs(self) -> tuple[list[str], list[str]]:
-        """Console messages, and addresses requested, since the last call."""
-        entries = self.driver.get_log('browser')
-        console = [e['message'] for e in entries if e['level'] in ('SEVERE', 'WARNING')]
-        events = [json.loads(e['message'])['message'] for e in self.driver.get_log('performance')]
-        sent = [e for e in events if e['method'] == 'Network.requestWillBeSent']
-        return console, [e['params']['request']['url'] for e in sent]
-
     def set_time(self, t: float) -> None:
         self.run('report.clock.set(arguments[0])', t)
 
@@ -100,7 +89,7 @@ def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -
     file = tmp_path_factory.mktemp('report') / 'report.html'
     write_report(request.cls.mission, file)
     found = Page(browser)
-    found.logs()
+    logged(browser)
     open_report(browser, file, request.cls.size, request.cls.scheme)
     return found
 
@@ -112,7 +101,7 @@ class Report:
 
     def test_no_complaint_and_nothing_from_the_network(self, page: Page) -> None:
         page.set_time(1.0)
-        console, addresses = page.logs()
+        console, addresses = logged(page.driver, 'SEVERE', 'WARNING')
         assert console == []
         assert addresses
         assert [a for a in addresses if not a.startswith(LOCAL)] == []
@@ -302,7 +291,7 @@ class TestWhatARecordingSaysIsText(Report):
     def test_nothing_of_it_is_done(self, page: Page) -> None:
         page.each('a, svg a', 'e.dispatchEvent(new MouseEvent("click", {bubbles: true}))')
         assert page.run('return window.hacked === undefined')
-        assert page.logs()[0] == []
+        assert logged(page.driver, 'SEVERE', 'WARNING')[0] == []
         assert page.driver.title == page.find('h1').text == EVIL[0]
         assert EVIL[2] in page.find('.subtitle').text
         assert EVIL[1] in page.find('#events').text

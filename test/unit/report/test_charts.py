@@ -11,7 +11,6 @@ import json
 from pathlib import Path
 import re
 from types import SimpleNamespace
-from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -26,14 +25,10 @@ from tdm_sim.report.charts import Chart, chart_json, Curve, Panel
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.histories import control_chart, distance_chart, plan_instants, state_chart
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, thinned_indices, Vehicle
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, thinned_indices
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics
 from tdm_sim.report.tables import events_table, number, summary_table
-
-
-def pendulum() -> Vehicle:
-    return pendulum_mission().vehicles[0]
 
 
 def curves(panel: Panel, kind: str) -> list[Curve]:
@@ -42,8 +37,9 @@ def curves(panel: Panel, kind: str) -> list[Curve]:
 
 def test_poses_planned_and_measured() -> None:
     """Plans are held before and after, with controls off; gaps of measurements stay gaps."""
+    (vehicle,) = pendulum_mission().vehicles
     at = np.array([-1.0, 0.0, 0.5, DURATION, 3.0])
-    states, controls = planned_frames(pendulum(), at) or ({}, {})
+    states, controls = planned_frames(vehicle, at) or ({}, {})
     expected = pendulum_states(np.clip(at, 0.0, DURATION))
     assert states['theta'] == pytest.approx(expected[:, 0], abs=1e-9)
     assert controls['torque'].tolist() == [0.0, 0.014, 0.014, -0.014, 0.0]
@@ -51,10 +47,10 @@ def test_poses_planned_and_measured() -> None:
     states, _ = planned_frames(again, np.array([0.8, 0.9, 1.0])) or ({}, {})
     expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
     assert states['theta'] == pytest.approx(expected, abs=1e-9)
-    measured: Any = pendulum().states
+    measured = vehicle.states
     measured.values[(measured.times > 0.5) & (measured.times < 1.0)] = np.nan
     at = np.array([-2.0, 0.3, 0.75, 1.3, 5.0])
-    states, _ = measured_frames(replace(pendulum(), states=measured), at) or ({}, {})
+    states, _ = measured_frames(vehicle, at) or ({}, {})
     assert np.isnan(states['theta']).tolist() == [True, False, True, False, True]
     assert states['theta'][1] == pytest.approx(pendulum_states(0.3)[0] + 0.02, abs=1e-6)
 
@@ -88,7 +84,7 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
 
 
 def test_the_scene_of_robots() -> None:
-    data: Any = scene(robots_mission())
+    data = scene(robots_mission())
     assert not data['space']
     assert [robot['name'] for robot in data['vehicles']] == ['robot1', 'robot2']
     zone = data['ground'][-1]
@@ -142,10 +138,8 @@ def test_one_figure_for_a_chart() -> None:
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
     assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
     assert np.isnan(unpacked(planned['y'])[1])
-    assert [(panel['title'], panel['unit']) for panel in data['panels']] == [
-        ('a<b', 'm'),
-        ('c', ''),
-    ]
+    titles = [(panel['title'], panel['unit']) for panel in data['panels']]
+    assert titles == [('a<b', 'm'), ('c', '')]
     low, high = data['panels'][0]['range']
     assert low < 0.0 < 2.0 < high
 
@@ -178,7 +172,7 @@ def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
         told, types = {'/clock': messages}, {'/clock': CLOCK}
         return RecordedClock.of(RecordedTopics({}, told, types, malformed={}, not_finite={}))
 
-    found: Any = clock(20)
+    found = clock(20)
     assert found.speed == pytest.approx(speed)
     for recorded in (40.0, 50.0, 52.25, 69.0, 80.0):
         expected = 100 + (recorded - 50) * speed
@@ -200,7 +194,7 @@ MINUS = '\N{MINUS SIGN}'
 
 @pytest.mark.parametrize('make', [pendulum_mission, robots_mission])
 @pytest.mark.parametrize('measured', [True, False])
-def test_self_contained(make: Any, measured: bool) -> None:
+def test_self_contained(make, measured: bool) -> None:
     page = report_page(make(measured=measured))
     parts = missions.Parts(page)
     addresses = [a[key] for _, a in parts.elements for key in ('src', 'href') if key in a]
@@ -269,9 +263,7 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
 
 
 def test_events_are_dimmed_before_the_motion() -> None:
-    events = (
-        Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
-        Event(1.0, Severity.WARN, '/p/tracker', 'late'),
-    )
+    kinds = (-1.0, Severity.ERROR), (1.0, Severity.WARN)
+    events = tuple(Event(*kind, '/p/tracker', 'text') for kind in kinds)
     table = events_table(replace(pendulum_mission(), events=events))
     assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']

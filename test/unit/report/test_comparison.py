@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 
 from missions import DURATION, formation_mission, pendulum_mission, replanned, robot_parameters
 import numpy as np
@@ -48,7 +47,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
 
-def formation(after: float = 7.0, **changes: Any) -> Mission:
+def formation(after: float = 7.0, **changes) -> Mission:
     figures = PlanFigures(0.0, 1.0, cost_terms={'time': 0.1, 'gas': 0.9})
     return formation_mission(after=after, **({'figures': (figures,)} | changes))
 

@@ -6,7 +6,6 @@
 from dataclasses import replace
 import json
 from pathlib import Path
-from typing import Any
 import webbrowser
 
 from double_integrator import DoubleIntegrator
@@ -120,7 +119,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
         json.dumps(HALF).replace('0.014', 'NaN').encode(),
     ],
 )
-def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content: Any) -> None:
+def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> None:
     path = tmp_path / 'plan.json'
     path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     with pytest.raises(TdmError) as caught:
@@ -129,12 +128,12 @@ def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content: Any
 
 
 @pytest.fixture
-def plan(robots: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def plan(robots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     return str(robots[0])
 
 
-def test_the_command(plan: str, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command(plan: str, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(['report', plan]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith(f'reading {plan}')
@@ -212,7 +211,7 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     return Mission('Sled', problem.name, (vehicle,))
 
 
-def judged(problem: DirectProblem, end: float, **changes: Any) -> Any:
+def judged(problem: DirectProblem, end: float, **changes):
     return judge(mission(problem, end, **changes))
 
 
@@ -241,9 +240,9 @@ def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> Non
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
     sled = replace(mission(SLED, 0.0), parameters={'limit': 2.0})
     bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
-    found: Any = judge(read_mission(bag, problem=Sled))
+    found = judge(read_mission(bag, problem=Sled))
     assert found.reached, found
-    drawn: Any = scene(read_mission(bag, problem=Sled))
+    drawn = scene(read_mission(bag, problem=Sled))
     assert [shape['kind'] for shape in drawn['vehicles'][0]['measured']] == ['disc']
     # what a recording names is not imported
     assert judge(read_mission(bag)) is None

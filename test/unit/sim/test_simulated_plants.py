@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 from unittest.mock import Mock
 
 from hypothesis import given, settings
@@ -35,12 +34,12 @@ SETUP = PlantSetup(PLANT, initial=HANGING, lower=-LIMIT, upper=LIMIT, noise=np.z
 SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 
 
-def simulation(setup: PlantSetup = SETUP, **changes: Any) -> SimulatedPlant:
+def simulation(setup: PlantSetup = SETUP, **changes) -> SimulatedPlant:
     return SimulatedPlant(replace(setup, **changes))
 
 
 def test_the_integrator_agrees_with_an_independent_one_and_is_of_fourth_order() -> None:
-    options: Any = {'method': 'DOP853', 'rtol': 1e-13, 'atol': 1e-13}
+    options = {'method': 'DOP853', 'rtol': 1e-13, 'atol': 1e-13}
     found = solve_ivp(lambda _, x: PLANT.derivative(x, TORQUE), (0.0, 0.4), MOVING, **options)
     exact = found.y[:, -1]
     np.testing.assert_allclose(integrate(PLANT, MOVING, TORQUE, 0.4), exact, atol=1e-8)
@@ -220,7 +219,7 @@ def test_disturbances_are_as_asked() -> None:
 def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, seed: int) -> None:
     most = mismatch * (1 + 1e-12) + 1e-12
     for plant in (PLANT, FloatingRobot()):
-        made: Any = mismatched(plant, mismatch, seed)
+        made = mismatched(plant, mismatch, seed)
         nominal, disturbed = to_mapping(plant), to_mapping(made)
         assert list(nominal) == list(disturbed)
         assert all(abs(disturbed[name] / nominal[name] - 1.0) <= most for name in nominal)

@@ -11,7 +11,6 @@ import itertools
 import json
 from pathlib import Path
 import time
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -70,7 +69,7 @@ def test_a_row_without_a_plan_says_why(point, code, reason, monkeypatch):
     assert reason in row['reason']
 
 
-def flown(kind: Any, parameters: Any = (), point: Any = (), **how: Any) -> dict[str, Any]:
+def flown(kind, parameters=(), point=(), **how) -> dict:
     row = Trial(kind, dict(parameters), ClosedLoop(**how))(dict(point))
     seeds = how.get('seeds', 1)
     assert (row['code'], row['lost']) == ('', '')
@@ -211,7 +210,7 @@ def test_all_combinations_and_random_ones_together() -> None:
             Points(axes)
 
 
-def found(point: dict[str, Any]) -> dict[str, Any]:
+def found(point: dict) -> dict:
     """Return what a plan that takes no time came to: none of the kind odd from 1 on."""
     if point['kind'] == 'odd' and point['x'] >= 1.0:
         nothing = dict.fromkeys(('cost', 'duration', 'solve_time', 'evaluations'))
@@ -225,12 +224,12 @@ def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return tmp_path / f'table{request.param}'
 
 
-def collected(path: Path | None, order: list[int], until: int = 99) -> Any:
+def collected(path: Path | None, order: list[int], until: int = 99):
     """Return the table once rows came in this order, `until` Ctrl-C."""
     table, points = Table(path), Points(AXES)
     left = [row for row in range(len(points)) if row not in table.rows]
 
-    def results() -> Iterator[tuple[int, dict[str, Any]]]:
+    def results() -> Iterator[tuple[int, dict]]:
         for count, row in enumerate(row for row in order if row in left):
             if count == until:
                 raise KeyboardInterrupt
@@ -260,12 +259,12 @@ def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
         Table(path).save()
 
 
-def rows_of(axes: list[Axis]) -> list[dict[str, Any]]:
+def rows_of(axes: list[Axis]) -> list[dict]:
     points = enumerate(Points(axes))
     return [{'row': i, **p, **found({'kind': 'plain', 'x': 1.0, **p})} for i, p in points]
 
 
-def columns_of(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
+def columns_of(rows: list[dict]) -> dict[str, list]:
     return {name: [row.get(name) for row in rows] for name in rows[0]}
 
 

@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 
 import closed_loop
 from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, STRONGLY, WEAK
@@ -37,7 +36,7 @@ def held(loop: Loop, run: float, last: float = 0.5) -> bool:
     return loop.upright(last) and np.abs(np.array(loop.states[-count:])[:, 1]).max() < 2.0
 
 
-def seeing(state: np.ndarray = HANGING, at: float = 0.0, **values: Any) -> PendulumTracker:
+def seeing(state: np.ndarray = HANGING, at: float = 0.0, **values) -> PendulumTracker:
     tracker = pendulum_tracker(**values)
     tracker.observe(state, at)
     return tracker
