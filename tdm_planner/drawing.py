@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -131,6 +131,14 @@ class Drawn(Protocol):
 
     def surroundings(self) -> Sequence[Shape]:
         """Return what stands still around it."""
+
+
+class DrawnPath(NamedTuple):
+    """Planned states (n, nx) of a plant called `name`; a single one is its goal."""
+
+    drawn: Drawn
+    states: Array
+    name: str = ''
 
 
 @dataclass(frozen=True)

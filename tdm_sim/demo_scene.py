@@ -21,7 +21,6 @@ from std_msgs.msg import String
 from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
-from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import ParameterSpec, specifications
@@ -31,6 +30,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file
+from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES
 from tdm_sim.plant_model import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME

@@ -19,7 +19,6 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_planner.nodes.tracker_plans import TOPIC
 from tdm_planner.parameters import (
     group,
@@ -34,6 +33,7 @@ from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_sim.pendulum_plant import PendulumModel
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode

@@ -25,8 +25,8 @@ import rclpy.parameter
 from ros_harness import PATIENCE
 from std_msgs.msg import String
 from stepped_ros import NodeHere, Stepped
+from tdm_planner.exceptions import ERRORS
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.request import RequestParameters
@@ -181,7 +181,10 @@ class SixNodes:
         else:
             result = self.ros.set_all(f'{space}/plan_with', *items)
             fine, answer = result.successful, json.loads(result.reason)
-        assert fine or answer['code'] in set(CODES) - {'INTERNAL'}, (items, answer)
+        assert fine or answer['code'] in {error.code for error in ERRORS} - {'INTERNAL'}, (
+            items,
+            answer,
+        )
         assert fine or 'INTERNAL' not in answer['reason'], (items, answer)
         return bool(fine)
 

@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {
     'commands': (
         'tdm, demo, live page, studies',
-        'tdm_planner.cli tdm_planner.set_up tdm_planner.launching tdm_planner.problem_check '
+        'tdm_planner.cli tdm_planner.set_up tdm_planner.launching tdm_planner.robot_nodes '
+        'tdm_planner.problem_check '
         'tdm_sim.demo tdm_sim.demo_scene tdm_sim.processes tdm_sim.live tdm_sim.study',
     ),
     'recorder, report': (

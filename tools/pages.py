@@ -18,12 +18,11 @@ from pathlib import Path
 import re
 from typing import Any
 
-from tdm_planner.exceptions import Failure, InvalidProblem
-from tdm_planner.nodes.planning import CODES
-from tdm_planner.nodes.services import plan_answer, plan_summary
+from tdm_planner.exceptions import ERRORS, Failure, InvalidProblem
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.plan_reports import plan_answer, plan_summary
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.node_tables import (
@@ -99,7 +98,7 @@ def fragment(name: str) -> str:
         'executables-here': executables,
         'all-topics': all_topics,
         'all-parameters': lambda: parameter_names(parameters_by_node()),
-        'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
+        'codes': lambda: ', '.join(f'`{error.code}`' for error in ERRORS) + '\n',
         'python': python_modules,
         'json-keys': all_json_keys,
     }

@@ -12,17 +12,18 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from tdm_planner.drawing import DrawnPath
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.markers import DrawnPath, plan_markers
+from tdm_planner.nodes.markers import plan_markers
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
-from tdm_planner.nodes.planned_plants import planned_plant, Values
 from tdm_planner.nodes.services import Request
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Execution, Observation
+from tdm_planner.replanning.planned_plants import planned_plant, Values
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -179,9 +180,9 @@ class Adapter:
         self.plans.add(plan, self._clock.now())
         self._drawn = True
         view = view_of(plan.problem, next(iter(trajectories.values())))
-        named = self._plant.several
         paths = [
-            DrawnPath(view, t.states, name if named else '') for name, t in trajectories.items()
+            DrawnPath(view, motion.states, name if self._plant.several else '')
+            for name, motion in trajectories.items()
         ]
         try:
             self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), paths))

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import re
-from typing import Any, NamedTuple
+from typing import Any
 import zlib
 
 from builtin_interfaces.msg import Time
@@ -24,7 +24,7 @@ from geometry_msgs.msg import Point, Pose, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
-from tdm_planner.drawing import Box, Disc, Drawn, Line, points_of, Shape, way_of
+from tdm_planner.drawing import Box, Disc, Drawn, DrawnPath, Line, points_of, Shape, way_of
 from tdm_planner.nodes.messages import to_duration, to_quaternion
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -181,14 +181,6 @@ class Picture:
             x, y, *_ = way_of(shapes[0], 1)[0].tolist()
             shown.append(pen.text('name', name, (x, y - 20.0 * width), 10.0 * width))
         return MarkerArray(markers=shown)
-
-
-class DrawnPath(NamedTuple):
-    """Planned states (n, nx) of a plant called `name`; a single one is its goal."""
-
-    drawn: Drawn
-    states: Array
-    name: str = ''
 
 
 def plan_markers(

@@ -41,7 +41,6 @@ NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # be overwritten while the node is busy, and whoever sent it would wait for ever.
 SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
-
 Array = NDArray[np.float64]
 
 # Rates below it, and below that share of the largest, are rest: what a plan may be off by at its

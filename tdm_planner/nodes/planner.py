@@ -29,20 +29,14 @@ from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import make_plan
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.services import (
-    create_deferred_service,
-    plan_answer,
-    plan_figures,
-    plan_summary,
-    Request,
-    service_response,
-)
+from tdm_planner.nodes.services import create_deferred_service, Request, service_response
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
 from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(RequestParameters)

@@ -11,7 +11,6 @@ from typing import Any
 
 from tdm_planner.exceptions import (
     DeadlineExceeded,
-    ERRORS,
     Infeasible,
     InvalidProblem,
     NoState,
@@ -22,8 +21,6 @@ from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan
-
-CODES = tuple(error.code for error in ERRORS)
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; no plan is found in less

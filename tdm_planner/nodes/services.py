@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How a plan or a failure is reported, and services that answer every client.
+Services that answer every client, now or later.
 
-The latter are workarounds, with the versions until which they are needed:
+They are workarounds, with the versions until which they are needed:
 
 - A client may discover a service before the service discovers it. rmw_fastrtps then drops the
   response after a tenth of a second, rclpy warns, and the client waits for ever. Here the response
@@ -17,9 +17,8 @@ The latter are workarounds, with the versions until which they are needed:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-import json
 from typing import Any
 import warnings
 
@@ -31,15 +30,11 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure
 from tdm_planner.nodes.clocks import steady_timer
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.plan_files import finite
-from tdm_planner.plant_kind import plan_kind, QUANTITIES
-from tdm_planner.replanning import ActivePlan
 
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
 ATTEMPTS = 6
 
 Answer = Callable[[Any], None]
-_SECOND = 1_000_000_000  # ns
 
 
 def answer_reliably(node: Node, service: Any) -> None:
@@ -133,77 +128,3 @@ def service_response(request: Any, outcome: str | Failure) -> Any:
         return Trigger.Response(success=success, message=text)
     result = SetParametersResult(successful=success, reason=text)
     return SetParametersAtomically.Response(result=result)
-
-
-def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:
-    """
-    Return the response of the `plan` service with a plan, one line of JSON.
-
-    `warnings` are sentences about what is not connected; without any, the key is absent.
-    """
-    solution = plan.solution
-    document = {
-        'plan_id': plan_id,
-        'duration': solution.duration,
-        'cost': solution.cost,
-        'penalty': solution.penalty,
-        'solve_time': solution.solve_time,
-        'evaluations': solution.evaluations,
-        'summary': ' '.join(solution.summary.split()),
-        **({'warnings': list(warnings)} if warnings else {}),
-    }
-    return json.dumps(finite(document), allow_nan=False)
-
-
-def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
-    """
-    Return everything about a plan but its samples, one line of JSON, for recordings.
-
-    It holds the figures of the response; `stamp` [ns], the start of the motion; the terms of the
-    cost; the verification, with the instants of the worst margins; per vehicle, what trajectory
-    messages lack, such as the states and controls of their joints; the problem's parameters by
-    dotted name. A number that is not finite is null.
-    """
-    solution = plan.solution
-    document = {
-        'plan_id': plan_id,
-        'stamp': {'sec': stamp // _SECOND, 'nanosec': stamp % _SECOND},
-        **solution.figures,
-        'summary': ' '.join(solution.summary.split()),
-        'verification': solution.verification.to_dict(),
-        'vehicles': {
-            name: {
-                'duration': trajectory.duration,
-                'interpolation': trajectory.interpolation,
-                'units': trajectory.units,
-                'states': trajectory.state_names,
-                'controls': trajectory.control_names,
-                'joints': {
-                    joint.name: {q: getattr(joint, q) for q in QUANTITIES if getattr(joint, q)}
-                    for joint in plan_kind(plan.problem, trajectory).joints
-                },
-            }
-            for name, trajectory in solution.trajectories.items()
-        },
-        'parameters': plan.problem.to_parameters(),
-    }
-    return json.dumps(finite(document), allow_nan=False)
-
-
-def plan_figures(plan: ActivePlan, now: float) -> dict[str, Any]:
-    """Return what the diagnostics show of the active plan."""
-    solution = plan.solution
-    check = solution.verification
-    figures: dict[str, Any] = {
-        'plan age [s]': now - plan.start,
-        'duration [s]': solution.duration,
-        'cost': float(solution.cost),
-        'penalty': float(solution.penalty),
-        'solve time [s]': solution.solve_time,
-        'evaluations': solution.evaluations,
-    }
-    if check.worst:
-        narrowest = min(check.worst, key=lambda name: check.worst[name])
-        figures['worst margin'] = f'{check.worst[narrowest]:.6g} ({narrowest})'
-    figures.update({f'margin of {name}': float(value) for name, value in check.worst.items()})
-    return figures

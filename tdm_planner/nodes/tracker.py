@@ -30,10 +30,10 @@ from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
+from tdm_planner.tracking.tracked_plants import tracked_plant
 from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory

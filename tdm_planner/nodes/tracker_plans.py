@@ -116,15 +116,10 @@ class PlanIntake:
         return _WORTH_IN_LEAD if 0.0 < wait < lead else 0.0
 
 
-def goal_id(start: int) -> list[int]:
-    """Return the id of the plan that starts at the instant [ns]: the bytes of that number."""
-    return list(start.to_bytes(16, 'big', signed=True))
-
-
 def goal_status(start: int, status: int) -> GoalStatus:
-    """Return the status of the plan that starts at the instant [ns]."""
+    """Return the status of the plan that starts at the instant [ns]: its id is that number."""
     info = GoalInfo(stamp=to_stamp(start))
-    info.goal_id.uuid = goal_id(start)
+    info.goal_id.uuid = list(start.to_bytes(16, 'big', signed=True))
     return GoalStatus(goal_info=info, status=status)
 
 

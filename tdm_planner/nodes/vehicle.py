@@ -20,12 +20,12 @@ from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.markers import MARKER_DEPTH, Pen, Picture
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.planned_plants import PlannedPlant, Values
 from tdm_planner.nodes.reading import check_frame, read_joints, yaw_of
 from tdm_planner.nodes.services import Request
 from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
+from tdm_planner.replanning.planned_plants import PlannedPlant, Values
 from tdm_planner.trajectory import TimedTrajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray

@@ -10,9 +10,9 @@ The limits are those of the planner's verification, for the parameters that it p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 import heapq
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,7 @@ _INSTANTS = 1000  # of a plan
 _STEP = 0.01  # s, between instants at which planned distances are computed
 
 
-@dataclass(frozen=True, eq=False)
-class History:
+class History(NamedTuple):
     """Planned and measured histories of the same quantities; None: there is none."""
 
     planned: Signals | None = None

@@ -97,13 +97,12 @@ def _vehicle(document: Mapping[str, Any]) -> PlannedVehicle:
     )
     given = untrusted.mapping(document.get('units'))
     units = {name: untrusted.text(u, 20) for name, u in given.items()}
-    states = [name for joint in joints for name in (joint.position, joint.velocity) if name]
-    states = [*(name for name in units if name in states), *states]
-    states = list(dict.fromkeys(states))
-    controls = [joint.effort for joint in joints if joint.effort]
+    named = [name for joint in joints for name in (joint.position, joint.velocity) if name]
+    states = tuple(dict.fromkeys([*(name for name in units if name in named), *named]))
+    controls = tuple(joint.effort for joint in joints if joint.effort)
     kind = PlantKind(
-        state_names=tuple(states),
-        control_names=tuple(controls),
+        state_names=states,
+        control_names=controls,
         joints=joints,
         state_units=tuple(units.get(name, '') for name in states),
         control_units=tuple(units.get(name, '') for name in controls),

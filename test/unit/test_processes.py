@@ -40,7 +40,7 @@ def test_launch_files_need_only_what_ubuntu_has() -> None:
     text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
     text += (SOURCE / 'tdm_planner' / 'launching.py').read_text('utf-8')
     modules = set(re.findall(r'from (tdm_\w+[\w.]+) import', text)) - {'tdm_planner.launching'}
-    assert 'tdm_planner.nodes.robot_nodes' in modules
+    assert 'tdm_planner.robot_nodes' in modules
     program = f'import sys; sys.modules.update(dict.fromkeys({missing}))\n'
     done = python('-c', program + ''.join(f'import {name}\n' for name in sorted(modules)))
     assert done.returncode == 0, done.stderr

@@ -17,7 +17,7 @@ from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.nodes.tracker_plans import goal_id, TimeBudget, TrackerStatus
+from tdm_planner.nodes.tracker_plans import TimeBudget, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
@@ -134,7 +134,7 @@ class Bench:
     def publish(self, message) -> None:
         starts = {nanoseconds_of(each.goal_info.stamp): each for each in message.status_list}
         for start, each in starts.items():
-            assert list(each.goal_info.goal_id.uuid) == goal_id(start)
+            assert bytes(each.goal_info.goal_id.uuid) == start.to_bytes(16, 'big', signed=True)
         self.told.append({start: NAMES[each.status] for start, each in starts.items()})
 
     def accept(self, start: int) -> None:

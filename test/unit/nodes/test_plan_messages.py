@@ -17,10 +17,10 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from replays import pendulum_points
 from sensor_msgs.msg import JointState
-from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
+from tdm_planner.drawing import arena_drawing, Drawn, DrawnPath, PendulumDrawing, RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
-from tdm_planner.nodes.markers import DrawnPath, LONGEST_PATH, Picture, plan_markers
+from tdm_planner.nodes.markers import LONGEST_PATH, Picture, plan_markers
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT

@@ -15,7 +15,6 @@ from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.adapter import ActivePlans
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planned_plants import planned_plant
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.parameters import to_mapping
@@ -23,6 +22,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Outlook, Review
+from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.trajectory import TimedTrajectory
 from tdm_planner.verification import replay
 

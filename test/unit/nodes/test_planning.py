@@ -14,8 +14,8 @@ import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
 from tdm_planner.nodes.planning import make_plan
-from tdm_planner.nodes.services import plan_answer
 from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.plan_reports import plan_answer
 
 BEGIN = 1_700.0  # s
 

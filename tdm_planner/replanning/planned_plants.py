@@ -17,10 +17,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing, Shape
+from tdm_planner.drawing import (
+    arena_drawing,
+    Drawn,
+    DrawnPath,
+    PendulumDrawing,
+    RobotDrawing,
+    Shape,
+)
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.markers import DrawnPath
-from tdm_planner.nodes.tracked_plants import tracked_problem
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
@@ -38,6 +43,7 @@ from tdm_planner.replanning import (
 )
 from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
 from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
+from tdm_planner.tracking.tracked_plants import tracked_problem
 from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
