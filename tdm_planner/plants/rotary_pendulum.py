@@ -221,6 +221,11 @@ class RotaryPendulum(Validated, StatedPlant):
         """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""
         return torque * self.coefficients.pendulum / self.determinant
 
+    def drive(self, torque: float) -> float:
+        """Acceleration of the pendulum by a torque over that by gravity: weak below 1."""
+        k = self.coefficients
+        return torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+
     @staticmethod
     def equations(
         k: Coefficients, state: Sequence[Any], control: Sequence[Any]

@@ -54,6 +54,7 @@ _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
 _PACES = 0.85, 1.15  # at which a plan may be played
+_TOLD_APART = 3.0  # standard deviations of measured angles
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,19 @@ class PendulumTracker(TrajectoryTracker):
         self._r = np.array([[weights.torque / limit / limit]])
         disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
         self.quickest = max(frequency * plant.quickness, disk)
+
+    @property
+    def warning(self) -> str:
+        """Say that commands are too slow, and that the motor holds less than sensors tell."""
+        # A pendulum that leans further than the drive [rad] falls, whatever the torque.
+        leaning = self.parameters.plant.drive(self.parameters.limits.torque)
+        noise = self.parameters.estimator.angle_noise
+        weak = (
+            f'limits.torque holds the pendulum within {leaning:.2g} rad of upright only, and '
+            f'sensors are off by {noise:g} rad (estimator.angle_noise): it will hardly be caught'
+        )
+        told = [super().warning, weak if leaning < _TOLD_APART * noise else '']
+        return '; '.join(filter(None, told))
 
     @cached_property
     def upright(self) -> Regulator:

@@ -93,6 +93,9 @@ def test_scales_follow_the_rig() -> None:
     assert more / noise == pytest.approx([1, 1, 10, 10])
     assert large.warning == 'rate = 200 Hz is too slow for this plant: must be 1282 Hz or more'
     assert given[2:] == pytest.approx([0.3, 0.3])
+    weak = pendulum_tracker(limits__torque=2e-4)
+    assert weak.warning.startswith('limits.torque holds the pendulum within 0.00')
+    assert pendulum_tracker(limits__torque=2e-4, estimator__angle_noise=1e-4).warning == ''
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6

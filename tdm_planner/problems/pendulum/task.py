@@ -52,8 +52,7 @@ class SwingUpTask:
     @property
     def drive(self) -> float:
         """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
-        k = self.plant.coefficients
-        return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+        return self.plant.drive(self.torque)
 
     @property
     def swing_drive(self) -> float:

@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 
+from closed_loop import FORMATION
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -108,6 +109,25 @@ def test_the_tolerance_is_what_the_minimiser_is_content_with():
         assert solution.penalty <= tolerance
         evaluations.append(solution.evaluations)
     assert evaluations[0] < evaluations[1] < evaluations[2]
+
+
+@pytest.mark.parametrize(
+    ('limit', 'term', 'unit'),
+    [
+        ('walls', 0, 1.0),
+        ('keep_out', 0, 1.0),
+        ('thrust', 1, FORMATION.limits.thrust),
+        ('torque', 2, FORMATION.limits.torque),
+        ('thruster_rate', 2, FORMATION.limits.thruster_rate),
+    ],
+)
+def test_the_penalty_is_that_of_equation_10(limit, term, unit):
+    weights = np.array([1.0, 10.0, 100.0, 1000.0])
+    robots = [{limit: -0.1 * unit}, {limit: 0.3}, {limit: -0.2 * unit}]
+    pairs = {'1-2': -0.5, '1-3': 0.5}
+    found = verification.penalty(FORMATION.task, robots, pairs, weights)
+    assert found == pytest.approx(weights[term] * 0.05 + 1000.0 * 0.25)
+    assert verification.penalty(FORMATION.task, [{limit: -1e-9 * unit}], {}, weights) == 0.0
 
 
 def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
