@@ -27,7 +27,7 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
-MOST_INSTANTS = 200_000  # of a check: 200 s at intervals of 1 ms
+MOST_INSTANTS = 200_000  # of a check, beside those of its replay: 200 s at intervals of 1 ms
 _FEW = 2  # intervals between samples that a step of the replay may span
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
 _PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided
@@ -99,7 +99,7 @@ class Flight(Protocol):
 
 @runtime_checkable
 class SelfFlying(Protocol):
-    """A plant whose equations of motion are compiled, and integrated to the same tolerances."""
+    """A plant whose equations of motion are compiled, and integrated as exactly or more so."""
 
     def fly(self, trajectory: Trajectory, until: Budget | None) -> Flight | None:
         """Integrate along the controls of `trajectory`; None: cannot."""
@@ -251,10 +251,10 @@ def resolved(
     """
     knots = np.union1d(trajectory.times, flight.steps)
     times = np.union1d(_divided(knots, _PER_STEP), knots)
-    states = flight.states(times)
+    states, most = flight.states(times), times.size + MOST_INSTANTS
     for _ in range(_ROUNDS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
-        if not hidden.size or times.size > MOST_INSTANTS:
+        if not hidden.size or times.size > most:
             break
         edges = np.stack([times[hidden], times[hidden + 1]], axis=1)
         more = [_divided(edge, _PARTS) for edge in edges]

@@ -34,7 +34,7 @@ ROOMS = {
     ),
     'simulated plants': ('nodes that integrate', 'tdm_sim'),
     'nodes': ('planner, tracker, client', 'tdm_planner.nodes tdm_planner.client'),
-    'replanning': ('reviews the active plan', 'tdm_planner.replanning'),
+    'replanning': ('plants of the planner, reviews', 'tdm_planner.replanning'),
     'views': (
         'goals, limits, pictures',
         'tdm_planner.plant_views tdm_planner.plotting tdm_planner.views',

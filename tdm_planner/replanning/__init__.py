@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Receding-horizon replanning: new plans while the plant moves, handed over without a jump.
+The plants as a planner knows them, reports on plans, and replanning on the way without a jump.
 
 No ROS, no clock: instants are seconds of one clock, which the caller reads.
 """

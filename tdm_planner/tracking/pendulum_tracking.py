@@ -104,7 +104,7 @@ class PendulumTracker(TrajectoryTracker):
     @property
     def warning(self) -> str:
         """Say that commands are too slow, and that the motor holds less than sensors tell."""
-        # A pendulum that leans further than the drive [rad] falls, whatever the torque.
+        # About the largest angle [rad] from which a weak motor keeps the pendulum from falling.
         leaning = self.parameters.plant.drive(self.parameters.limits.torque)
         noise = self.parameters.estimator.angle_noise
         weak = (

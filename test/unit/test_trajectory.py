@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import _least_between, Constraint, verify
+from tdm_planner.verification import _least_between, Constraint, resolved, verify
 
 
 class DoubleIntegrator:
@@ -160,6 +161,16 @@ def test_a_dip_of_a_margin_between_the_instants_of_a_check_is_found(place):
     pole = Constraint('pole', lambda t, x, u: np.abs(x[:, 0] - place) - 1e-5)
     check = verify(PLANT, BANG_BANG, GOAL, TOLERANCE, [pole])
     assert 'pole is violated' in check.reasons[0]
+
+
+@pytest.mark.parametrize('steps', [1_000, 60_000])
+def test_a_peak_between_the_instants_is_found_however_long_the_motion(steps):
+    peaks = lambda t: np.sin(2 * np.pi * (t - 0.07) / 8)  # noqa: E731
+    flight = SimpleNamespace(steps=np.arange(steps + 1.0), states=lambda t: peaks(t)[:, None])
+    ends = SimpleNamespace(times=np.array([0.0, steps]), controls_at=lambda t: np.zeros((t.size, 1)))
+    limit = peaks(np.linspace(0.0, 8.0, 41)).max() + 1e-5  # kept at every fifth of a step
+    _, states = resolved(flight, ends, [Constraint('x', lambda t, x, u: limit - x[:, 0])])
+    assert states.max() == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize('turned', [1, -1])

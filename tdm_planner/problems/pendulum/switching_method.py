@@ -41,7 +41,7 @@ from tdm_planner.problems.pendulum.switching_seeds import (
     starts,
     warm_starts,
 )
-from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
 
@@ -60,7 +60,7 @@ _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 # s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
 _OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
-_LOST = 2e-4  # violation after the fine polish of what is not worth a check
+_LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
@@ -99,6 +99,8 @@ class SwitchingMethod(Search[Candidate]):
         self._tolerance = tolerance
         self._previous = previous
         self._steps = task.steps(COARSE_STEPS)
+        w0 = task.plant.natural_frequency
+        self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
         self._rounds = self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
@@ -123,7 +125,7 @@ class SwitchingMethod(Search[Candidate]):
         fine, violation = shorter, math.inf
         if self._pumping and not self._short_of_time(shorter):
             # Of so many arcs the last digits of the time do not matter.
-            fine, violation = corrected(self._task, shorter, self._task.steps(FINE_STEPS))
+            fine, violation = self._corrected(shorter, FINE_STEPS)
         omitted = shorter.durations.size < candidate.durations.size
         for arcs in [shorter, candidate] if omitted else [shorter]:
             if violation < 1e-6:
@@ -131,14 +133,14 @@ class SwitchingMethod(Search[Candidate]):
             if self._short_of_time(arcs):
                 return
             fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
-        if not violation < _LOST:
+        if not violation < self._lost:
             self.rejected = 'integrated finely none ends upright any more'
             return
         yield self._checked(fine, violation)
         for more in _FINER:
             if violation > 1e-6 or self._short_of_time(fine):
                 return
-            fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
+            fine, violation = self._corrected(fine, more * FINE_STEPS)
             yield self._checked(fine, violation)
 
     def _warm(self, previous: Arcs) -> Iterator[Candidate]:
@@ -177,7 +179,7 @@ class SwitchingMethod(Search[Candidate]):
             if polished:
                 fine, violation = self._finely(candidate, task.steps(steps))
             else:
-                fine, violation = corrected(task, candidate, _FINER[0] * task.steps(steps))
+                fine, violation = self._corrected(candidate, _FINER[0] * steps)
             if violation > 1e-6:
                 return
             fine = without_short_arcs(task, fine)
@@ -200,6 +202,9 @@ class SwitchingMethod(Search[Candidate]):
         scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
         left = self.budget.remaining + overtime
         return left <= self.budget.charged(_INTEGRATION_TIME * scale)
+
+    def _corrected(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
+        return corrected(self._task, candidate, self._task.steps(steps), self.budget)
 
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""

@@ -208,7 +208,9 @@ def polish(
     return candidate.with_tail(best.xi / w0), best.violation
 
 
-def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
+def corrected(
+    task: SwingUpTask, candidate: Candidate, steps: int, budget: Budget
+) -> tuple[Candidate, float]:
     """
     Return a polished candidate, integrated in more steps; and its largest violation.
 
@@ -218,10 +220,11 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
     candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
     w0, program = task.plant.natural_frequency, _program(task, candidate, steps)
     xi, violation = candidate.tail[0] * w0, math.inf
-    for _ in range(_CORRECTIONS):
+    for left in reversed(range(_CORRECTIONS)):
         point = evaluate_arcs(program, xi)
+        budget.evaluations += 1
         violation = max(point.ends, point.beyond)
-        if not 1e-10 < violation < 1.0:
+        if not 1e-10 < violation < 1.0 or left == 0 or budget.spent:
             break
         beyond = point.margins < 0.0
         rows = np.concatenate([point.jacobian, point.slopes[beyond]])

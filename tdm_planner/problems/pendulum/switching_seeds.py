@@ -44,6 +44,7 @@ _MOST_VARIANTS = 12 * VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
+_MANY, _AT_LEISURE = 3, 0.2  # lanes of them are better, in that share of the time
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
@@ -142,8 +143,8 @@ def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     in_a_swing = np.minimum(spread(0.5, 1.5) / crossing, 1.0)
     lead = mostly(0.5, 0.0, rng.uniform(-0.4, 0.4, count))
     if crossing > 1.0:
-        # The disk is at its limit before the swing is over: on large swings it has to move later,
-        # as it is slow while the pendulum is horizontal.
+        # It crosses its range in less than half a swing. A stroke from where a large swing turns
+        # would be slow, as the pendulum is horizontal there, and end in the wrong half.
         lead = mostly(0.25, lead, rng.uniform(-3.0, -0.5, count))
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
@@ -174,9 +175,12 @@ def pumped(
     def enough(near: int) -> bool:
         return late() or near >= 4 * LANES or (near >= LANES and budget.elapsed > _PUMPED * until)
 
+    def few(near: int) -> bool:
+        return near < LANES or (near < _MANY * LANES and budget.elapsed < _AT_LEISURE * until)
+
     swings: list[Candidate] = []
     tried = 0
-    while tried < _MOST_VARIANTS and not late() and len(swings) < LANES:
+    while tried < _MOST_VARIANTS and not late() and few(len(swings)):
         tried += VARIANTS
         swings += _swings(task, laws(task, rng, VARIANTS), most, budget, enough)
     steps = min(task.steps(COARSE_STEPS), _STEPS)

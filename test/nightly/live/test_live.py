@@ -28,7 +28,8 @@ from tools.browser import chromium, logged, open_browser, set_window
 import yaml
 
 if chromium() is None:
-    pytest.skip('no headless Chromium: apt-get install chromium', allow_module_level=True)
+    missing = 'no headless Chromium: apt-get install chromium chromium-driver'
+    pytest.skip(missing, allow_module_level=True)
 
 FOV = math.radians(75.0)  # of the camera, upright
 LONG = 180.0  # s that anything may take: drawing in space by software is slow

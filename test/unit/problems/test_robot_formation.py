@@ -111,6 +111,17 @@ def test_the_tolerance_is_what_the_minimiser_is_content_with():
     assert evaluations[0] < evaluations[1] < evaluations[2]
 
 
+@pytest.mark.parametrize('side', [0, 1])
+@pytest.mark.parametrize('beyond', [False, True])
+def test_robots_keep_half_a_separation_from_every_wall(side, beyond):
+    task = FORMATION.task
+    walls = {limit.name: limit for limit in verification.robot_constraints(task)}['walls']
+    states = np.full((1, 7), 0.5 * task.sides.min())
+    states[0, side] = (task.sides[side] if beyond else 0.0) + 0.1 * (1 if beyond else -1)
+    margin = walls.margin(np.zeros(1), states, np.zeros((1, 3)))
+    assert margin == pytest.approx([-0.1 - 0.5 * task.separation])
+
+
 @pytest.mark.parametrize(
     ('limit', 'term', 'unit'),
     [

@@ -24,7 +24,8 @@ from tdm_sim.report.page import write_report
 from tools.browser import chromium, logged, open_browser, open_report, PATIENCE
 
 if chromium() is None:
-    pytest.skip('no headless Chromium: apt-get install chromium', allow_module_level=True)
+    missing = 'no headless Chromium: apt-get install chromium chromium-driver'
+    pytest.skip(missing, allow_module_level=True)
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 LOCAL = ('file:', 'data:', 'chrome:')  # the last of the browser's own first page
