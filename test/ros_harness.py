@@ -126,7 +126,7 @@ def _end_with_the_tests() -> None:
 
 
 class Started:
-    """What a test has started; `end` ends it and returns the exit code, `output` is what was printed."""
+    """What a test has started; `end` returns its exit code, `output` what it has printed."""
 
     def end_cleanly(self) -> None:
         """End it; the exit code must be 0 and nothing may look like a crash."""

@@ -167,10 +167,10 @@ def test_a_dip_of_a_margin_between_the_instants_of_a_check_is_found(place):
 def test_a_peak_between_the_instants_is_found_however_long_the_motion(steps):
     peaks = lambda t: np.sin(2 * np.pi * (t - 0.07) / 8)  # noqa: E731
     flight = SimpleNamespace(steps=np.arange(steps + 1.0), states=lambda t: peaks(t)[:, None])
-    ends = SimpleNamespace(times=np.array([0.0, steps]), controls_at=lambda t: np.zeros((t.size, 1)))
+    ends = SimpleNamespace(times=np.array([0.0, steps]), controls_at=lambda t: t[:, None])
     limit = peaks(np.linspace(0.0, 8.0, 41)).max() + 1e-5  # kept at every fifth of a step
     _, states = resolved(flight, ends, [Constraint('x', lambda t, x, u: limit - x[:, 0])])
-    assert states.max() == pytest.approx(1.0, abs=1e-4)
+    assert states.max() > limit + 1e-3
 
 
 @pytest.mark.parametrize('turned', [1, -1])
