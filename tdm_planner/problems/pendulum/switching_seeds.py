@@ -44,7 +44,7 @@ _MOST_VARIANTS = 12 * VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
-_MANY, _AT_LEISURE = 3, 0.2  # lanes of them are better, in that share of the time
+_MANY, _AT_LEISURE = 3, 0.2  # a lane that are gathered first, up to that share of the time
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
