@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Services that answer every client, now or later.
+Requests for plans, and services that answer every client.
 
-They are workarounds, with the versions until which they are needed:
+The latter are workarounds, with the versions until which they are needed:
 
 - A client may discover a service before the service discovers it. rmw_fastrtps then drops the
   response after a tenth of a second, rclpy warns, and the client waits for ever. Here the response

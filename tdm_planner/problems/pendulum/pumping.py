@@ -66,10 +66,10 @@ class Laws(NamedTuple):
 
     `first`: sign of the first arc; `share` of the torque that is used; `on_place`, `on_momentum`:
     gains on Q and L; `band`: of the energy, in m g l, in which pumping fades; `brake`: share of
-    the disk's limit before which it stands; `lead`: tangent of the phase by
-    which it switches early, late below 0; `hold`:
-    duration of the first arc [1/w0], 0 for what the law says; `weight` [1/w0] of the root of the
-    distance from the goal beside the time, which decides where a motion is cut.
+    the disk's limit before which it stands; `lead`: tangent of the phase by which it switches
+    early, late below 0; `hold`: duration of the first arc [1/w0], 0 for what the law says;
+    `weight` [1/w0] of the root of the distance from the goal beside the time, which decides where
+    a motion is cut.
     """
 
     first: Array
