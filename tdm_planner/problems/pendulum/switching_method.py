@@ -22,6 +22,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED
+from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -54,12 +55,19 @@ _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts ha
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
 # at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
+# A candidate is given further arcs until this share of the deadline, or for this share at least
+# unless the last one has passed; it has at most so many arcs, and each turn such a relative gain.
+_SHORTENED, _SHORTENED_FOR, _SHORTENED_LAST = 0.15, 0.1, 0.3
+_MOST_SHORTENED, _LEAST_GAIN = 64, 1e-3
+# Strong motors are pumped by so many times in all, none begun after this share of the deadline.
+_PUMPED_TURNS, _PUMPED_AGAIN = 4, 0.25
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 # s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
 _OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
+_FEASIBLE = 1e-6  # violation after a polish
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
@@ -110,8 +118,13 @@ class SwitchingMethod(Search[Candidate]):
         """Shoot from initial guesses and minimise the times of the quickest arrivals."""
         if self._previous is not None:
             return self._warm(self._previous)
-        arrivals = self._pumped() if self._pumping else self._arrivals()
-        return self._polished(arrivals)[:_CHECKED]
+        found = self._polished(self._pumped() if self._pumping else self._arrivals())
+        if self._pumping and found and self._task.drive >= _WEAK:
+            for _ in range(1, _PUMPED_TURNS):  # how long these take depends on the draw
+                if self.budget.elapsed > _PUMPED_AGAIN * self.budget.seconds:
+                    break
+                found += self._polished(self._pumped())
+        return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the motion under the finely polished arcs, without those too short to matter."""
@@ -128,7 +141,7 @@ class SwitchingMethod(Search[Candidate]):
             fine, violation = self._corrected(shorter, FINE_STEPS)
         omitted = shorter.durations.size < candidate.durations.size
         for arcs in [shorter, candidate] if omitted else [shorter]:
-            if violation < 1e-6:
+            if violation < _FEASIBLE:
                 break
             if self._short_of_time(arcs):
                 return
@@ -138,7 +151,7 @@ class SwitchingMethod(Search[Candidate]):
             return
         yield self._checked(fine, violation)
         for more in _FINER:
-            if violation > 1e-6 or self._short_of_time(fine):
+            if violation > _FEASIBLE or self._short_of_time(fine):
                 return
             fine, violation = self._corrected(fine, more * FINE_STEPS)
             yield self._checked(fine, violation)
@@ -180,7 +193,7 @@ class SwitchingMethod(Search[Candidate]):
                 fine, violation = self._finely(candidate, task.steps(steps))
             else:
                 fine, violation = self._corrected(candidate, _FINER[0] * steps)
-            if violation > 1e-6:
+            if violation > _FEASIBLE:
                 return
             fine = without_short_arcs(task, fine)
             yield self._checked(fine, violation)
@@ -287,14 +300,47 @@ class SwitchingMethod(Search[Candidate]):
             if until.spent:
                 done.append(candidate)
                 continue
-            steps = 2 * self._steps if self._pumping else self._steps
-            better, violation = polish(
-                self._task, candidate, steps, self._tolerance, until, _CUTOFF * best
-            )
+            better, violation = self._coarsely(candidate, until, _CUTOFF * best)
             done.append(better)
-            if violation < 1e-6:
+            if violation < _FEASIBLE:
                 best = min(best, better.total)
-        return sorted(done, key=lambda c: c.total)
+        done.sort(key=lambda c: c.total)
+        if done and done[0].durations.size <= _MOST_SHORTENED:
+            shorter = self._shortened(done[0])
+            if shorter.total < done[0].total:
+                return [shorter, *done]
+        return done
+
+    @property
+    def _polish_steps(self) -> int:
+        """Steps an arc of a coarse polish."""
+        return 2 * self._steps if self._pumping else self._steps
+
+    def _coarsely(
+        self, candidate: Candidate, until: Budget, cutoff: float = math.inf
+    ) -> tuple[Candidate, float]:
+        """Polish one of several candidates."""
+        steps = self._polish_steps
+        return polish(self._task, candidate, steps, self._tolerance, until, cutoff)
+
+    def _shortened(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with further arcs, as long as they shorten it and there is time."""
+        budget, task = self.budget, self._task
+        begun = budget.elapsed / budget.seconds
+        share = max(_SHORTENED, min(begun + _SHORTENED_FOR, _SHORTENED_LAST)) - begun
+        until = budget.part(share * budget.seconds)
+        best, gained = without_short_arcs(task, replace(candidate, fixed=0)), 1.0
+        while gained > _LEAST_GAIN and not until.spent:
+            further = with_new_arcs(task, best, self._polish_steps, self._arcs)
+            if further is None:
+                break
+            better, violation = self._coarsely(further, until)
+            if violation > _FEASIBLE:
+                better, violation = corrected(task, better, self._polish_steps, until)
+            gained = 1.0 - better.total / best.total if violation < _FEASIBLE else 0.0
+            if gained > 0.0:
+                best = without_short_arcs(task, better)
+        return best
 
     def _remember_closest(self, batch: ArcBatch) -> None:
         index = int(np.argmin(batch.costs))

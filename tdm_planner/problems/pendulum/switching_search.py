@@ -184,7 +184,7 @@ def polish(
     A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
-    program = _program(task, candidate, steps)
+    program = program_of(task, candidate, steps)
     feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
     first = evaluate_arcs(program, candidate.tail[0] * w0)
     budget.evaluations += 1
@@ -218,7 +218,7 @@ def corrected(
     """
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
     candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
-    w0, program = task.plant.natural_frequency, _program(task, candidate, steps)
+    w0, program = task.plant.natural_frequency, program_of(task, candidate, steps)
     xi, violation = candidate.tail[0] * w0, math.inf
     for left in reversed(range(_CORRECTIONS)):
         point = evaluate_arcs(program, xi)
@@ -234,7 +234,7 @@ def corrected(
     return candidate.with_tail(xi / w0), violation
 
 
-def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
+def program_of(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
     start = roll_states(task.plant, task.start, *candidate.head)[-1]
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle

@@ -300,13 +300,14 @@ def test_searches_that_end_without_convergence():
     assert found.iterations <= 6
 
 
-def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violated():
+@pytest.mark.parametrize('sign', [1.0, -1.0])  # an equality presses from either side
+def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violated(sign):
     """The multiplier of x = 3 is 600 here; without steering the search first settles short."""
     steep = Smooth(
         lambda x: 100 * x @ x,
         lambda x: 200 * x,
         lambda x: 200 * np.eye(2),
-        eq=(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])),
+        eq=(lambda x: sign * (x[:1] - 3.0), lambda x: np.array([[sign, 0.0]])),
     )
     options = TIGHT._replace(penalties=(1.0,), largest_penalty=1e4, radius=4.0, corrections=0)
     plain = minimise(steep, np.ones(2), options)

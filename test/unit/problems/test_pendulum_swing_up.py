@@ -28,8 +28,10 @@ from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_motion
 from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
+from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
 from tdm_planner.problems.pendulum.switching_motion import arc_program, ArcProgram, evaluate_arcs
+from tdm_planner.problems.pendulum.switching_search import Candidate, polish, without_short_arcs
 from tdm_planner.problems.pendulum.switching_seeds import starts
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
@@ -338,3 +340,26 @@ def test_when_the_minimiser_gives_up():
     assert not found.converged or found.iterations <= 5
     found = minimise(program(4), np.full(4, 1e6), OPTIONS, Budget(60.0))  # nothing is computed
     assert (found.point.violation, found.iterations) == (np.inf, 0)
+
+
+def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
+    scaled, collocation = [0.61, 1.798, 2.336, 2.498, 2.689, 2.019, 0.681], 8.699
+    task, budget = random_rig(1079).task, Budget(ENOUGH)
+    w0, steps = task.plant.natural_frequency, task.steps(24)
+    torques = task.torque * (-1.0) ** np.arange(len(scaled))
+    first = Candidate(np.array(scaled) / w0, torques, 1)
+    best, violation = polish(task, first, steps, 1e-8, budget)
+    assert violation < 1e-8
+    assert w0 * best.total > 1.4 * collocation
+    for _ in range(12):
+        further = with_new_arcs(task, best, steps, 60)
+        if further is None:
+            break
+        assert further.total == pytest.approx(best.total)
+        ends = [roll_states(task.plant, task.start, *a.tail)[-1] for a in (best, further)]
+        np.testing.assert_allclose(*ends, atol=1e-5)
+        better, violation = polish(task, further, steps, 1e-8, budget)
+        best = without_short_arcs(task, better)
+    assert further is None
+    assert violation < 1e-8
+    assert w0 * best.total == pytest.approx(collocation, rel=5e-3)

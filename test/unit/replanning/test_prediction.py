@@ -91,7 +91,7 @@ def test_robots_are_predicted_where_their_trackers_take_them(flight):
 
 
 def test_only_what_the_feedback_cannot_mend_is_a_failure(swing):
-    little, much = [0.01, 0.01, 0.05, 0.05], [-0.3, 0.0, -8.0, 0.0]
+    little, much = [0.01, 0.01, 0.05, 0.05], [0.0, 0.0, 15.0, 0.0]
     for share, away in ((0.1, little), (0.4, little), (0.7, little), (0.5, much)):
         at = share * swing.solution.duration
         state = states_on(swing, at)[VEHICLE] + away
