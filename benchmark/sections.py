@@ -143,14 +143,5 @@ _SECTIONS = (
         {'cases': 1},
         1200.0,
     ),
-    Section(
-        'library',
-        'Library',
-        'The direct method as a library: speed of problems that are only stated, their length, '
-        'and their optimality.',
-        {'free': (2, 3, 6, 9), 'intervals': (40, 80)},
-        {'free': (2,), 'intervals': (20, 40)},
-        300.0,
-    ),
 )
 SECTIONS: Mapping[str, Section] = MappingProxyType({each.name: each for each in _SECTIONS})
