@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 from tdm_planner.starting import NODES as MODULES
 
-ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
+ENOUGH = 40.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
 QUEUE = 20_000  # messages that may wait where every one counts

@@ -39,7 +39,8 @@ def with_new_arcs(
     """
     Return the candidate with empty arcs where they pay, of at most `most` arcs.
 
-    Where none pays it comes back as it is to be minimised further, or None at a minimum.
+    Where none pays it comes back as it is to be minimised further, or None at a minimum, and where
+    the motion runs away.
     """
     durations, torques = candidate.tail
     tried = np.zeros(2 * _PARTS * durations.size + 1)
@@ -53,7 +54,10 @@ def with_new_arcs(
         torques=np.append(candidate.head[1], either),
     )
     program, w0 = program_of(task, split, -(-steps // _PARTS)), task.plant.natural_frequency
-    slopes = _lagrangian_slopes(evaluate_arcs(program, w0 * tried))
+    point = evaluate_arcs(program, w0 * tried)
+    if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
+        return None
+    slopes = _lagrangian_slopes(point)
     there = tried * w0 > _EMPTY
     pays = np.flatnonzero(~there & (slopes < _PAYS))
     room = max(0, min(_MOST, (most - candidate.durations.size) // 2))

@@ -55,12 +55,11 @@ _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts ha
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
 # at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
-# A candidate is given further arcs until this share of the deadline, or for this share at least
-# unless the last one has passed; it has at most so many arcs, and each turn such a relative gain.
-_SHORTENED, _SHORTENED_FOR, _SHORTENED_LAST = 0.15, 0.1, 0.3
-_MOST_SHORTENED, _LEAST_GAIN = 64, 1e-3
-# Strong motors are pumped by so many times in all, none begun after this share of the deadline.
-_PUMPED_TURNS, _PUMPED_AGAIN = 4, 0.25
+# The quickest candidate, if it has no more arcs than this, is given further ones: in so many turns
+# at most, of such a relative gain at least, until that share of the deadline. Strong motors are
+# pumped by so many times, none begun after that share.
+_MOST_SHORTENED, _TURNS, _LEAST_GAIN, _SHORTENED = 40, 6, 1e-3, 0.3
+_PUMPED_TIMES, _PUMPED_AGAIN = 4, 0.2
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
@@ -120,10 +119,9 @@ class SwitchingMethod(Search[Candidate]):
             return self._warm(self._previous)
         found = self._polished(self._pumped() if self._pumping else self._arrivals())
         if self._pumping and found and self._task.drive >= _WEAK:
-            for _ in range(1, _PUMPED_TURNS):  # how long these take depends on the draw
-                if self.budget.elapsed > _PUMPED_AGAIN * self.budget.seconds:
-                    break
-                found += self._polished(self._pumped())
+            for _ in range(1, _PUMPED_TIMES):  # how long these take depends on the draw
+                if self.budget.elapsed < _PUMPED_AGAIN * self.budget.seconds:
+                    found += self._polished(self._pumped())
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
@@ -326,11 +324,11 @@ class SwitchingMethod(Search[Candidate]):
     def _shortened(self, candidate: Candidate) -> Candidate:
         """Return a candidate with further arcs, as long as they shorten it and there is time."""
         budget, task = self.budget, self._task
-        begun = budget.elapsed / budget.seconds
-        share = max(_SHORTENED, min(begun + _SHORTENED_FOR, _SHORTENED_LAST)) - begun
-        until = budget.part(share * budget.seconds)
-        best, gained = without_short_arcs(task, replace(candidate, fixed=0)), 1.0
-        while gained > _LEAST_GAIN and not until.spent:
+        until = budget.part(_SHORTENED * budget.seconds - budget.elapsed)
+        best = without_short_arcs(task, replace(candidate, fixed=0))
+        for _ in range(_TURNS):
+            if until.spent:
+                break
             further = with_new_arcs(task, best, self._polish_steps, self._arcs)
             if further is None:
                 break
@@ -340,6 +338,8 @@ class SwitchingMethod(Search[Candidate]):
             gained = 1.0 - better.total / best.total if violation < _FEASIBLE else 0.0
             if gained > 0.0:
                 best = without_short_arcs(task, better)
+            if gained < _LEAST_GAIN:
+                break
         return best
 
     def _remember_closest(self, batch: ArcBatch) -> None:

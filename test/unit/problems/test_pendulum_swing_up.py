@@ -363,3 +363,5 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     assert further is None
     assert violation < 1e-8
     assert w0 * best.total == pytest.approx(collocation, rel=5e-3)
+    away = dataclasses.replace(first, durations=1e4 * first.durations)
+    assert with_new_arcs(task, away, steps, 60) is None
