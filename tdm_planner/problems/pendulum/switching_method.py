@@ -105,6 +105,7 @@ class SwitchingMethod(Search[Candidate]):
         self._arcs = arcs
         self._tolerance = tolerance
         self._previous = previous
+        self._replans = previous is not None  # soon matters more than short
         self._steps = task.steps(COARSE_STEPS)
         w0 = task.plant.natural_frequency
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
@@ -118,7 +119,8 @@ class SwitchingMethod(Search[Candidate]):
         if self._previous is not None:
             return self._warm(self._previous)
         found = self._polished(self._pumped() if self._pumping else self._arrivals())
-        if self._pumping and found and self._task.drive >= _WEAK:
+        strong = self._task.drive >= _WEAK and not self._replans
+        if self._pumping and found and strong:
             for _ in range(1, _PUMPED_TIMES):  # how long these take depends on the draw
                 if self.budget.elapsed < _PUMPED_AGAIN * self.budget.seconds:
                     found += self._polished(self._pumped())
@@ -303,7 +305,7 @@ class SwitchingMethod(Search[Candidate]):
             if violation < _FEASIBLE:
                 best = min(best, better.total)
         done.sort(key=lambda c: c.total)
-        if done and done[0].durations.size <= _MOST_SHORTENED:
+        if done and done[0].durations.size <= _MOST_SHORTENED and not self._replans:
             shorter = self._shortened(done[0])
             if shorter.total < done[0].total:
                 return [shorter, *done]
