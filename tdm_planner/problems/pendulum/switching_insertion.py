@@ -37,28 +37,23 @@ def with_new_arcs(
     task: SwingUpTask, candidate: Candidate, steps: int, most: int
 ) -> Candidate | None:
     """
-    Return the candidate with empty arcs where they pay, of at most `most` arcs.
+    Return a candidate, all of whose arcs are varied, with empty arcs where they pay.
 
-    Where none pays it comes back as it is to be minimised further, or None at a minimum, and where
-    the motion runs away.
+    There are at most `most` arcs. Where none pays it comes back as it is to be minimised further,
+    or None at a minimum, and where the motion runs away.
     """
-    durations, torques = candidate.tail
-    tried = np.zeros(2 * _PARTS * durations.size + 1)
-    tried[1::2] = np.repeat(durations / _PARTS, _PARTS)
-    either = np.empty(tried.size)
-    either[1::2] = np.repeat(torques, _PARTS)
-    either[:-1:2], either[-1] = -either[1::2], -torques[-1]
-    split = replace(
-        candidate,
-        durations=np.append(candidate.head[0], tried),
-        torques=np.append(candidate.head[1], either),
-    )
-    program, w0 = program_of(task, split, -(-steps // _PARTS)), task.plant.natural_frequency
-    point = evaluate_arcs(program, w0 * tried)
+    durations = np.zeros(2 * _PARTS * candidate.durations.size + 1)
+    durations[1::2] = np.repeat(candidate.durations / _PARTS, _PARTS)
+    torques = np.empty(durations.size)
+    torques[1::2] = np.repeat(candidate.torques, _PARTS)
+    torques[:-1:2], torques[-1] = -torques[1::2], -candidate.torques[-1]
+    split = replace(candidate, durations=durations, torques=torques)
+    xi = task.plant.natural_frequency * durations
+    point = evaluate_arcs(program_of(task, split, -(-steps // _PARTS)), xi)
     if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
         return None
-    slopes = _lagrangian_slopes(point)
-    there = tried * w0 > _EMPTY
+    there = xi > _EMPTY
+    slopes = _lagrangian_slopes(point, there)
     pays = np.flatnonzero(~there & (slopes < _PAYS))
     room = max(0, min(_MOST, (most - candidate.durations.size) // 2))
     begun = pays[np.argsort(slopes[pays])][:room]
@@ -66,18 +61,14 @@ def with_new_arcs(
         return candidate if np.abs(slopes[there]).max() > _STATIONARY else None
     kept = there.copy()
     kept[begun] = True
-    tried, either = tried[kept], either[kept]
-    firsts = np.flatnonzero(np.append(True, either[1:] != either[:-1]))
-    return replace(
-        candidate,
-        durations=np.append(candidate.head[0], np.add.reduceat(tried, firsts)),
-        torques=np.append(candidate.head[1], either[firsts]),
-    )
+    durations, torques = durations[kept], torques[kept]
+    firsts = np.flatnonzero(np.append(True, torques[1:] != torques[:-1]))
+    joined = np.add.reduceat(durations, firsts)
+    return replace(candidate, durations=joined, torques=torques[firsts])
 
 
-def _lagrangian_slopes(point: ArcPoint) -> Array:
-    """Return dL/dxi (K,), with the multipliers that come nearest to a stationary Lagrangian."""
-    there = point.xi > _EMPTY
+def _lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
+    """Return dL/dxi (K,), by multipliers with which it is nearest to zero for the arcs `there`."""
     active = np.flatnonzero(point.margins < _ACTIVE)
     while True:
         rows = np.concatenate([point.jacobian, -point.slopes[active]])

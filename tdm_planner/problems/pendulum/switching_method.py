@@ -119,11 +119,11 @@ class SwitchingMethod(Search[Candidate]):
         if self._previous is not None:
             return self._warm(self._previous)
         found = self._polished(self._pumped() if self._pumping else self._arrivals())
-        strong = self._task.drive >= _WEAK and not self._replans
-        if self._pumping and found and strong:
+        if found and self._pumping and self._task.drive >= _WEAK and not self._replans:
             for _ in range(1, _PUMPED_TIMES):  # how long these take depends on the draw
-                if self.budget.elapsed < _PUMPED_AGAIN * self.budget.seconds:
-                    found += self._polished(self._pumped())
+                if self.budget.elapsed > _PUMPED_AGAIN * self.budget.seconds:
+                    break
+                found += self._polished(self._pumped())
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
