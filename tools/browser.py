@@ -26,6 +26,7 @@ FLAGS = (
 )
 FLAT, IN_SPACE = ('--disable-gpu',), ('--use-angle=swiftshader', '--enable-unsafe-swiftshader')
 PATIENCE = 30.0  # s
+MISSING = 'no headless Chromium: apt-get install chromium chromium-driver'
 
 
 def chromium() -> str | None:

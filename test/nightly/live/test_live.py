@@ -24,12 +24,11 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
 from tdm_sim.live.geometry import axes_of, view_on
 from tdm_sim.live.scene import drag_handles_of
-from tools.browser import chromium, logged, open_browser, set_window
+from tools.browser import chromium, logged, MISSING, open_browser, set_window
 import yaml
 
 if chromium() is None:
-    missing = 'no headless Chromium: apt-get install chromium chromium-driver'
-    pytest.skip(missing, allow_module_level=True)
+    pytest.skip(MISSING, allow_module_level=True)
 
 FOV = math.radians(75.0)  # of the camera, upright
 LONG = 180.0  # s that anything may take: drawing in space by software is slow

@@ -21,11 +21,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
-from tools.browser import chromium, logged, open_browser, open_report, PATIENCE
+from tools.browser import chromium, logged, MISSING, open_browser, open_report, PATIENCE
 
 if chromium() is None:
-    missing = 'no headless Chromium: apt-get install chromium chromium-driver'
-    pytest.skip(missing, allow_module_level=True)
+    pytest.skip(MISSING, allow_module_level=True)
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 LOCAL = ('file:', 'data:', 'chrome:')  # the last of the browser's own first page
