@@ -182,15 +182,18 @@ def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, clien
     writer = outsider.writer('rt/pendulum/joint_states', STATE)
     stamp, header = dds_type('builtin_interfaces/msg/Time'), dds_type('std_msgs/msg/Header')
 
+    # Nowhere on the plan before, which another make of tracker may follow, as far as one can tell.
+    disk = 1.6
+
     def planned() -> bool:  # the first states may be lost, until the planner knows the writer
         now = header(stamp(*divmod(time.time_ns(), 10**9)), '')
-        names, angles = ['disk', 'pendulum'], [1.0, math.pi]
+        names, angles = ['disk', 'pendulum'], [disk, math.pi]
         writer.write(dds_type(STATE)(now, names, angles, [0.0, 0.0], []))
         return client.call()[0]
 
     wait_until(planned)
     plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
-    assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
+    assert plan.points[0].positions == pytest.approx([math.pi, disk], abs=1e-6)
     ros.start('tracker', namespace='pendulum')
     command = one(outsider.reader('rt/pendulum/joint_command', STATE))
     assert (command.name, command.effort) == (['disk'], [0.0])  # no state is measured any more
