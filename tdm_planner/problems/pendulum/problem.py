@@ -29,6 +29,7 @@ from tdm_planner.problems.pendulum.shooting import compile_shooting
 from tdm_planner.problems.pendulum.smooth import StatedMethod, StatedSwingUp
 from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
 from tdm_planner.problems.pendulum.switching_minimiser import compile_minimiser
+from tdm_planner.problems.pendulum.switching_refinement import prepare_collocation
 from tdm_planner.problems.pendulum.switching_seeds import arcs_of
 from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.problems.problem import Problem
@@ -148,8 +149,11 @@ class PendulumSwingUp(Problem, Validated):
         """Compile the kernels, or load them."""
         for compile_them in (compile_kernels, compile_shooting, compile_pump, compile_minimiser):
             compile_them(self.plant)
-        if self.method != 'switching':
-            StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc').prepare()
+        stated = StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc')
+        if self.method == 'switching':
+            prepare_collocation(stated)
+        else:
+            stated.prepare()
 
     def standing_plan(self) -> Solution | None:
         """Return the plan that does nothing, where the pendulum stands upright already."""

@@ -57,6 +57,24 @@ class StatedSwingUp(DirectProblem):
     time: float = parameter(0.5, 'guess of the time', unit='s')
     one_way: bool = parameter(False, 'whether theta goes one way all along')
 
+    @classmethod
+    def of(cls, task: SwingUpTask, turns: int, one_way: bool = False) -> StatedSwingUp:
+        """Return the swing-up of a task to theta = 2 pi `turns`."""
+        theta, psi, theta_dot, psi_dot = task.start.tolist()
+        return cls(
+            plant=task.plant,
+            theta=theta,
+            psi=psi,
+            theta_dot=theta_dot,
+            psi_dot=psi_dot,
+            start_torque=task.start_torque,
+            goal=2.0 * math.pi * turns,
+            torque=task.torque,
+            disk_angle=task.planned_disk_angle,
+            time=max(_LONGER * task.quickest, _LEAST / task.plant.natural_frequency),
+            one_way=one_way,
+        )
+
     def outputs(self) -> dict[str, Output]:
         """Return the disk's angle; its acceleration at the start is that of `start_torque`."""
         start: list[float] = [self.psi, self.psi_dot]
@@ -130,7 +148,9 @@ class StatedMethod(Search[Solution]):
         for number, turns in enumerate(self._goals()):
             share = _FIRST_SHARE if number == 0 else 1.0
             until = self.budget.part(share * self.budget.remaining)
-            search = self._stated(2.0 * math.pi * turns).search(until, self._rng, self._previous)
+            search = StatedSwingUp.of(self._task, turns, self._one_way).search(
+                until, self._rng, self._previous
+            )
             try:
                 plan = search.run()
             except Infeasible as error:
@@ -192,20 +212,3 @@ class StatedMethod(Search[Solution]):
             ways = ((n, math.copysign(1.0, n - here)) for n in goals if abs(n - here) > 1e-9)
             goals = [n for n, way in ways if way * theta_dot >= 0.0]
         return goals
-
-    def _stated(self, goal: float) -> StatedSwingUp:
-        task, w0 = self._task, self._task.plant.natural_frequency
-        theta, psi, theta_dot, psi_dot = task.start.tolist()
-        return StatedSwingUp(
-            plant=task.plant,
-            theta=theta,
-            psi=psi,
-            theta_dot=theta_dot,
-            psi_dot=psi_dot,
-            start_torque=task.start_torque,
-            goal=goal,
-            torque=task.torque,
-            disk_angle=task.planned_disk_angle,
-            time=max(_LONGER * task.quickest, _LEAST / w0),
-            one_way=self._one_way,
-        )

@@ -23,6 +23,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFai
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED
 from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
+from tdm_planner.problems.pendulum.switching_refinement import collocated
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -56,10 +57,11 @@ _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts ha
 # at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 # The quickest candidate, if it has no more arcs than this, is given further ones: in so many turns
-# at most, of such a relative gain at least, until that share of the deadline. Strong motors are
-# pumped by so many times, none begun after that share.
+# at most, of such a relative gain at least, until that share of the deadline.
 _MOST_SHORTENED, _TURNS, _LEAST_GAIN, _SHORTENED = 40, 6, 1e-3, 0.3
-_PUMPED_TIMES, _PUMPED_AGAIN = 4, 0.2
+# Fewest arcs of a swing-up by a strong motor that collocation starts from; shares of the deadline
+# after which it does not begin, and ends.
+_FEWEST_COLLOCATED, _COLLOCATED = 12, (0.3, 0.5)
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
@@ -119,11 +121,6 @@ class SwitchingMethod(Search[Candidate]):
         if self._previous is not None:
             return self._warm(self._previous)
         found = self._polished(self._pumped() if self._pumping else self._arrivals())
-        if found and self._pumping and self._task.drive >= _WEAK and not self._replans:
-            for _ in range(1, _PUMPED_TIMES):  # how long these take depends on the draw
-                if self.budget.elapsed > _PUMPED_AGAIN * self.budget.seconds:
-                    break
-                found += self._polished(self._pumped())
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
@@ -305,11 +302,14 @@ class SwitchingMethod(Search[Candidate]):
             if violation < _FEASIBLE:
                 best = min(best, better.total)
         done.sort(key=lambda c: c.total)
-        if done and done[0].durations.size <= _MOST_SHORTENED and not self._replans:
-            shorter = self._shortened(done[0])
-            if shorter.total < done[0].total:
-                return [shorter, *done]
-        return done
+        if not done or self._replans:
+            return done
+        shorter = done[0]
+        if self._task.drive >= _WEAK and shorter.durations.size >= _FEWEST_COLLOCATED:
+            shorter = self._collocated(shorter)
+        if shorter.durations.size <= _MOST_SHORTENED:
+            shorter = self._shortened(shorter)
+        return [shorter, *done] if shorter.total < done[0].total else done
 
     @property
     def _polish_steps(self) -> int:
@@ -343,6 +343,17 @@ class SwitchingMethod(Search[Candidate]):
             if gained < _LEAST_GAIN:
                 break
         return best
+
+    def _collocated(self, candidate: Candidate) -> Candidate:
+        """Return the first quicker arcs that collocation leads to from a candidate, or that."""
+        budget = self.budget
+        if budget.elapsed < _COLLOCATED[0] * budget.seconds:
+            until = budget.part(_COLLOCATED[1] * budget.seconds - budget.elapsed)
+            for other in collocated(self._task, candidate, until):
+                better, violation = self._coarsely(other, until, candidate.total)
+                if violation < _FEASIBLE and better.total < candidate.total:
+                    return better
+        return candidate
 
     def _remember_closest(self, batch: ArcBatch) -> None:
         index = int(np.argmin(batch.costs))

@@ -31,7 +31,13 @@ from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
 from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
 from tdm_planner.problems.pendulum.switching_motion import arc_program, ArcProgram, evaluate_arcs
-from tdm_planner.problems.pendulum.switching_search import Candidate, polish, without_short_arcs
+from tdm_planner.problems.pendulum.switching_refinement import collocated
+from tdm_planner.problems.pendulum.switching_search import (
+    Candidate,
+    polish,
+    trajectory,
+    without_short_arcs,
+)
 from tdm_planner.problems.pendulum.switching_seeds import starts
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
@@ -365,3 +371,25 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     assert w0 * best.total == pytest.approx(collocation, rel=5e-3)
     away = dataclasses.replace(first, durations=1e4 * first.durations)
     assert with_new_arcs(task, away, steps, 60) is None
+
+
+def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
+    """A light disk and a strong motor: the law that pumps takes half as long again."""
+    scaled = [
+        0.444, 0.466, 0.038, 0.161, 0.265, 0.14, 0.245, 0.203, 0.259, 0.242, 0.208,
+        0.223, 0.165, 0.166, 0.127, 1.018, 0.454, 0.402, 1.129, 0.314,
+    ]  # fmt: skip
+    task, budget = random_rig(2056).task, Budget(ENOUGH)
+    durations = np.array(scaled) / task.plant.natural_frequency
+    pumped = Candidate(durations, task.torque * (-1.0) ** np.arange(len(scaled)), 0)
+    read = list(collocated(task, pumped, budget))
+    assert np.abs([arc for other in read for arc in other.torques]).max() <= task.torque
+    assert read[0].total == pytest.approx(read[1].total)  # the same motion, finely and coarsely
+    assert read[0].durations.size > read[1].durations.size
+    means = [float(other.durations @ other.torques / task.torque) for other in read]
+    assert means[0] == pytest.approx(means[1], abs=0.05 * read[0].total)
+    best, violation = polish(task, read[0], task.steps(96), 1e-8, budget)
+    assert violation < 1e-8
+    assert task.plan(trajectory(task, best), best.durations, violation).verification.ok
+    assert best.total < 0.7 * pumped.total
+    assert list(collocated(task, pumped, Budget(0.0))) == []
