@@ -22,21 +22,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled, inlined
-from tdm_planner.plants.pendulum_kernels import quick_accelerations, quick_time, sine_and_cosine
-from tdm_planner.plants.pendulum_lanes import HELD, LANES, STEP, step_lanes
+from tdm_planner.plants.pendulum_kernels import (
+    HELD,
+    LANES,
+    PSI,
+    PSI_DOT,
+    quick_accelerations,
+    quick_time,
+    sine_and_cosine,
+    STEP,
+    step_lanes,
+    THETA_DOT,
+)
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-_STEP = 0.15  # of `quick_time`
+_SHARE = 0.15  # of `quick_time`
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 NEAR = 1.5  # sum of squares from which it may be landed
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
-_PSI, _THETA_DOT, _PSI_DOT = LANES, 2 * LANES, 3 * LANES
 # What a lane knows behind state, torque and step: what the law says, then what it is made of.
 (
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
@@ -84,12 +93,6 @@ class Laws(NamedTuple):
 
 
 @compiled
-def slowness(k: Coefficients) -> float:
-    """Frequency of small swings with the disk held, over that with the disk free: at most 1."""
-    return math.sqrt(1.0 - k.arm * k.arm / (k.pendulum * (k.disk + k.disk_cosine)))
-
-
-@compiled
 def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     """
     Fill in the torque by the law, whether the disk's limit asks for it, and the step.
@@ -101,7 +104,7 @@ def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     bend = math.sqrt(max((k.disk_sine - k.disk_cosine) / j0, 1e-9))
     weakest = 0.15 * p.torque * free
     for i in range(LANES):
-        theta, psi, w, v = x[i], x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        theta, psi, w, v = x[i], x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
         sine, cosine = sine_and_cosine(theta)
         b = k.arm * cosine
         j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
@@ -128,7 +131,7 @@ def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
         braking = (beyond if beyond < 0.0 else 1.0) if psi * v > 0.0 else -1.0
         x[_BRAKING + i] = braking
         x[_WANTED + i] = stop if braking > 0.0 else wanted
-        step = _STEP * quick_time(k, theta, w, v)
+        step = _SHARE * quick_time(k, theta, w, v)
         x[STEP + i] = step if step < x[_LARGEST + i] else x[_LARGEST + i]
 
 
@@ -147,7 +150,7 @@ def _arctangent(x: float) -> float:
 def _measure(p: Pumping, inside: float, x: Array) -> None:
     """Sum of squares of the distance from the goal; infinite where a motion is to end."""
     for i in range(LANES):
-        psi, w, v = x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        psi, w, v = x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
         turn = np.floor(x[i] / (2.0 * math.pi) + 0.5)
         turn = p.turn if p.turn == p.turn else turn
         miss = x[i] - 2.0 * math.pi * turn
@@ -176,7 +179,8 @@ def pump(
     """
     p, w0, most = pumping, pumping.w0, durations.shape[1]
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
-    slow, range_ = slowness(k), min(p.psi_max, 3.0)
+    # Of small swings with the disk held, over that with the disk free: at most 1.
+    slow = math.sqrt(1.0 - k.arm * k.arm / (k.pendulum * (k.disk + k.disk_cosine)))
     inside = max(_INSIDE * p.psi_max, 1.01 * abs(start[1]))
     x, lanes = np.zeros(_ROWS), np.full(LANES, -1, np.intp)
     stage, arc, taken = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp), 0
@@ -196,7 +200,7 @@ def pump(
                 x[_ON_PLACE + i], x[_ON_MOMENTUM + i] = laws.on_place[n], laws.on_momentum[n]
                 x[_BAND + i], x[_BRAKE + i] = laws.band[n], laws.brake[n]
                 x[_LEAD + i] = laws.lead[n]
-                x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(range_ / (level * free))
+                x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(min(p.psi_max, 3.0) / (level * free))
                 stage[i], arc[i], steps[i] = (_LAW if laws.hold[n] == 0.0 else 0), 0, 0
                 away[i] = n % 8 == 0  # the others may not stay near the top where they begin there
                 age[i] = total[i] = since[i] = last[i] = 0.0

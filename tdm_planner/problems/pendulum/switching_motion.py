@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import derivative, roll_arcs
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
+from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, roll_lanes
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -78,11 +77,8 @@ def arc_program(
 def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     """Integrate the motion, with derivatives; infinitely bad where it runs away."""
     arcs, w0, steps = xi.size, program.w0, program.steps
-    nodes = arcs * steps + 1
     durations = xi / w0
-    states, within = np.empty((nodes, 4)), np.empty((nodes, 4, 4))
-    begins = np.empty((arcs + 1, 4, arcs))
-    roll_arcs(program.k, program.start, durations, program.torques, steps, states, within, begins)
+    states, within, begins = roll_arcs(program.k, program.start, durations, program.torques, steps)
     residual, jacobian = states[-1].copy(), begins[-1] / w0
     residual[0] -= program.goal
     residual[2:] /= w0

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_lanes import roll_ends
+from tdm_planner.plants.pendulum_kernels import roll_ends, roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
 from tdm_planner.problems.pendulum.switching_motion import arc_program, ArcProgram, evaluate_arcs
@@ -155,10 +154,9 @@ def along_fixed(
     durations, torques = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
     for row, each in enumerate(candidates):
         durations[row, : each.fixed], torques[row, : each.fixed] = each.head
-    plant, ends, peaks = task.plant, np.empty((arcs.size, 4)), np.empty(arcs.size)
-    share = plant.quickness / steps
-    roll_ends(plant.coefficients, task.start, durations, torques, arcs, share, limit, ends, peaks)
-    return ends, peaks
+    k, share = task.plant.coefficients, task.plant.quickness / steps
+    found: tuple[Array, Array] = roll_ends(k, task.start, durations, torques, arcs, share, limit)
+    return found
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:

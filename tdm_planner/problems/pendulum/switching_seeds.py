@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_lanes import LANES
+from tdm_planner.plants.pendulum_kernels import LANES
 from tdm_planner.problems.pendulum.pumping import Laws, NEAR, pump, Pumping
 from tdm_planner.problems.pendulum.shooting import ArcBatch
 from tdm_planner.problems.pendulum.switching_search import (
