@@ -29,7 +29,7 @@ from tdm_planner.problems.pendulum.shooting import compile_shooting
 from tdm_planner.problems.pendulum.smooth import StatedMethod, StatedSwingUp
 from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
 from tdm_planner.problems.pendulum.switching_minimiser import compile_minimiser
-from tdm_planner.problems.pendulum.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import SolverParameters

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
 import math
 import os
 from typing import NamedTuple
@@ -52,8 +51,7 @@ class Effort(NamedTuple):
 THOROUGH = Effort()
 
 
-@dataclass(frozen=True)
-class ArcBatch:
+class ArcBatch(NamedTuple):
     """
     Many sequences of arcs.
 
@@ -70,7 +68,7 @@ class ArcBatch:
 
     def rows(self, chosen: slice | Integers) -> ArcBatch:
         """Return some of the sequences: of a slice views, of indices copies."""
-        return ArcBatch(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return ArcBatch(*(each[chosen] for each in self))
 
 
 @compiled
@@ -214,26 +212,21 @@ def _propose(
 def shoot_arcs(
     k: Coefficients,
     starts: Array,
-    durations: Array,
-    arcs: Integers,
-    torques: Array,
-    turns: Array,
+    batch: ArcBatch,
     psi_max: float,
     w0: float,
     steps: int,
     effort: Effort,
-    costs: Array,
 ) -> int:
     """
-    Vary the durations of many starts until each ends upright at rest within +-psi_max.
+    Vary the durations of many motions from `starts` (B, 4) until each ends upright at rest.
 
-    Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
-    from `starts` (B, 4) under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns,
-    NaN for the nearest one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi,
-    theta'/w0, psi'/w0, excess of |psi| in every arc). Returns the number of integrations. What
-    becomes of a start does not depend on the others.
+    The batch changes in place. Its `costs` are the sums of squares of (theta - 2 pi n, psi,
+    theta'/w0, psi'/w0, excess of |psi| over psi_max in every arc). Returns the number of
+    integrations. What becomes of a start does not depend on the others.
     """
-    batch, most = durations.shape
+    durations, arcs, torques, turns, costs = batch
+    most = durations.shape[1]
     state, derivatives = np.empty(STATE), np.empty((most, STATE))
     peaks, peak_slopes = np.empty((most, LANES)), np.empty((most, most, LANES))
     trials, held, begins = np.zeros((most, LANES)), np.zeros((most, LANES)), np.zeros(STATE)
@@ -249,7 +242,7 @@ def shoot_arcs(
     while True:
         busy, rolled = 0, 0
         for lane in range(LANES):
-            if in_lane[lane] < 0 and taken < batch:
+            if in_lane[lane] < 0 and taken < arcs.size:
                 b = queue[taken]
                 taken += 1
                 in_lane[lane], costs[b] = b, np.inf
@@ -334,20 +327,10 @@ def shoot(
             if stop():
                 break
             rows = slice(first, first + size)
-            part = batch.rows(rows)
             rollouts += shoot_arcs(
-                plant.coefficients,
-                starts[rows],
-                part.durations,
-                part.arcs,
-                part.torques,
-                part.turns,
-                psi_max,
-                plant.natural_frequency,
-                steps,
-                effort,
-                part.costs,
-            )
+                plant.coefficients, starts[rows], batch.rows(rows), psi_max,
+                plant.natural_frequency, steps, effort,
+            )  # fmt: skip
         return rollouts
 
     if workers == 1:
@@ -365,7 +348,4 @@ def compile_shooting(plant: RotaryPendulum) -> None:
 
 
 def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))

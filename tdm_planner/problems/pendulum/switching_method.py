@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.problems.pendulum.pumping import pumped
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED
-from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -30,17 +30,14 @@ from tdm_planner.problems.pendulum.switching_search import (
     distinct,
     FINE_STEPS,
     land,
+    landed_finely,
     polish,
     shot,
-    trajectory,
-    without_short_arcs,
-)
-from tdm_planner.problems.pendulum.switching_seeds import (
-    Arcs,
-    landed_finely,
-    pumped,
     starts,
+    trajectory,
     warm_starts,
+    with_new_arcs,
+    without_short_arcs,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.search import Search
@@ -97,7 +94,7 @@ class SwitchingMethod(Search[Candidate]):
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
-        previous: Arcs | None = None,
+        previous: Candidate | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
@@ -156,7 +153,7 @@ class SwitchingMethod(Search[Candidate]):
             fine, violation = self._corrected(fine, more * FINE_STEPS)
             yield self._checked(fine, violation)
 
-    def _warm(self, previous: Arcs) -> Iterator[Candidate]:
+    def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
         guesses = [
             guess

@@ -26,7 +26,6 @@ from tdm_planner.direct_method.trust_region import (
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.pendulum.switching_motion import (
-    arc_program,
     ArcPoint,
     ArcProgram,
     curvature,
@@ -86,7 +85,7 @@ def minimise(
 
 def compile_minimiser(plant: RotaryPendulum) -> None:
     """Compile the minimiser or load it from the disk."""
-    program = arc_program(plant, np.zeros(4), np.zeros(4), 0, 1.0, 2)
+    program = ArcProgram(plant.coefficients, np.zeros(4), np.zeros(4), 0.0, 1.0, 1.0, 2)
     options = TrustRegionOptions(penalties=(1.0, 1.0), feasibility=(1e-8, 1e-8))
     advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), options, 0)
 

@@ -13,14 +13,13 @@ states follow by integration and the terminal conditions become equalities,
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, roll_lanes
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
 
@@ -63,14 +62,6 @@ class ArcPoint(NamedTuple):
     jacobian: Array
     margins: Array
     slopes: Array
-
-
-def arc_program(
-    plant: RotaryPendulum, start: Array, torques: Array, turns: int, disk_angle: float, steps: int
-) -> ArcProgram:
-    """Return the program that ends at theta = 2 pi `turns`, see `ArcProgram`."""
-    goal, w0 = 2.0 * math.pi * turns, plant.natural_frequency
-    return ArcProgram(plant.coefficients, start, torques, goal, disk_angle, w0, steps)
 
 
 @compiled
