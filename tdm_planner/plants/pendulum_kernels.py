@@ -306,47 +306,38 @@ def roll_ends(
 
 
 @compiled
-def _step_of_eighth_order(
-    k: Coefficients, x: Array, torque: float, h: float, rates: Array
-) -> None:
-    """Advance `x` (4,) by one step of Dormand and Prince's method; `rates` (12, 4) is scratch."""
-    for s in range(12):
-        theta, w, v = x[0], x[2], x[3]
-        for j in range(s):
-            a = h * _STAGES[s, j]
-            theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
-        rates[s, 0], rates[s, 1] = w, v
-        rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torque)
-    for s in range(12):
-        for m in range(4):
-            x[m] += h * _WEIGHTS[s] * rates[s, m]
-
-
-@compiled
-def _roll_states(
-    k: Coefficients, start: Array, intervals: Array, torques: Array, states: Array
-) -> None:
-    x, rates = start.copy(), np.empty((12, 4))
+def _roll_states(k: Coefficients, start: Array, intervals: Array, torques: Array) -> Array:
+    states, rates, x = np.empty((intervals.size + 1, 4)), np.empty((12, 4)), start.copy()
     states[0] = start
     for n in range(intervals.size):
         left = intervals[n]
         for _ in range(_MOST_SUBSTEPS):
             h = min(left, _LONG_STEP * quick_time(k, x[0], x[2], x[3]))
-            _step_of_eighth_order(k, x, torques[n], h, rates)
+            for s in range(12):
+                theta, w, v = x[0], x[2], x[3]
+                for j in range(s):
+                    a = h * _STAGES[s, j]
+                    theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
+                rates[s, 0], rates[s, 1] = w, v
+                rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torques[n])
+            for s in range(12):
+                for m in range(4):
+                    x[m] += h * _WEIGHTS[s] * rates[s, m]
             left -= h
             if not left > 0.0:
                 break
         states[n + 1] = x
+    return states
 
 
 def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: Array) -> Array:
     """
     Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4).
 
-    To some ten digits: by a method of order 8, in steps that follow the motion's time scale.
+    To some ten digits: by Dormand and Prince's method of order 8, in steps that follow the
+    motion's time scale.
     """
-    states = np.empty((intervals.size + 1, 4))
-    _roll_states(plant.coefficients, start, intervals, torques, states)
+    states: Array = _roll_states(plant.coefficients, start, intervals, torques)
     return states
 
 

@@ -121,12 +121,10 @@ def _peak(
     height = sign * states[left, 1] + 0.5 * h * rising**2 / bend
     by_rising = 0.5 * h * (2.0 * rising * bend - rising**2) / bend**2
     by_falling = 0.5 * h * rising**2 / bend**2
+    own = arc if left > first else arc - 1  # of whose nodes the left one is
     for p in range(arc + 1):
-        if left > first:
-            slope[p] = derivative(within, begins, left, arc, 1, p)
-            slope[p] += by_rising * derivative(within, begins, left, arc, 3, p)
-        else:  # the node belongs to the arc before
-            slope[p] = begins[arc, 1, p] + by_rising * begins[arc, 3, p]
+        slope[p] = derivative(within, begins, left, own, 1, p)
+        slope[p] += by_rising * derivative(within, begins, left, own, 3, p)
         slope[p] += by_falling * derivative(within, begins, right, arc, 3, p)
         slope[p] *= -sign / w0
     slope[arc] -= 0.5 * rising**2 / bend / (steps * w0)
