@@ -358,9 +358,12 @@ class FeedbackTable(NamedTuple):
 
 def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> Array:
     """States (n + 1, 4) at the ends of the table's intervals, from `start` (4,)."""
-    arrays = map(np.ascontiguousarray, (np.asarray(start, dtype=float), *table[:3]))
+    start = np.ascontiguousarray(start, dtype=float)
+    references, torques, gains = map(np.ascontiguousarray, table[:3])
     with np.errstate(all='ignore'):
-        states: Array = _roll_feedback(plant.coefficients, *arrays, *table[3:])
+        states: Array = _roll_feedback(
+            plant.coefficients, start, references, torques, gains, table.step, table.limit
+        )
     return states
 
 
@@ -420,11 +423,3 @@ def least_peak(
                 if best <= limit:
                     return float(best)
     return float(best)
-
-
-def compile_kernels(plant: RotaryPendulum) -> None:
-    """Compile the kernels or load them from the disk."""
-    table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
-    roll_feedback(plant, np.zeros(4), table)
-    roll_states(plant, np.zeros(4), np.full(1, 1e-3), np.zeros(1))
-    least_peak(plant.coefficients, np.zeros(4), 1.0, 0.0, 1.0, 1.0)

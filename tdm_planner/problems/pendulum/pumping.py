@@ -37,7 +37,7 @@ from tdm_planner.plants.pendulum_kernels import (
     step_lanes,
     THETA_DOT,
 )
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -401,11 +401,3 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
 def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
     """Return what takes so much, times drive; as if the drive were at least 1e-6."""
     return max(work / max(task.swing_drive, 1e-6), least)
-
-
-def compile_pump(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk."""
-    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0)
-    laws = Laws(*np.ones((9, 1)))
-    rows = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.intp), np.zeros(1)
-    pump(plant.coefficients, np.zeros(4), pumping, laws, *rows)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 import math
 import os
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,8 @@ class ArcBatch(NamedTuple):
 
     def rows(self, chosen: slice | Integers) -> ArcBatch:
         """Return some of the sequences: of a slice views, of indices copies."""
-        return ArcBatch(*(each[chosen] for each in self))
+        rows: list[Any] = [each[chosen] for each in self]
+        return ArcBatch(*rows)
 
 
 @compiled
@@ -337,14 +338,6 @@ def shoot(
         return work(0)
     with ThreadPoolExecutor(workers) as pool:
         return sum(pool.map(work, range(workers)))
-
-
-def compile_shooting(plant: RotaryPendulum) -> None:
-    """Compile the kernels or load them from the disk."""
-    start = np.array([0.1, 0.0, 0.0, 0.0])
-    durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
-    batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
-    shoot(plant, start, batch, 1.0, 2, lambda: False)
 
 
 def _cores() -> int:

@@ -24,7 +24,6 @@ from tdm_planner.direct_method.trust_region import (
     TrustRegionOptions,
 )
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.pendulum.switching_motion import (
     ArcPoint,
     ArcProgram,
@@ -81,13 +80,6 @@ def minimise(
     budget.evaluations += int(state[_EVALUATIONS])
     point = Point(at, cost, np.array([ends, limit]))
     return Minimum(point, int(state[_STEPS]), bool(state[_OUTCOME] == _CONVERGED), None)
-
-
-def compile_minimiser(plant: RotaryPendulum) -> None:
-    """Compile the minimiser or load it from the disk."""
-    program = ArcProgram(plant.coefficients, np.zeros(4), np.zeros(4), 0.0, 1.0, 1.0, 2)
-    options = TrustRegionOptions(penalties=(1.0, 1.0), feasibility=(1e-8, 1e-8))
-    advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), options, 0)
 
 
 @compiled
@@ -286,13 +278,13 @@ def solve_compiled(
     x -= inverse.T @ (inverse @ gradient)
     active, chosen = np.zeros(m + 2 * n, np.bool_), np.zeros(n + 1, np.intp)
     # Gradients of the active constraints, times L^-1, H = L L'; they are triangle' basis.
-    normals, basis, triangle = np.empty((n, n)), np.empty((n + 1, n)), np.empty((n + 1, n + 1))
+    normals, basis, triangle = np.empty((n + 1, n)), np.empty((n + 1, n)), np.empty((n + 1, n + 1))
     u, away = np.zeros(n + 1), np.zeros(n)
     count, adding, violation = 0, -1, 0.0
     for _ in range(20 * (m + 2 * n) + 20):
         if adding < 0:
             slacks = np.concatenate((rows @ x - least, x - lower, upper - x))
-            adding = np.argmin(np.where(active, 0.0, slacks / sizes))
+            adding = int(np.argmin(np.where(active, 0.0, slacks / sizes)))
             violation = slacks[adding]
             if not violation < -_TOLERANCE * sizes[adding]:
                 multipliers[chosen[:count]] = u[:count]
@@ -347,13 +339,13 @@ def _split(normal: Array, basis: Array, triangle: Array, count: int) -> float:
 
     The rest, normalised, becomes the next row; returns its squared length.
     """
-    rest, free = normal.copy(), 0.0
+    rest = normal.copy()
     triangle[:count, count] = 0.0
     for _ in range(2):  # the second time for what rounding left
         shares = basis[:count] @ rest
         triangle[:count, count] += shares
         rest -= shares @ basis[:count]
-    free = rest @ rest
+    free = float(rest @ rest)
     triangle[count, count] = math.sqrt(free)
     basis[count] = rest / triangle[count, count]
-    return float(free)
+    return free
