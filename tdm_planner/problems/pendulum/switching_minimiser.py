@@ -273,7 +273,7 @@ def solve_compiled(
     x, multipliers = np.zeros(n), np.zeros(m + 2 * n)
     try:
         inverse = np.linalg.inv(np.linalg.cholesky(hessian))
-    except Exception:  # numba knows no other; H is not positive definite
+    except Exception:  # noqa: B902 - numba knows no other: H is not positive definite
         return False, x, multipliers[:m]
     x -= inverse.T @ (inverse @ gradient)
     active, chosen = np.zeros(m + 2 * n, np.bool_), np.zeros(n + 1, np.intp)
@@ -326,9 +326,9 @@ def solve_compiled(
             active[chosen[leaving]] = False
             count -= 1
             for j in range(leaving, count):
-                chosen[j], normals[j] = chosen[j + 1], normals[j + 1]
+                chosen[j], u[j], normals[j] = chosen[j + 1], u[j + 1], normals[j + 1]
                 _split(normals[j], basis, triangle, j)
-            u[leaving : count + 1] = u[leaving + 1 : count + 2].copy()
+            u[count] = u[count + 1]
     return False, x, multipliers[:m]
 
 
