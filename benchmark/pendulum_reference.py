@@ -29,10 +29,10 @@ from tdm_planner.problems.pendulum.switching_search import (
     FINE_STEPS,
     polish,
     shot,
+    starts,
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.pendulum.switching_seeds import starts
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import accelerations
+from tdm_planner.plants import rotary_pendulum as stated
+from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 # Real, or complex where derivatives are taken by complex step.
 Values = NDArray[Any]
+
+inlined(stated.mechanics)
+accelerations = inlined(stated.accelerations)
 
 
 @compiled

@@ -5,16 +5,17 @@
 Compiled motion of the rotary pendulum: under arcs of torque, under a feedback law.
 
 States are (theta, psi, theta', psi'). Arcs of constant torque are integrated by the classical
-method of fourth order, with their derivatives. The feedback law is tabulated: in every interval
-T_k - K_k (x - r_k), saturated, is held, as a tracker does with a plan, to look ahead to its end.
+method of fourth order, with their derivatives: of one motion, or of many side by side for the
+vector units of the processor. For these the quantities of all `LANES` motions stand in one flat
+array, `row * LANES + lane`, and `LANES` is a constant: so the compiler sees that rows do not
+overlap and turns every loop over lanes into vector instructions. What a lane computes does not
+depend on the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +26,17 @@ from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
+LANES = 16  # with 8 the compiler unrolls the loops instead
+STATE = 4 * LANES
+PSI, THETA_DOT, PSI_DOT = LANES, 2 * LANES, 3 * LANES
+HELD, STEP = 4 * LANES, 5 * LANES  # behind the state: torque, duration of a step
 _STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.B)
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
-
-inlined(stated.mechanics)
-accelerations = inlined(stated.accelerations)
 
 
 @compiled
@@ -72,94 +75,58 @@ def _cosine(angle: float) -> float:
     return sine_and_cosine(angle)[1]
 
 
-def _written(*by: str) -> Callable[..., Any]:
-    return inlined(with_slopes(stated.accelerations, by, _sine, _cosine, k=Coefficients))
+def _written(function: Any, *by: str) -> Any:
+    return inlined(with_slopes(function, by, _sine, _cosine, k=Coefficients))
 
 
-quick_accelerations = _written()
-accelerations_with_slopes = _written('theta', 'theta_dot', 'psi_dot')
-
-
-@inlined
-def runge_kutta(
-    k: Coefficients, theta: float, psi: float, w: float, v: float, torque: float, h: float
-) -> tuple[float, float, float, float]:
-    """Return theta, psi, theta', psi' after one classical step of `h` s under a held torque."""
-    a1, c1 = quick_accelerations(k, theta, w, v, torque)
-    w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
-    a2, c2 = quick_accelerations(k, theta + 0.5 * h * w, w2, v2, torque)
-    w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
-    a3, c3 = quick_accelerations(k, theta + 0.5 * h * w2, w3, v3, torque)
-    w4, v4 = w + h * a3, v + h * c3
-    a4, c4 = quick_accelerations(k, theta + h * w3, w4, v4, torque)
-    return (
-        theta + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
-        psi + h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
-        w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
-        v + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4),
-    )
+quick_accelerations = _written(stated.accelerations)
+runge_kutta = _written(stated.runge_kutta)
+_step_with_slopes = _written(stated.runge_kutta, 'theta', 'theta_dot', 'psi_dot', 'h')
 
 
 @compiled
 def roll_arcs(
-    k: Coefficients,
-    start: Array,
-    durations: Array,
-    torques: Array,
-    steps: int,
-    states: Array,
-    within: Array,
-    begins: Array,
-) -> None:
+    k: Coefficients, start: Array, durations: Array, torques: Array, steps: int
+) -> tuple[Array, Array, Array]:
     """
     Integrate K arcs by RK4, `steps` steps each; the exact derivatives of the discrete states.
 
-    Filled are `states` (n, 4), n = K steps + 1; `within` (n, 4, 4), their derivatives by theta,
+    Returns the states (n, 4), n = K steps + 1; `within` (n, 4, 4), their derivatives by theta,
     theta', psi' at the beginning of the arc that ends there or goes on, and by its duration; and
     `begins` (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
     """
-    rates, slopes, x, stretch = np.empty((4, 4)), np.empty((4, 6)), np.empty(16), np.zeros(4)
-    states[0], begins[0], within[0] = start, 0.0, 0.0
-    stretch[3] = 1.0 / steps
-    node = 0
-    for arc in range(durations.size):
-        h, torque = durations[arc] / steps, torques[arc]
-        x[:] = 0.0
-        x[0] = x[9] = x[14] = 1.0
+    arcs, node = durations.size, 0
+    states, within = np.empty((arcs * steps + 1, 4)), np.zeros((arcs * steps + 1, 4, 4))
+    begins = np.zeros((arcs + 1, 4, arcs))
+    states[0] = start
+    for arc in range(arcs):
+        h, x = durations[arc] / steps, np.zeros((4, 4))
+        x[0, 0] = x[2, 1] = x[3, 2] = 1.0
         for _ in range(steps):
-            theta, w, v = states[node, 0], states[node, 2], states[node, 3]
-            _rates(k, theta, w, v, torque, rates[0], slopes[0])
-            for s in range(1, 4):
-                r, reach = rates[s - 1], h if s == 3 else 0.5 * h
-                angle, u = theta + reach * r[0], w + reach * r[2]
-                _rates(k, angle, u, v + reach * r[3], torque, rates[s], slopes[s])
-            for m in range(4):
-                rate = rates[0, m] + 2.0 * (rates[1, m] + rates[2, m]) + rates[3, m]
-                states[node + 1, m] = states[node, m] + h / 6.0 * rate
+            theta, psi, w, v = states[node]
+            (
+                theta, change, w, v,
+                a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, d3, a4, b4, c4, d4,
+            ) = _step_with_slopes(k, theta, w, v, torques[arc], h)  # fmt: skip
+            for c in range(4):
+                by_theta, by_w, by_v = x[0, c], x[2, c], x[3, c]
+                longer = 1.0 / steps if c == 3 else 0.0  # by the duration the step itself grows
+                x[0, c] = a1 * by_theta + a2 * by_w + a3 * by_v + a4 * longer
+                x[1, c] += b1 * by_theta + b2 * by_w + b3 * by_v + b4 * longer
+                x[2, c] = c1 * by_theta + c2 * by_w + c3 * by_v + c4 * longer
+                x[3, c] = d1 * by_theta + d2 * by_w + d3 * by_v + d4 * longer
             node += 1
-            _roll_columns(x, h, stretch, rates.ravel(), slopes.ravel())
-            for m in range(4):
-                for c in range(4):
-                    within[node, m, c] = x[4 * m + c]
-        now, then, later = begins[arc], begins[arc + 1], arc + 1
+            states[node, 0], states[node, 1], states[node, 2] = theta, psi + change, w
+            states[node, 3], within[node] = v, x
+        now, then = begins[arc], begins[arc + 1]
         for m in range(4):
-            a, b, c = x[4 * m], x[4 * m + 1], x[4 * m + 2]
+            a, b, c = x[m, 0], x[m, 1], x[m, 2]
             for p in range(arc):
                 then[m, p] = a * now[0, p] + b * now[2, p] + c * now[3, p]
-            then[m, arc], then[m, later:] = x[4 * m + 3], 0.0
+            then[m, arc] = x[m, 3]
         for p in range(arc):
             then[1, p] += now[1, p]
-
-
-@inlined
-def _rates(
-    k: Coefficients, theta: float, w: float, v: float, torque: float, rates: Array, slopes: Array
-) -> None:
-    """Fill the rates of the states, and the slopes of the accelerations."""
-    rates[0], rates[1] = w, v
-    rates[2], rates[3], slopes[0], slopes[1], slopes[2], slopes[3], slopes[4], slopes[5] = (
-        accelerations_with_slopes(k, theta, w, v, torque)
-    )
+    return states, within, begins
 
 
 @compiled
@@ -173,43 +140,98 @@ def derivative(within: Array, begins: Array, node: int, arc: int, m: int, p: int
 
 
 @compiled
-def _roll_columns(x: Array, h: float, stretch: Array, r: Array, g: Array) -> None:
-    """
-    One RK4 step of four derivatives of the states, the columns of `x` (16,).
+def _step_lanes(k: Coefficients, x: Array, h: Array, torques: Array, columns: Array) -> None:
+    """One RK4 step of all lanes, and of three derivatives of their states, the `columns`."""
+    for i in range(LANES):
+        theta, w, v = x[i], x[THETA_DOT + i], x[PSI_DOT + i]
+        (
+            theta, change, w, v,
+            a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, d3, _, _, _, _,
+        ) = _step_with_slopes(k, theta, w, v, torques[i], h[i])  # fmt: skip
+        x[i], x[THETA_DOT + i], x[PSI_DOT + i] = theta, w, v
+        x[PSI + i] += change
+        for m in range(0, 3 * STATE, STATE):
+            n = m + i
+            by_theta, by_w, by_v = columns[n], columns[THETA_DOT + n], columns[PSI_DOT + n]
+            columns[n] = a1 * by_theta + a2 * by_w + a3 * by_v
+            columns[PSI + n] += b1 * by_theta + b2 * by_w + b3 * by_v
+            columns[THETA_DOT + n] = c1 * by_theta + c2 * by_w + c3 * by_v
+            columns[PSI_DOT + n] = d1 * by_theta + d2 * by_w + d3 * by_v
 
-    `r` (16,) are the rates at its stages, `g` (24,) the slopes of the accelerations. By the
-    present arc's duration, times `stretch` (4,), the step itself grows.
+
+@compiled
+def _remember_peaks(x: Array, columns: Array, node: float, peaks: Array) -> None:
+    """Where |psi| is larger than any before in the arc: psi, node, psi' and derivatives of psi."""
+    for i in range(LANES):
+        psi = x[PSI + i]
+        larger = abs(psi) > abs(peaks[i])
+        peaks[i] = psi if larger else peaks[i]
+        peaks[LANES + i] = node if larger else peaks[LANES + i]
+        peaks[2 * LANES + i] = x[PSI_DOT + i] if larger else peaks[2 * LANES + i]
+        for m in range(3):
+            n = (3 + m) * LANES + i
+            peaks[n] = columns[m * STATE + PSI + i] if larger else peaks[n]
+
+
+@compiled
+def _carry(x: Array, columns: Array, found: Array, at_peak: Array) -> None:
+    """Carry a derivative of the states over an arc, and of psi to its peak."""
+    for i in range(LANES):
+        theta, psi, w, v = x[i], x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
+        slope = found[3 * LANES + i] * theta + found[4 * LANES + i] * w + found[5 * LANES + i] * v
+        at_peak[i] = psi + slope
+        for m in range(0, STATE, LANES):
+            n = m + i
+            x[n] = columns[n] * theta + columns[STATE + n] * w + columns[2 * STATE + n] * v
+        x[PSI + i] += psi
+
+
+@compiled
+def roll_lanes(
+    k: Coefficients,
+    durations: Array,
+    torques: Array,
+    arcs: int,
+    steps: int,
+    state: Array,
+    derivatives: Array,
+    peaks: Array,
+    peak_slopes: Array,
+) -> None:
     """
-    for c in range(4):
-        half, sixth, s = 0.5 * h, h / 6.0, stretch[c]
-        t1, w1, v1 = x[c], x[8 + c], x[12 + c]
-        a1 = g[0] * t1 + g[2] * w1 + g[4] * v1
-        b1 = g[1] * t1 + g[3] * w1 + g[5] * v1
-        e = 0.5 * s
-        t2, w2, v2 = (
-            t1 + half * w1 + e * r[0],
-            w1 + half * a1 + e * r[2],
-            v1 + half * b1 + e * r[3],
-        )
-        a2 = g[6] * t2 + g[8] * w2 + g[10] * v2
-        b2 = g[7] * t2 + g[9] * w2 + g[11] * v2
-        t3, w3, v3 = (
-            t1 + half * w2 + e * r[4],
-            w1 + half * a2 + e * r[6],
-            v1 + half * b2 + e * r[7],
-        )
-        a3 = g[12] * t3 + g[14] * w3 + g[16] * v3
-        b3 = g[13] * t3 + g[15] * w3 + g[17] * v3
-        t4, w4, v4 = t1 + h * w3 + s * r[8], w1 + h * a3 + s * r[10], v1 + h * b3 + s * r[11]
-        a4 = g[18] * t4 + g[20] * w4 + g[22] * v4
-        b4 = g[19] * t4 + g[21] * w4 + g[23] * v4
-        e = s / 6.0
-        x[c] = t1 + sixth * (w1 + 2.0 * (w2 + w3) + w4)
-        x[4 + c] += sixth * (v1 + 2.0 * (v2 + v3) + v4)
-        x[8 + c] = w1 + sixth * (a1 + 2.0 * (a2 + a3) + a4)
-        x[12 + c] = v1 + sixth * (b1 + 2.0 * (b2 + b3) + b4)
-        for m in range(4):
-            x[4 * m + c] += e * (r[m] + 2.0 * (r[4 + m] + r[8 + m]) + r[12 + m])
+    Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs of `steps` RK4 steps.
+
+    `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. `state` becomes the final
+    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every arc that is
+    largest in size, `peaks` (K, LANES); and its derivatives by the durations up to the arc's own,
+    `peak_slopes` (K, K, LANES).
+
+    The derivative by an arc's duration begins at its end with the rate of the states there. That
+    is exact for the motion itself; of the discrete motion it is off by the error of RK4. Later
+    arcs carry all of them at once, by the derivatives of the states by those in which they begin:
+    three columns (by theta, theta', psi'; the motion does not depend on psi).
+    """
+    h, columns, found = np.empty(LANES), np.empty(3 * STATE), np.empty(6 * LANES)
+    for arc in range(arcs):
+        torque = torques[arc]
+        columns[:], found[:] = 0.0, 0.0
+        for i in range(LANES):
+            h[i] = durations[arc, i] / steps
+            columns[i] = columns[STATE + THETA_DOT + i] = columns[2 * STATE + PSI_DOT + i] = 1.0
+        for node in range(1, steps + 1):
+            _step_lanes(k, state, h, torque, columns)
+            _remember_peaks(state, columns, node, found)
+        for p in range(arc):
+            _carry(derivatives[p], columns, found, peak_slopes[arc, p])
+        peak, slope, rates = peaks[arc], peak_slopes[arc, arc], derivatives[arc]
+        for i in range(LANES):
+            # Within the arc, from its beginning: tau / d of the whole change by its duration.
+            peak[i], slope[i] = found[i], found[LANES + i] / steps * found[2 * LANES + i]
+            w, v = state[THETA_DOT + i], state[PSI_DOT + i]
+            rates[i], rates[PSI + i] = w, v
+            rates[THETA_DOT + i], rates[PSI_DOT + i] = quick_accelerations(
+                k, state[i], w, v, torque[i]
+            )
 
 
 @inlined
@@ -229,56 +251,102 @@ def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
 
 
 @compiled
-def _step_of_eighth_order(
-    k: Coefficients, x: Array, torque: float, h: float, rates: Array
-) -> None:
-    """Advance `x` (4,) by one step of Dormand and Prince's method; `rates` (12, 4) is scratch."""
-    for s in range(12):
-        theta, w, v = x[0], x[2], x[3]
-        for j in range(s):
-            a = h * _STAGES[s, j]
-            theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
-        rates[s, 0], rates[s, 1] = w, v
-        rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torque)
-    for s in range(12):
-        for m in range(4):
-            x[m] += h * _WEIGHTS[s] * rates[s, m]
+def step_lanes(k: Coefficients, x: Array) -> None:
+    """One RK4 step of every lane; `x` begins with the states, the torques and the steps [s]."""
+    for i in range(LANES):
+        x[i], change, x[THETA_DOT + i], x[PSI_DOT + i] = runge_kutta(
+            k, x[i], x[THETA_DOT + i], x[PSI_DOT + i], x[HELD + i], x[STEP + i]
+        )
+        x[PSI + i] += change
 
 
 @compiled
-def _roll_states(
-    k: Coefficients, start: Array, intervals: Array, torques: Array, states: Array
-) -> None:
-    x, rates = start.copy(), np.empty((12, 4))
+def roll_ends(
+    k: Coefficients,
+    start: Array,
+    durations: Array,
+    torques: Array,
+    arcs: Integers,
+    share: float,
+    limit: float,
+) -> tuple[Array, Array]:
+    """
+    Integrate many motions from `start` (4,) by RK4, in steps of that `share` of `quick_time`.
+
+    The first `arcs` (B,) of `durations` [s] and `torques` [N m] (B, K) count. Returns the final
+    states (B, 4) and the largest |psi| on the way (B,). A motion ends where that is beyond `limit`
+    [rad]: it may be however fast.
+    """
+    x, lanes = np.zeros(6 * LANES), np.full(LANES, -1, np.intp)
+    arc, left = np.zeros(LANES, np.intp), np.zeros(LANES)
+    ends, peaks = np.empty((arcs.size, 4)), np.zeros(arcs.size)
+    taken, busy = 0, 0
+    while taken < arcs.size or busy > 0:
+        for i in range(LANES):
+            x[STEP + i] = share * quick_time(k, x[i], x[THETA_DOT + i], x[PSI_DOT + i])
+        for i in range(LANES):
+            b = lanes[i]
+            if b < 0 and taken < arcs.size:
+                lanes[i], arc[i], left[i], b = taken, 0, 0.0, taken
+                x[i:STATE:LANES] = start
+                taken, busy = taken + 1, busy + 1
+            if b < 0:
+                continue
+            peaks[b] = max(peaks[b], abs(x[PSI + i]))
+            while not left[i] > 0.0 and arc[i] < arcs[b]:
+                x[HELD + i], left[i] = torques[b, arc[i]], durations[b, arc[i]]
+                arc[i] += 1
+            x[STEP + i] = min(x[STEP + i], left[i])
+            left[i] -= x[STEP + i]
+            if x[STEP + i] == 0.0 or not peaks[b] <= limit:
+                ends[b] = x[i:STATE:LANES]
+                lanes[i], busy = -1, busy - 1
+        step_lanes(k, x)
+    return ends, peaks
+
+
+@compiled
+def _roll_states(k: Coefficients, start: Array, intervals: Array, torques: Array) -> Array:
+    states, rates, x = np.empty((intervals.size + 1, 4)), np.empty((12, 4)), start.copy()
     states[0] = start
     for n in range(intervals.size):
         left = intervals[n]
         for _ in range(_MOST_SUBSTEPS):
             h = min(left, _LONG_STEP * quick_time(k, x[0], x[2], x[3]))
-            _step_of_eighth_order(k, x, torques[n], h, rates)
+            for s in range(12):
+                theta, w, v = x[0], x[2], x[3]
+                for j in range(s):
+                    a = h * _STAGES[s, j]
+                    theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
+                rates[s, 0], rates[s, 1] = w, v
+                rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torques[n])
+            for s in range(12):
+                for m in range(4):
+                    x[m] += h * _WEIGHTS[s] * rates[s, m]
             left -= h
             if not left > 0.0:
                 break
         states[n + 1] = x
+    return states
 
 
 def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: Array) -> Array:
     """
     Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4).
 
-    To some ten digits: by a method of order 8, in steps that follow the motion's time scale.
+    To some ten digits: by Dormand and Prince's method of order 8, in steps that follow the
+    motion's time scale.
     """
-    states = np.empty((intervals.size + 1, 4))
-    _roll_states(plant.coefficients, start, intervals, torques, states)
+    states: Array = _roll_states(plant.coefficients, start, intervals, torques)
     return states
 
 
-@dataclass(frozen=True, eq=False)
-class FeedbackTable:
+class FeedbackTable(NamedTuple):
     """
-    References (n, 4), torques (n,) [N m] and gains (n, 4), one an interval of `step` s.
+    A tabulated law: in every interval T_k - K_k (x - r_k), saturated, is held, as trackers do.
 
-    The torque is saturated at `limit` [N m].
+    References r (n, 4), torques T (n,) [N m] and gains K (n, 4), one an interval of `step` s; the
+    torque is saturated at `limit` [N m].
     """
 
     references: Array
@@ -290,34 +358,27 @@ class FeedbackTable:
 
 def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> Array:
     """States (n + 1, 4) at the ends of the table's intervals, from `start` (4,)."""
-    states = np.empty((len(table.torques) + 1, 4))
+    start = np.ascontiguousarray(start, dtype=float)
+    references, torques, gains = map(np.ascontiguousarray, table[:3])
     with np.errstate(all='ignore'):
-        _roll(
-            plant.coefficients,
-            np.ascontiguousarray(start, dtype=float),
-            np.ascontiguousarray(table.references),
-            np.ascontiguousarray(table.torques),
-            np.ascontiguousarray(table.gains),
-            table.limit,
-            table.step / _SUBSTEPS,
-            states,
+        states: Array = _roll_feedback(
+            plant.coefficients, start, references, torques, gains, table.step, table.limit
         )
     return states
 
 
 @compiled
-def _roll(
+def _roll_feedback(
     k: Coefficients,
     start: Array,
     references: Array,
     torques: Array,
     gains: Array,
+    step: float,
     limit: float,
-    h: float,
-    states: Array,
-) -> None:
-    x = start.copy()
-    states[0] = x
+) -> Array:
+    states = np.empty((torques.size + 1, 4))
+    states[0] = x = start.copy()
     for interval in range(torques.size):
         away = (x[0] - references[interval, 0] + math.pi) % (2.0 * math.pi) - math.pi
         torque = torques[interval] - gains[interval, 0] * away
@@ -325,8 +386,10 @@ def _roll(
             torque -= gains[interval, m] * (x[m] - references[interval, m])
         torque = min(max(torque, -limit), limit)
         for _ in range(_SUBSTEPS):
-            x[0], x[1], x[2], x[3] = runge_kutta(k, x[0], x[1], x[2], x[3], torque, h)
+            x[0], change, x[2], x[3] = runge_kutta(k, x[0], x[2], x[3], torque, step / _SUBSTEPS)
+            x[1] += change
         states[interval + 1] = x
+    return states
 
 
 @compiled
@@ -360,11 +423,3 @@ def least_peak(
                 if best <= limit:
                     return float(best)
     return float(best)
-
-
-def compile_kernels(plant: RotaryPendulum) -> None:
-    """Compile the kernels or load them from the disk."""
-    table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
-    roll_feedback(plant, np.zeros(4), table)
-    roll_states(plant, np.zeros(4), np.full(1, 1e-3), np.zeros(1))
-    least_peak(plant.coefficients, np.zeros(4), 1.0, 0.0, 1.0, 1.0)

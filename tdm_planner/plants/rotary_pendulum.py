@@ -81,6 +81,26 @@ def accelerations(
     return (j * r1 - b * r2) * inverse, (k.pendulum * r2 - b * r1) * inverse
 
 
+def runge_kutta(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any, h: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return theta, the change of psi, theta' and psi' after one classical step of `h` s."""
+    w, v = theta_dot, psi_dot
+    a1, c1 = accelerations(k, theta, w, v, torque)
+    w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
+    a2, c2 = accelerations(k, theta + 0.5 * h * w, w2, v2, torque)
+    w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
+    a3, c3 = accelerations(k, theta + 0.5 * h * w2, w3, v3, torque)
+    w4, v4 = w + h * a3, v + h * c3
+    a4, c4 = accelerations(k, theta + h * w3, w4, v4, torque)
+    return (
+        theta + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
+        h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
+        w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
+        v + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4),
+    )
+
+
 def driven(
     k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, psi_ddot: Any
 ) -> tuple[Any, Any]:

@@ -153,7 +153,7 @@ def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path):
     for package in ('tdm_planner', 'tdm_sim'):
         shutil.copytree(SOURCE / package, copy / package)
     assert said(tmp_path, copy) == ''
-    with (copy / 'tdm_planner/plants/pendulum_lanes.py').open('a') as other:
+    with (copy / 'tdm_planner/plants/pendulum_kernels.py').open('a') as other:
         other.write('# changed\n')
     assert COMPILING in said(tmp_path, copy)
 

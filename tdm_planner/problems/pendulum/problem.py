@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 import math
 from typing import Any, ClassVar
 
@@ -22,15 +23,12 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
-from tdm_planner.plants.pendulum_kernels import compile_kernels
+from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.problems.pendulum.pumping import compile_pump
-from tdm_planner.problems.pendulum.shooting import compile_shooting
 from tdm_planner.problems.pendulum.smooth import StatedMethod, StatedSwingUp
 from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
-from tdm_planner.problems.pendulum.switching_minimiser import compile_minimiser
 from tdm_planner.problems.pendulum.switching_refinement import prepare_collocation
-from tdm_planner.problems.pendulum.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import SolverParameters
@@ -40,6 +38,8 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
+
+_WEAK = 0.012  # N m: of a motor with which a swing-up needs every kernel
 
 
 @dataclass(frozen=True)
@@ -147,8 +147,7 @@ class PendulumSwingUp(Problem, Validated):
 
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
-        for compile_them in (compile_kernels, compile_shooting, compile_pump, compile_minimiser):
-            compile_them(self.plant)
+        _compile()
         stated = StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc')
         if self.method == 'switching':
             prepare_collocation(stated)
@@ -208,3 +207,13 @@ class PendulumSwingUp(Problem, Validated):
             f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
             f'{swings} swings'
         )
+
+
+@cache
+def _compile() -> None:
+    """Compile the kernels or load them from the disk: by a short search, and what it leaves."""
+    weak = PendulumSwingUp(limits=PendulumLimits(torque=_WEAK))
+    weak.search(Budget(1.0, evaluations=20_000), np.random.default_rng(0), None).run()
+    weak.task.least_peak()
+    still = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
+    roll_feedback(weak.plant, weak.task.start, still)

@@ -11,37 +11,70 @@ E = (A - B^2/J) theta'^2 / 2 + m g l cos(theta) the motion reads
 
 the sign of -theta' cos(theta) pumps, and the disk is a double integrator in (Q, L) that has to
 come back to zero. The law adds both up, brakes the disk before its limit, and has a few numbers
-that are drawn at random: of many variants some come near upright at rest.
+that are drawn at random: of many variants some come near upright at rest. The most promising are
+kept but for their last arcs, which shooting adjusts until they end there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled, inlined
-from tdm_planner.plants.pendulum_kernels import quick_accelerations, quick_time, sine_and_cosine
-from tdm_planner.plants.pendulum_lanes import HELD, LANES, STEP, step_lanes
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.pendulum_kernels import (
+    HELD,
+    LANES,
+    PSI,
+    PSI_DOT,
+    quick_accelerations,
+    quick_time,
+    sine_and_cosine,
+    STEP,
+    step_lanes,
+    THETA_DOT,
+)
+from tdm_planner.plants.rotary_pendulum import Coefficients
+from tdm_planner.problems.pendulum.switching_search import (
+    Candidate,
+    COARSE_STEPS,
+    FEWEST_ARCS,
+    land,
+    landed_finely,
+    STEERED_STEPS,
+)
+from tdm_planner.problems.pendulum.task import SwingUpTask
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-_STEP = 0.15  # of `quick_time`
+_SHARE = 0.15  # of `quick_time`
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
-NEAR = 1.5  # sum of squares from which it may be landed
+_NEAR = 1.5  # sum of squares from which it may be landed
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
-_PSI, _THETA_DOT, _PSI_DOT = LANES, 2 * LANES, 3 * LANES
 # What a lane knows behind state, torque and step: what the law says, then what it is made of.
 (
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _ROWS,
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
+_VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the clock, or fewer
+_MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
+# Of 1/w0, what a pump may take: times drive, but so much at least and at most.
+_LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
+_PUMPED = 0.3  # share of the time after which a lane each that came near will do
+_MANY, _AT_LEISURE = 3, 0.2  # a lane that are gathered first, up to that share of the time
+_LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
+_WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
+_PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
+_TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
+_EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate
+_EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _PUMPS, _LAW = 1, 2  # stages: the first arc, its reversal is awaited, as the law has it
 
 
@@ -84,12 +117,6 @@ class Laws(NamedTuple):
 
 
 @compiled
-def slowness(k: Coefficients) -> float:
-    """Frequency of small swings with the disk held, over that with the disk free: at most 1."""
-    return math.sqrt(1.0 - k.arm * k.arm / (k.pendulum * (k.disk + k.disk_cosine)))
-
-
-@compiled
 def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     """
     Fill in the torque by the law, whether the disk's limit asks for it, and the step.
@@ -101,7 +128,7 @@ def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     bend = math.sqrt(max((k.disk_sine - k.disk_cosine) / j0, 1e-9))
     weakest = 0.15 * p.torque * free
     for i in range(LANES):
-        theta, psi, w, v = x[i], x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        theta, psi, w, v = x[i], x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
         sine, cosine = sine_and_cosine(theta)
         b = k.arm * cosine
         j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
@@ -128,7 +155,7 @@ def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
         braking = (beyond if beyond < 0.0 else 1.0) if psi * v > 0.0 else -1.0
         x[_BRAKING + i] = braking
         x[_WANTED + i] = stop if braking > 0.0 else wanted
-        step = _STEP * quick_time(k, theta, w, v)
+        step = _SHARE * quick_time(k, theta, w, v)
         x[STEP + i] = step if step < x[_LARGEST + i] else x[_LARGEST + i]
 
 
@@ -147,7 +174,7 @@ def _arctangent(x: float) -> float:
 def _measure(p: Pumping, inside: float, x: Array) -> None:
     """Sum of squares of the distance from the goal; infinite where a motion is to end."""
     for i in range(LANES):
-        psi, w, v = x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        psi, w, v = x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
         turn = np.floor(x[i] / (2.0 * math.pi) + 0.5)
         turn = p.turn if p.turn == p.turn else turn
         miss = x[i] - 2.0 * math.pi * turn
@@ -176,7 +203,8 @@ def pump(
     """
     p, w0, most = pumping, pumping.w0, durations.shape[1]
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
-    slow, range_ = slowness(k), min(p.psi_max, 3.0)
+    # Of small swings with the disk held, over that with the disk free: at most 1.
+    slow = math.sqrt(1.0 - k.arm * k.arm / (k.pendulum * (k.disk + k.disk_cosine)))
     inside = max(_INSIDE * p.psi_max, 1.01 * abs(start[1]))
     x, lanes = np.zeros(_ROWS), np.full(LANES, -1, np.intp)
     stage, arc, taken = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp), 0
@@ -196,7 +224,7 @@ def pump(
                 x[_ON_PLACE + i], x[_ON_MOMENTUM + i] = laws.on_place[n], laws.on_momentum[n]
                 x[_BAND + i], x[_BRAKE + i] = laws.band[n], laws.brake[n]
                 x[_LEAD + i] = laws.lead[n]
-                x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(range_ / (level * free))
+                x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(min(p.psi_max, 3.0) / (level * free))
                 stage[i], arc[i], steps[i] = (_LAW if laws.hold[n] == 0.0 else 0), 0, 0
                 away[i] = n % 8 == 0  # the others may not stay near the top where they begin there
                 age[i] = total[i] = since[i] = last[i] = 0.0
@@ -236,7 +264,7 @@ def pump(
             goes_on = distance < np.inf and arc[i] < most
             if goes_on:
                 away[i] = away[i] or distance > _AWAY
-                if away[i] and distance < NEAR:
+                if away[i] and distance < _NEAR:
                     found = total[i] * w0 + weight * math.sqrt(distance)
                     if found < promise[i]:
                         distances[n], promise[i], since[i] = distance, found, total[i]
@@ -253,9 +281,123 @@ def pump(
                     x[m * LANES + i] = 0.0
 
 
-def compile_pump(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk."""
-    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0)
-    laws = Laws(*np.ones((9, 1)))
-    rows = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.intp), np.zeros(1)
-    pump(plant.coefficients, np.zeros(4), pumping, laws, *rows)
+def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
+    """Return variants of the law at random."""
+    crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle
+    weakest = 0.3 / max(crossing, 2.0)
+    weight = _times_drive(task, _WORK, _WEIGHT)
+
+    def spread(least: float, most: float) -> Array:
+        return np.exp(rng.uniform(math.log(least), math.log(most), count))
+
+    def mostly(share: float, usual: float | Array, others: Array) -> Array:
+        return np.where(rng.uniform(size=count) < share, usual, others)
+
+    # The torque that takes half a swing to move the disk through its range, about.
+    in_a_swing = np.minimum(spread(0.5, 1.5) / crossing, 1.0)
+    lead = mostly(0.5, 0.0, rng.uniform(-0.4, 0.4, count))
+    if crossing > 1.0:
+        # It crosses its range in less than half a swing. A stroke from where a large swing turns
+        # would be slow, as the pendulum is horizontal there, and end in the wrong half.
+        lead = mostly(0.25, lead, rng.uniform(-3.0, -0.5, count))
+    return Laws(
+        first=np.where(np.arange(count) % 2, 1.0, -1.0),
+        share=mostly(0.5, 1.0, mostly(0.3, spread(weakest, 1.0), in_a_swing)),
+        on_place=spread(0.003, 0.6),
+        on_momentum=spread(0.003, 1.0),
+        band=spread(0.05, 1.0),
+        brake=rng.uniform(0.6, 1.0, count),
+        lead=lead,
+        hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
+        weight=weight * spread(1.0, _PATIENCE),
+    )
+
+
+def pumped(
+    task: SwingUpTask, rng: np.random.Generator, most: int, budget: Budget, until: float
+) -> tuple[list[Candidate], int]:
+    """
+    Pump by many variants and land the most promising.
+
+    Returns those that arrived, the quickest first, and how many variants were tried. A plan has at
+    most `most` arcs; nothing new is begun after `until` s of the budget.
+    """
+
+    def late() -> bool:
+        return budget.elapsed > until
+
+    def enough(near: int) -> bool:
+        return late() or near >= 4 * LANES or (near >= LANES and budget.elapsed > _PUMPED * until)
+
+    def few(near: int) -> bool:
+        return near < LANES or (near < _MANY * LANES and budget.elapsed < _AT_LEISURE * until)
+
+    swings: list[Candidate] = []
+    tried = 0
+    while tried < _MOST_VARIANTS and not late() and few(len(swings)):
+        tried += _VARIANTS
+        swings += _swings(task, _laws(task, rng, _VARIANTS), most, budget, enough)
+    steps = min(task.steps(COARSE_STEPS), STEERED_STEPS)
+    landed: list[Candidate] = []
+    for first in range(0, len(swings), LANES):
+        if late() or len(landed) >= _ENOUGH:
+            break
+        some = slice(first, first + LANES)
+        landed += land(task, swings[some], steps, budget, late)
+    return landed_finely(task, landed, budget, late), tried
+
+
+def _swings(
+    task: SwingUpTask,
+    variants: Laws,
+    most: int,
+    budget: Budget,
+    enough: Callable[[int], bool],
+) -> list[Candidate]:
+    """
+    Return the promising variants, the best first, with a tail to land by.
+
+    No more are simulated once so many that came near are `enough`.
+    """
+    w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
+    durations, torques = np.zeros((_VARIANTS, room)), np.zeros((_VARIANTS, room))
+    arcs, distances = np.zeros(_VARIANTS, np.intp), np.full(_VARIANTS, np.inf)
+    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
+    turn = math.nan if task.turns is None else float(task.turns)
+    longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
+    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest)
+    some = max(1, round(_AT_ONCE / task.plant.quickness))
+    for first in range(0, _VARIANTS, some):
+        if enough(int(np.count_nonzero(distances < _NEAR))):
+            break
+        rows = slice(first, first + some)
+        steps = pump(
+            task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
+            durations[rows], torques[rows], arcs[rows], distances[rows],
+        )  # fmt: skip
+        budget.evaluations += math.ceil(steps / _EVALUATION)
+    total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
+    promise = np.where(distances < _NEAR, w0 * total + weight * np.sqrt(distances), np.inf)
+    best = np.argsort(promise)[:_LANDED]
+    return [
+        _with_tail(task, durations[i, : arcs[i]], torques[i, : arcs[i]])
+        for i in best[np.isfinite(promise[best])]
+    ]
+
+
+def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate:
+    """Return arcs that pump and a few more; all but the last ones are to stay as they are."""
+    extra = max(_EXTRA, FEWEST_ARCS - durations.size)
+    signs = -math.copysign(task.torque, torques[-1]) * (-1.0) ** np.arange(extra)
+    tail = round(min(_times_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
+    return Candidate(
+        np.append(durations, np.full(extra, _SHORT / task.plant.natural_frequency)),
+        np.append(torques, signs),
+        0,
+        max(durations.size + extra - tail, 0),
+    )
+
+
+def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
+    """Return what takes so much, times drive; as if the drive were at least 1e-6."""
+    return max(work / max(task.swing_drive, 1e-6), least)

@@ -12,15 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
 import math
 import os
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
+from tdm_planner.plants.pendulum_kernels import LANES, PSI, PSI_DOT, roll_lanes, STATE, THETA_DOT
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -52,8 +51,7 @@ class Effort(NamedTuple):
 THOROUGH = Effort()
 
 
-@dataclass(frozen=True)
-class ArcBatch:
+class ArcBatch(NamedTuple):
     """
     Many sequences of arcs.
 
@@ -70,19 +68,13 @@ class ArcBatch:
 
     def rows(self, chosen: slice | Integers) -> ArcBatch:
         """Return some of the sequences: of a slice views, of indices copies."""
-        return ArcBatch(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        rows: list[Any] = [each[chosen] for each in self]
+        return ArcBatch(*rows)
 
 
 @compiled
 def _residual(
-    lane: int,
-    arcs: int,
-    state: Array,
-    peaks: Array,
-    turn: float,
-    psi_max: float,
-    w0: float,
-    residual: Array,
+    lane: int, state: Array, peaks: Array, turn: float, psi_max: float, w0: float, residual: Array
 ) -> float:
     """
     Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
@@ -92,17 +84,13 @@ def _residual(
     theta = state[lane]
     if math.isnan(turn):
         turn = math.floor(theta / (2.0 * math.pi) + 0.5)
-    residual[0] = theta - 2.0 * math.pi * turn
-    residual[1] = state[LANES + lane]
-    residual[2] = state[2 * LANES + lane] / w0
-    residual[3] = state[3 * LANES + lane] / w0
+    residual[0], residual[1] = theta - 2.0 * math.pi * turn, state[PSI + lane]
+    residual[2], residual[3] = state[THETA_DOT + lane] / w0, state[PSI_DOT + lane] / w0
     total = 0.0
-    for m in range(4):
+    for m in range(residual.size):
+        if m >= 4:
+            residual[m] = max(abs(peaks[m - 4, lane]) - psi_max, 0.0)
         total += residual[m] * residual[m]
-    for arc in range(arcs):
-        excess = max(abs(peaks[arc, lane]) - psi_max, 0.0)
-        residual[4 + arc] = excess
-        total += excess * excess
     return total
 
 
@@ -156,23 +144,10 @@ def _linearise(
 
 
 @compiled
-def _damped_step(
-    arcs: int,
-    count: int,
-    jacobian: Array,
-    wrong: Array,
-    gram: Array,
-    scale: Array,
-    damping: float,
-    factor: Array,
-    duals: Array,
-    step: Array,
+def _solve_damped(
+    count: int, gram: Array, wrong: Array, damping: float, factor: Array, duals: Array
 ) -> bool:
-    """
-    Minimise |jacobian z + wrong|^2 + damping |z|^2, step = scale z, by Cholesky.
-
-    There are few rows, whatever the arcs: z = -jacobian' (gram + damping)^-1 wrong.
-    """
+    """Fill the duals, (gram + damping)^-1 wrong, by Cholesky; False where that breaks down."""
     for i in range(count):
         for j in range(i + 1):
             total = gram[i, j] + (damping if i == j else 0.0)
@@ -193,17 +168,11 @@ def _damped_step(
         for m in range(i + 1, count):
             total -= factor[m, i] * duals[m]
         duals[i] = total / factor[i, i]
-    for p in range(arcs):
-        total = 0.0
-        for m in range(count):
-            total -= jacobian[p, m] * duals[m]
-        step[p] = scale[p] * total
     return True
 
 
 @compiled
 def _propose(
-    arcs: int,
     count: int,
     jacobian: Array,
     wrong: Array,
@@ -213,18 +182,26 @@ def _propose(
     longest: float,
     damping: float,
     rejected: int,
-    factor: Array,
-    duals: Array,
-    step: Array,
     trial: Array,
 ) -> tuple[float, int]:
-    """Fill `trial`; return the damping used and the number of steps rejected so far."""
+    """
+    Fill `trial` (K,); return the damping used and the number of steps rejected so far.
+
+    The step minimises |jacobian z + wrong|^2 + damping |z|^2 and is scale z. There are few rows,
+    whatever the arcs: z = -jacobian' (gram + damping)^-1 wrong.
+    """
+    factor, duals, step = np.empty((count, count)), np.empty(count), np.empty(trial.size)
     while rejected < TRIES:
-        if _damped_step(arcs, count, jacobian, wrong, gram, scale, damping, factor, duals, step):
-            size = np.abs(step[:arcs]).max()
+        if _solve_damped(count, gram, wrong, damping, factor, duals):
+            for p in range(trial.size):
+                step[p] = 0.0
+                for m in range(count):
+                    step[p] -= jacobian[p, m] * duals[m]
+                step[p] *= scale[p]
+            size = np.abs(step).max()
             if size < 1e9:
                 share = min(1.0, longest / size) if size > 0.0 else 1.0
-                for p in range(arcs):
+                for p in range(trial.size):
                     trial[p] = max(durations[p] + share * step[p], 0.0)
                 break
         rejected += 1
@@ -236,26 +213,21 @@ def _propose(
 def shoot_arcs(
     k: Coefficients,
     starts: Array,
-    durations: Array,
-    arcs: Integers,
-    torques: Array,
-    turns: Array,
+    batch: ArcBatch,
     psi_max: float,
     w0: float,
     steps: int,
     effort: Effort,
-    costs: Array,
 ) -> int:
     """
-    Vary the durations of many starts until each ends upright at rest within +-psi_max.
+    Vary the durations of many motions from `starts` (B, 4) until each ends upright at rest.
 
-    Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
-    from `starts` (B, 4) under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns,
-    NaN for the nearest one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi,
-    theta'/w0, psi'/w0, excess of |psi| in every arc). Returns the number of integrations. What
-    becomes of a start does not depend on the others.
+    The batch changes in place. Its `costs` are the sums of squares of (theta - 2 pi n, psi,
+    theta'/w0, psi'/w0, excess of |psi| over psi_max in every arc). Returns the number of
+    integrations. What becomes of a start does not depend on the others.
     """
-    batch, most = durations.shape
+    durations, arcs, torques, turns, costs = batch
+    most = durations.shape[1]
     state, derivatives = np.empty(STATE), np.empty((most, STATE))
     peaks, peak_slopes = np.empty((most, LANES)), np.empty((most, most, LANES))
     trials, held, begins = np.zeros((most, LANES)), np.zeros((most, LANES)), np.zeros(STATE)
@@ -264,15 +236,14 @@ def shoot_arcs(
     wrong, scale = np.empty((LANES, 4 + most)), np.empty((LANES, most))
     count, damping, longest = np.zeros(LANES, np.intp), np.empty(LANES), np.empty(LANES)
     accepted, rejected = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
-    residual, duals, trial = np.empty(4 + most), np.empty(4 + most), np.empty(most)
-    factor, step = np.empty((4 + most, 4 + most)), np.empty(most)
+    residual, trial = np.empty(4 + most), np.empty(most)
     queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
     in_lane = np.full(LANES, -1, np.intp)
     taken, rollouts = 0, 0
     while True:
         busy, rolled = 0, 0
         for lane in range(LANES):
-            if in_lane[lane] < 0 and taken < batch:
+            if in_lane[lane] < 0 and taken < arcs.size:
                 b = queue[taken]
                 taken += 1
                 in_lane[lane], costs[b] = b, np.inf
@@ -293,7 +264,7 @@ def shoot_arcs(
             if b < 0:
                 continue
             n = arcs[b]
-            cost = _residual(lane, n, state, peaks, turns[b], psi_max, w0, residual)
+            cost = _residual(lane, state, peaks, turns[b], psi_max, w0, residual[: 4 + n])
             if cost < costs[b]:
                 costs[b] = cost
                 for p in range(n):
@@ -318,8 +289,8 @@ def shoot_arcs(
                 in_lane[lane] = -1
                 continue
             damping[lane], rejected[lane] = _propose(
-                n, count[lane], jacobian[lane], wrong[lane], gram[lane], scale[lane], durations[b],
-                longest[lane], damping[lane], rejected[lane], factor, duals, step, trial,
+                count[lane], jacobian[lane], wrong[lane], gram[lane], scale[lane], durations[b],
+                longest[lane], damping[lane], rejected[lane], trial[:n],
             )  # fmt: skip
             for p in range(n):
                 trials[p, lane] = trial[p]
@@ -357,20 +328,10 @@ def shoot(
             if stop():
                 break
             rows = slice(first, first + size)
-            part = batch.rows(rows)
             rollouts += shoot_arcs(
-                plant.coefficients,
-                starts[rows],
-                part.durations,
-                part.arcs,
-                part.torques,
-                part.turns,
-                psi_max,
-                plant.natural_frequency,
-                steps,
-                effort,
-                part.costs,
-            )
+                plant.coefficients, starts[rows], batch.rows(rows), psi_max,
+                plant.natural_frequency, steps, effort,
+            )  # fmt: skip
         return rollouts
 
     if workers == 1:
@@ -379,16 +340,5 @@ def shoot(
         return sum(pool.map(work, range(workers)))
 
 
-def compile_shooting(plant: RotaryPendulum) -> None:
-    """Compile the kernels or load them from the disk."""
-    start = np.array([0.1, 0.0, 0.0, 0.0])
-    durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
-    batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
-    shoot(plant, start, batch, 1.0, 2, lambda: False)
-
-
 def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))

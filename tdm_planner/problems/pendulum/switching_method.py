@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED
-from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
+from tdm_planner.problems.pendulum.pumping import pumped
+from tdm_planner.problems.pendulum.shooting import ARRIVED
 from tdm_planner.problems.pendulum.switching_refinement import collocated
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
@@ -31,17 +31,14 @@ from tdm_planner.problems.pendulum.switching_search import (
     distinct,
     FINE_STEPS,
     land,
+    landed_finely,
     polish,
     shot,
-    trajectory,
-    without_short_arcs,
-)
-from tdm_planner.problems.pendulum.switching_seeds import (
-    Arcs,
-    landed_finely,
-    pumped,
     starts,
+    trajectory,
     warm_starts,
+    with_new_arcs,
+    without_short_arcs,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.search import Search
@@ -99,7 +96,7 @@ class SwitchingMethod(Search[Candidate]):
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
-        previous: Arcs | None = None,
+        previous: Candidate | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
@@ -113,7 +110,8 @@ class SwitchingMethod(Search[Candidate]):
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
         self._rounds = self._starts = 0
-        self._closest: tuple[float, Candidate] | None = None
+        self._least = math.inf  # sum of squares of
+        self._closest: tuple[Array, Array] | None = None  # durations and torques that missed
         self._arrived = 0
 
     def candidates(self) -> Iterable[Candidate]:
@@ -153,7 +151,7 @@ class SwitchingMethod(Search[Candidate]):
             fine, violation = self._corrected(fine, more * FINE_STEPS)
             yield self._checked(fine, violation)
 
-    def _warm(self, previous: Arcs) -> Iterator[Candidate]:
+    def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
         guesses = [
             guess
@@ -268,24 +266,23 @@ class SwitchingMethod(Search[Candidate]):
         budget, found = self.budget, list[Candidate]()
         again = self._rounds > 0
         strong = self._task.swing_drive >= _PUMPED_FIRST
+        until = _STEERED * budget.seconds
+        # Fewer where one round would use all the time up.
+        size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
             late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
             if late or (found and again):
                 break
-            size = min(_STARTS, self._affordable)
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
-            until = _STEERED * budget.seconds
             found += shot(self._task, batch, 2 * self._steps // 3, budget, until)
-            self._remember_closest(batch)
+            index = int(np.argmin(batch.costs))
+            if batch.costs[index] < self._least:
+                self._least = float(batch.costs[index])
+                self._closest = batch.durations[index].copy(), batch.torques[index].copy()
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
         return distinct(found)
-
-    @property
-    def _affordable(self) -> int:
-        """Return the starts of a round: fewer where one round would use all the time up."""
-        return max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME))
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
         """Minimise the times of the quickest candidates."""
@@ -355,13 +352,6 @@ class SwitchingMethod(Search[Candidate]):
                     return better
         return candidate
 
-    def _remember_closest(self, batch: ArcBatch) -> None:
-        index = int(np.argmin(batch.costs))
-        cost = float(batch.costs[index])
-        if self._closest is None or cost < self._closest[0]:
-            durations, torques = batch.durations[index].copy(), batch.torques[index].copy()
-            self._closest = cost, Candidate(durations, torques, 0)
-
     def _reason(self) -> str:
         task = self._task
         search = (
@@ -376,10 +366,9 @@ class SwitchingMethod(Search[Candidate]):
                 f'; a drive this weak ({task.swing_drive:.2g}) takes many swings: a longer '
                 'solver.deadline, more limits.torque or limits.disk_angle may help'
             )
-        if self._closest is None or not math.isfinite(self._closest[0]):
+        if self._closest is None:
             return search
-        closest = self._closest[1]
-        states = roll_states(task.plant, task.start, closest.durations, closest.torques)
+        states = roll_states(task.plant, task.start, *self._closest)
         if not np.isfinite(states).all():
             return search
         w0 = task.plant.natural_frequency

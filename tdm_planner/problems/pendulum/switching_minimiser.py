@@ -11,6 +11,7 @@ takes many times as long as the arithmetic.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,9 +24,7 @@ from tdm_planner.direct_method.trust_region import (
     TrustRegionOptions,
 )
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.pendulum.switching_motion import (
-    arc_program,
     ArcPoint,
     ArcProgram,
     curvature,
@@ -33,13 +32,15 @@ from tdm_planner.problems.pendulum.switching_motion import (
     first_multipliers,
     NEAR_LIMIT,
 )
-from tdm_planner.problems.pendulum.switching_quadratic import solve_compiled
 
 Array = NDArray[np.float64]
 
 _SMALLEST_RADIUS = 1e-6
 _AT_ONCE = 4  # steps between two looks at the clock; one when the end is near
 _NEAR = 0.015  # s
+# In the quadratic program: of a constraint, relative to its size; and the squared share of its
+# gradient that the active ones leave free.
+_TOLERANCE, _DEPENDENT = 1e-11, 1e-14
 # Places in the array of what the search knows beside the point.
 _RADIUS, _ENDS, _LIMIT, _STEPS, _STALLED, _OUTCOME, _ESTIMATED, _EVALUATIONS = range(8)
 _GOES_ON, _CONVERGED, _FAILED = 0.0, 1.0, 2.0
@@ -79,13 +80,6 @@ def minimise(
     budget.evaluations += int(state[_EVALUATIONS])
     point = Point(at, cost, np.array([ends, limit]))
     return Minimum(point, int(state[_STEPS]), bool(state[_OUTCOME] == _CONVERGED), None)
-
-
-def compile_minimiser(plant: RotaryPendulum) -> None:
-    """Compile the minimiser or load it from the disk."""
-    program = arc_program(plant, np.zeros(4), np.zeros(4), 0, 1.0, 2)
-    options = TrustRegionOptions(penalties=(1.0, 1.0), feasibility=(1e-8, 1e-8))
-    advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), options, 0)
 
 
 @compiled
@@ -213,8 +207,7 @@ def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     lower, upper = np.zeros(n + 2), np.full(n + 2, 1e12)
     lower[:n] = np.maximum(-state[_RADIUS], -point.xi)
     upper[:n] = state[_RADIUS]
-    solution, multipliers = np.zeros(n + 2), np.zeros(count)
-    solved = solve_compiled(whole, gradient, rows, least, lower, upper, solution, multipliers)
+    solved, solution, multipliers = solve_compiled(whole, gradient, rows, least, lower, upper)
     change, slacks = solution[:n].copy(), np.maximum(solution[n:], 0.0)
     predicted = state[_ENDS] * (point.ends - slacks[0]) + state[_LIMIT] * (
         point.beyond - slacks[1]
@@ -257,3 +250,102 @@ def _corrected(
             break
         trial = better
     return trial
+
+
+@compiled
+def solve_compiled(
+    hessian: Array, gradient: Array, rows: Array, least: Array, lower: Array, upper: Array
+) -> tuple[bool, Array, Array]:
+    """
+    Minimise x'H x / 2 + g'x subject to A x >= b, lower <= x <= upper; H is positive definite.
+
+    Returns the minimiser (n,) and the multipliers (m,) of the `rows` A (m, n), `least` is b (m,),
+    zero or greater; and before them whether there is one: the constraints may contradict one
+    another.
+
+    The dual active-set method of Goldfarb and Idnani, "A numerically stable dual method for
+    solving strictly convex quadratic programs" (1983): from the unconstrained minimum on, the
+    constraint violated most is added to the active ones, and those whose multipliers would become
+    negative are dropped. Constraints are numbered: rows, lower, then upper bounds.
+    """
+    m, n = rows.shape
+    sizes = 1.0 + np.abs(np.concatenate((least, lower, upper)))
+    x, multipliers = np.zeros(n), np.zeros(m + 2 * n)
+    try:
+        inverse = np.linalg.inv(np.linalg.cholesky(hessian))
+    except Exception:  # noqa: B902 - numba knows no other: H is not positive definite
+        return False, x, multipliers[:m]
+    x -= inverse.T @ (inverse @ gradient)
+    active, chosen = np.zeros(m + 2 * n, np.bool_), np.zeros(n + 1, np.intp)
+    # Gradients of the active constraints, times L^-1, H = L L'; they are triangle' basis.
+    normals, basis, triangle = np.empty((n + 1, n)), np.empty((n + 1, n)), np.empty((n + 1, n + 1))
+    u, away = np.zeros(n + 1), np.zeros(n)
+    count, adding, violation = 0, -1, 0.0
+    for _ in range(20 * (m + 2 * n) + 20):
+        if adding < 0:
+            slacks = np.concatenate((rows @ x - least, x - lower, upper - x))
+            adding = int(np.argmin(np.where(active, 0.0, slacks / sizes)))
+            violation = slacks[adding]
+            if not violation < -_TOLERANCE * sizes[adding]:
+                multipliers[chosen[:count]] = u[:count]
+                return True, x, multipliers[:m]
+            u[count] = 0.0
+            normal = np.zeros(n)
+            if adding < m:
+                normal[:] = rows[adding]
+            else:
+                normal[(adding - m) % n] = 1.0 if adding < m + n else -1.0
+            normal = inverse @ normal
+            whole = normal @ normal
+        if not whole < np.inf:
+            break
+        free = _split(normal, basis, triangle, count)
+        # How the active constraints' multipliers fall as the new one's grows.
+        for i in range(count - 1, -1, -1):
+            total = triangle[i, count]
+            for j in range(i + 1, count):
+                total -= triangle[i, j] * away[j]
+            away[i] = total / triangle[i, i]
+        length, leaving = np.inf, -1
+        for i in range(count):
+            if away[i] > 0.0 and u[i] < length * away[i]:
+                length, leaving = u[i] / away[i], i
+        if free > _DEPENDENT * whole:
+            if -violation / free <= length:
+                length, leaving = -violation / free, -1
+            x += length * (inverse.T @ basis[count]) * math.sqrt(free)
+            violation += length * free
+        if not length < np.inf:
+            break
+        u[:count] -= length * away[:count]
+        u[count] += length
+        if leaving < 0:
+            normals[count], chosen[count], active[adding] = normal, adding, True
+            count, adding = count + 1, -1
+        else:
+            active[chosen[leaving]] = False
+            count -= 1
+            for j in range(leaving, count):
+                chosen[j], u[j], normals[j] = chosen[j + 1], u[j + 1], normals[j + 1]
+                _split(normals[j], basis, triangle, j)
+            u[count] = u[count + 1]
+    return False, x, multipliers[:m]
+
+
+@compiled
+def _split(normal: Array, basis: Array, triangle: Array, count: int) -> float:
+    """
+    Split a vector into what the first `count` rows of an orthonormal `basis` span and the rest.
+
+    The rest, normalised, becomes the next row; returns its squared length.
+    """
+    rest = normal.copy()
+    triangle[:count, count] = 0.0
+    for _ in range(2):  # the second time for what rounding left
+        shares = basis[:count] @ rest
+        triangle[:count, count] += shares
+        rest -= shares @ basis[:count]
+    free = float(rest @ rest)
+    triangle[count, count] = math.sqrt(free)
+    basis[count] = rest / triangle[count, count]
+    return free

@@ -13,15 +13,13 @@ states follow by integration and the terminal conditions become equalities,
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import derivative, roll_arcs
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, roll_lanes
+from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
 
@@ -66,23 +64,12 @@ class ArcPoint(NamedTuple):
     slopes: Array
 
 
-def arc_program(
-    plant: RotaryPendulum, start: Array, torques: Array, turns: int, disk_angle: float, steps: int
-) -> ArcProgram:
-    """Return the program that ends at theta = 2 pi `turns`, see `ArcProgram`."""
-    goal, w0 = 2.0 * math.pi * turns, plant.natural_frequency
-    return ArcProgram(plant.coefficients, start, torques, goal, disk_angle, w0, steps)
-
-
 @compiled
 def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     """Integrate the motion, with derivatives; infinitely bad where it runs away."""
     arcs, w0, steps = xi.size, program.w0, program.steps
-    nodes = arcs * steps + 1
     durations = xi / w0
-    states, within = np.empty((nodes, 4)), np.empty((nodes, 4, 4))
-    begins = np.empty((arcs + 1, 4, arcs))
-    roll_arcs(program.k, program.start, durations, program.torques, steps, states, within, begins)
+    states, within, begins = roll_arcs(program.k, program.start, durations, program.torques, steps)
     residual, jacobian = states[-1].copy(), begins[-1] / w0
     residual[0] -= program.goal
     residual[2:] /= w0
@@ -134,12 +121,10 @@ def _peak(
     height = sign * states[left, 1] + 0.5 * h * rising**2 / bend
     by_rising = 0.5 * h * (2.0 * rising * bend - rising**2) / bend**2
     by_falling = 0.5 * h * rising**2 / bend**2
+    own = arc if left > first else arc - 1  # of whose nodes the left one is
     for p in range(arc + 1):
-        if left > first:
-            slope[p] = derivative(within, begins, left, arc, 1, p)
-            slope[p] += by_rising * derivative(within, begins, left, arc, 3, p)
-        else:  # the node belongs to the arc before
-            slope[p] = begins[arc, 1, p] + by_rising * begins[arc, 3, p]
+        slope[p] = derivative(within, begins, left, own, 1, p)
+        slope[p] += by_rising * derivative(within, begins, left, own, 3, p)
         slope[p] += by_falling * derivative(within, begins, right, arc, 3, p)
         slope[p] *= -sign / w0
     slope[arc] -= 0.5 * rising**2 / bend / (steps * w0)

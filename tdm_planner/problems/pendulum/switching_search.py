@@ -1,11 +1,25 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parts of the search for switching times: arrivals, polish, trajectory."""
+"""
+Candidates of the search for switching times: initial guesses, arrivals, polish, trajectory.
+
+Initial guesses are random, or the arcs of an earlier plan; torques of random ones alternate
+between their extremes from arc to arc, either sign may come first.
+
+Of a polished candidate multipliers lambda of the ends and mu >= 0 of the disk's limit make the
+Lagrangian of (10) stationary in the arcs there are. An empty arc of the opposite torque then has
+the derivative
+
+    dL/dxi = 1 + lambda d(ends)/dxi - mu d(margins)/dxi,
+
+the Hamiltonian of the minimum principle under that torque. Where it is negative the torque has the
+wrong sign, and an arc begun there shortens the swing-up.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 
@@ -13,27 +27,40 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_lanes import roll_ends
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
-from tdm_planner.problems.pendulum.switching_motion import arc_program, ArcProgram, evaluate_arcs
+from tdm_planner.problems.pendulum.switching_motion import ArcPoint, ArcProgram, evaluate_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+Late = Callable[[], bool]
 
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
+STEERED_STEPS = 32  # RK4 steps an arc once a sequence has landed
+_MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
+_WEAKEST = 0.1  # smallest share of the torque tried
+_FINAL_ARCS = 4  # of a sequence that pumps: they bring the pendulum to rest upright
+_STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # What is spent on landing: turns of so many iterations, after which those are dropped whose sum
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
+_POLISHED = 16  # last arcs whose time is minimised
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _CORRECTIONS = 10  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
+_PARTS = 4  # of an arc, before each of which an empty arc is tried
+_MOST = 2  # new arcs at a time: they change the multipliers
+_PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
+_STATIONARY = 0.1  # largest derivative by an arc that is there, at a minimum
+_ACTIVE = 2e-3  # [rad] from the disk's limit, of a peak that counts as at it
+_EMPTY = 1e-7  # w0 d of an arc that may only grow
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
@@ -74,6 +101,97 @@ class Candidate:
         return replace(self, durations=np.append(self.head[0], durations))
 
 
+def starts(
+    task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
+) -> ArcBatch:
+    """
+    Return `count` sequences of up to `most` arcs; half of them pump where torque is weak.
+
+    With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
+    arcs leave no room.
+    """
+    most = min(most, _MOST_RANDOM_ARCS)
+    durations, arcs = _random_durations(task, rng, count, most)
+    if task.drive < 1.0:
+        pumped = slice(0, count, 2)
+        durations[pumped], arcs[pumped] = _pumping_durations(task, rng, arcs[pumped].size, most)
+    first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
+    if weaken:
+        share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
+        first *= np.where(rng.uniform(size=count) < 0.5, share, 1.0)
+    torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
+    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
+    return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
+
+
+def _random_durations(
+    task: SwingUpTask, rng: np.random.Generator, count: int, most: int
+) -> tuple[Array, Integers]:
+    """Durations (count, most) [s], numbers of arcs: log-uniform totals split by Dirichlet(2)."""
+    w0 = task.plant.natural_frequency
+    quickest = max(task.quickest, 1e-3 / w0)
+    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
+    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
+    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
+    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
+    return shares * (totals / shares.sum(axis=1))[:, None], arcs
+
+
+def _pumping_durations(
+    task: SwingUpTask, rng: np.random.Generator, count: int, most: int
+) -> tuple[Array, Integers]:
+    """Half swings that grow slower as they grow larger, then a few random arcs to the top."""
+    arcs = rng.integers(min(FEWEST_ARCS + 1, most), most + 1, size=count)
+    index = np.arange(most)
+    swing = math.pi / task.plant.natural_frequency * rng.uniform(0.5, 1.3, size=(count, 1))
+    growth = rng.uniform(-0.05, 0.15, size=(count, 1)) * index
+    durations = swing * np.exp(growth + 0.2 * rng.normal(size=(count, most)))
+    durations[:, 0] *= rng.uniform(0.3, 1.0, size=count)
+    left = arcs[:, None] - index
+    final = 0.25 * swing * rng.gamma(2.0, size=(count, most))
+    return np.where(left > _FINAL_ARCS, durations, np.where(left > 0, final, 0.0)), arcs
+
+
+def arcs_of(motion: Trajectory) -> Candidate | None:
+    """
+    Return the arcs of constant torque of a motion, read from its controls; None if it has none.
+
+    The rest of a plan that is under way begins in the middle of an arc.
+    """
+    if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
+        return None
+    pieces = motion.smooth_pieces
+    torques = motion.controls[pieces[:-1], 0]
+    return Candidate(np.diff(motion.times[pieces]), torques, 0) if torques.all() else None
+
+
+def warm_starts(
+    task: SwingUpTask, rng: np.random.Generator, previous: Candidate, most: int, change: float
+) -> list[Candidate]:
+    """
+    Return the arcs of an earlier plan, their durations changed at random.
+
+    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
+    put before or after them, or both, where a new switch may grow; there are at most `most`.
+    """
+    sizes, found = np.abs(previous.torques), list[Candidate]()
+    held = np.clip(previous.torques, -task.torque, task.torque)
+    if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
+        held = np.copysign(task.torque, held)
+    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
+        after = max(after, FEWEST_ARCS + 1 - before - held.size)
+        count = before + held.size + after
+        if count > max(most, FEWEST_ARCS + 1):
+            continue
+        end = -math.copysign(task.torque, held[-1]) * (-1.0) ** np.arange(after)
+        first = np.full(before, -math.copysign(task.torque, held[0]))
+        durations = previous.durations * np.exp(change * rng.normal(size=held.size))
+        durations = np.concatenate([np.zeros(before), durations, np.zeros(after)])
+        torques = np.concatenate([first, held, end])
+        found.append(Candidate(durations, torques, 0, max(count - _STEERED_ARCS, 0)))
+    return found
+
+
 def shot(
     task: SwingUpTask, batch: ArcBatch, steps: int, budget: Budget, until: float
 ) -> list[Candidate]:
@@ -100,7 +218,7 @@ def land(
     candidates: list[Candidate],
     steps: int,
     budget: Budget,
-    late: Callable[[], bool],
+    late: Late,
     enough: float = math.inf,
 ) -> list[Candidate]:
     """
@@ -108,10 +226,16 @@ def land(
 
     No further turn is begun once it is `late`, or `enough` have arrived.
     """
+    # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
-    ends, peaks = along_fixed(task, candidates, steps, limit)
+    fixed = np.array([each.fixed for each in candidates], dtype=np.intp)
+    durations, torques = np.zeros((2, fixed.size, int(fixed.max(initial=0))))
+    for row, each in enumerate(candidates):
+        durations[row, : each.fixed], torques[row, : each.fixed] = each.head
+    k, share = task.plant.coefficients, task.plant.quickness / steps
+    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, share, limit)
     inside = peaks <= limit
-    left, starts = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
+    left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     if not left:
         return []
     counts = np.array([each.durations.size - each.fixed for each in left], dtype=np.intp)
@@ -130,35 +254,30 @@ def land(
             break
         part = batch.rows(rows)
         budget.evaluations += shoot(
-            task.plant, starts[rows], part, task.planned_disk_angle, steps, late, _TURN
+            task.plant, begins[rows], part, task.planned_disk_angle, steps, late, _TURN
         )
         batch.durations[rows], batch.costs[rows] = part.durations, part.costs
         rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
         each, n = left[row], counts[row]
         varied = batch.durations[row, :n]
-        end = roll_states(task.plant, starts[row], varied, each.tail[1])[-1]
+        end = roll_states(task.plant, begins[row], varied, each.tail[1])[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found
 
 
-def along_fixed(
-    task: SwingUpTask, candidates: Sequence[Candidate], steps: int, limit: float
-) -> tuple[Array, Array]:
-    """
-    Integrate the arcs that stay as they are, as finely as `steps` integrate those that do not.
+def landed_finely(
+    task: SwingUpTask, landed: list[Candidate], budget: Budget, late: Late
+) -> list[Candidate]:
+    """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
+    quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
+    last, steps = list(map(_with_last_varied, quickest)), task.steps(STEERED_STEPS)
+    found = land(task, last, steps, budget, late)
+    return found or list(map(_with_last_varied, land(task, quickest, steps, budget, late)))
 
-    Returns the states after them (B, 4) and the largest |psi| on the way (B,), which ends where
-    that is beyond `limit`.
-    """
-    arcs = np.array([each.fixed for each in candidates], dtype=np.intp)
-    durations, torques = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
-    for row, each in enumerate(candidates):
-        durations[row, : each.fixed], torques[row, : each.fixed] = each.head
-    plant, ends, peaks = task.plant, np.empty((arcs.size, 4)), np.empty(arcs.size)
-    share = plant.quickness / steps
-    roll_ends(plant.coefficients, task.start, durations, torques, arcs, share, limit, ends, peaks)
-    return ends, peaks
+
+def _with_last_varied(candidate: Candidate) -> Candidate:
+    return replace(candidate, fixed=max(candidate.fixed, candidate.durations.size - _POLISHED))
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:
@@ -236,9 +355,67 @@ def corrected(
 
 def program_of(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    start = roll_states(task.plant, task.start, *candidate.head)[-1]
-    torques, disk_angle = candidate.tail[1], task.planned_disk_angle
-    return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
+    plant = task.plant
+    return ArcProgram(
+        plant.coefficients,
+        roll_states(plant, task.start, *candidate.head)[-1],
+        candidate.tail[1],
+        2.0 * math.pi * candidate.turns,
+        task.planned_disk_angle,
+        plant.natural_frequency,
+        steps,
+    )
+
+
+def with_new_arcs(
+    task: SwingUpTask, candidate: Candidate, steps: int, most: int
+) -> Candidate | None:
+    """
+    Return a candidate, all of whose arcs are varied, with empty arcs where they pay.
+
+    There are at most `most` arcs. Where none pays it comes back as it is to be minimised further,
+    or None at a minimum, and where the motion runs away.
+    """
+    durations = np.zeros(2 * _PARTS * candidate.durations.size + 1)
+    durations[1::2] = np.repeat(candidate.durations / _PARTS, _PARTS)
+    torques = np.empty(durations.size)
+    torques[1::2] = np.repeat(candidate.torques, _PARTS)
+    torques[:-1:2], torques[-1] = -torques[1::2], -candidate.torques[-1]
+    split = replace(candidate, durations=durations, torques=torques)
+    xi = task.plant.natural_frequency * durations
+    point = evaluate_arcs(program_of(task, split, -(-steps // _PARTS)), xi)
+    if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
+        return None
+    there = xi > _EMPTY
+    slopes = _lagrangian_slopes(point, there)
+    pays = np.flatnonzero(~there & (slopes < _PAYS))
+    room = max(0, min(_MOST, (most - candidate.durations.size) // 2))
+    begun = pays[np.argsort(slopes[pays])][:room]
+    if not begun.size:
+        return candidate if np.abs(slopes[there]).max() > _STATIONARY else None
+    kept = there.copy()
+    kept[begun] = True
+    return _joined(candidate, durations[kept], torques[kept])[0]
+
+
+def _joined(candidate: Candidate, durations: Array, torques: Array) -> tuple[Candidate, Integers]:
+    """Join arcs that follow one another with the same torque; the first of those each is of."""
+    firsts = np.flatnonzero(np.append(True, torques[1:] != torques[:-1]))
+    joined = np.add.reduceat(durations, firsts)
+    return replace(candidate, durations=joined, torques=torques[firsts]), firsts
+
+
+def _lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
+    """Return dL/dxi (K,), by multipliers with which it is nearest to zero for the arcs `there`."""
+    active = np.flatnonzero(point.margins < _ACTIVE)
+    while True:
+        rows = np.concatenate([point.jacobian, -point.slopes[active]])
+        multipliers = np.linalg.lstsq(rows[:, there].T, -np.ones(there.sum()), rcond=1e-6)[0]
+        pushed = multipliers[4:] >= 0.0
+        if pushed.all():
+            slopes: Array = 1.0 + multipliers @ rows
+            return slopes
+        active = active[pushed]
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
@@ -248,24 +425,10 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
     Neighbours that then have the same torque are joined.
     """
     shortest = min(_SHORTEST_ARC / task.plant.natural_frequency, 1e-4 * candidate.total)
-    durations: list[float] = []
-    torques: list[float] = []
-    fixed = 0
-    for arc, (duration, torque) in enumerate(
-        zip(candidate.durations, candidate.torques, strict=True)
-    ):
-        if arc == candidate.fixed:
-            fixed = len(durations)
-        if duration < shortest:
-            continue
-        if torques and torques[-1] == torque:
-            durations[-1] += duration
-        else:
-            durations.append(float(duration))
-            torques.append(float(torque))
-    if len(durations) < fixed + FEWEST_ARCS:
-        return candidate
-    return Candidate(np.array(durations), np.array(torques), candidate.turns, fixed)
+    kept = np.flatnonzero(candidate.durations >= shortest)
+    fewer, firsts = _joined(candidate, candidate.durations[kept], candidate.torques[kept])
+    fixed = int(np.count_nonzero(kept[firsts] < candidate.fixed))
+    return candidate if firsts.size < fixed + FEWEST_ARCS else replace(fewer, fixed=fixed)
 
 
 def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
@@ -273,19 +436,16 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     slow = candidate.total / _MOST_SAMPLES
     spacing = min(max(_SAMPLE_TIME, slow), task.fine_time(0.05))
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
+    # The rest of a plan could not tell the ends of a shorter arc apart.
+    there = np.diff(switches) > 1.5 * NANOSECOND
     times, torques = [np.zeros(1)], []
-    for start, end, torque in _arcs(switches, candidate.torques):
+    for start, end, torque in zip(
+        switches[:-1][there], switches[1:][there], candidate.torques[there], strict=True
+    ):
         count = max(1, math.ceil((end - start) / spacing))
-        inside = to_nanoseconds(np.linspace(start, end, count + 1)[1:])
-        times.append(inside)
+        times.append(to_nanoseconds(np.linspace(start, end, count + 1)[1:]))
         torques.append(np.full(count, torque))
     instants, held = np.concatenate(times), np.concatenate(torques)
     states = roll_states(task.plant, task.start, np.diff(instants), held)
     controls = np.append(held, held[-1])[:, None]
     return task.trajectory(instants, states, controls)
-
-
-def _arcs(switches: Array, torques: Array) -> Iterator[tuple[float, float, float]]:
-    for start, end, torque in zip(switches[:-1], switches[1:], torques, strict=True):
-        if end - start > 1.5 * NANOSECOND:  # the rest of a plan could not tell its ends apart
-            yield float(start), float(end), float(torque)

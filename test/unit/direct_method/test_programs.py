@@ -24,7 +24,7 @@ from tdm_planner.direct_method.trust_region import (
 )
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.pendulum.switching_quadratic import solve_compiled
+from tdm_planner.problems.pendulum.switching_minimiser import solve_compiled
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import fly
 
@@ -164,8 +164,7 @@ def test_what_cannot_be_flown_cubic_controls_and_a_spent_budget_are_left_to_scip
 
 
 def solved(hessian, gradient, rows, least, lower, upper):
-    x, multipliers = np.empty(gradient.size), np.empty(least.size)
-    ok = solve_compiled(hessian, gradient, rows, least, lower, upper, x, multipliers)
+    ok, x, multipliers = solve_compiled(hessian, gradient, rows, least, lower, upper)
     return (x, multipliers) if ok else None
 
 

@@ -28,17 +28,17 @@ from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_motion
 from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
-from tdm_planner.problems.pendulum.switching_insertion import with_new_arcs
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
-from tdm_planner.problems.pendulum.switching_motion import arc_program, ArcProgram, evaluate_arcs
+from tdm_planner.problems.pendulum.switching_motion import ArcProgram, evaluate_arcs
 from tdm_planner.problems.pendulum.switching_refinement import collocated
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     polish,
+    starts,
     trajectory,
+    with_new_arcs,
     without_short_arcs,
 )
-from tdm_planner.problems.pendulum.switching_seeds import starts
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
 
@@ -267,8 +267,9 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
     assert stopped.size or task.least_reach > abs(task.start[1])
 
 
-def program(arcs: int, disk_angle: float = 2.0) -> ArcProgram:
-    return arc_program(PLANT, START, 0.09 * (-1.0) ** np.arange(arcs), 0, disk_angle, 12)
+def program(arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None) -> ArcProgram:
+    torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
+    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, 12)
 
 
 @given(DURATIONS, st.integers(0, 100))
@@ -307,8 +308,7 @@ def arrivals(disk_angle: float) -> Iterator[tuple[ArcProgram, np.ndarray]]:
         assert batch.costs[index] < ARRIVED
         n = batch.arcs[index]
         torques = batch.torques[index, :n].copy()
-        made = arc_program(PLANT, START, torques, 0, disk_angle, 12)
-        yield made, batch.durations[index, :n] * W0
+        yield program(n, disk_angle, torques), batch.durations[index, :n] * W0
 
 
 def local_minimum(program: ArcProgram, xi: np.ndarray) -> float:

@@ -17,7 +17,7 @@ import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems.formation.warm_start import kept_motions, LATE, turning_time
-from tdm_planner.problems.pendulum.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import FormationExecution, Mode, Replanner, SwingUpExecution
