@@ -43,7 +43,7 @@ from tdm_planner.problems.pendulum.switching_seeds import (
     warm_starts,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
 Array = NDArray[np.float64]
