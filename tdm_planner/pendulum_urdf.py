@@ -5,20 +5,7 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-
-_HEAD = """<?xml version="1.0"?>
-<!-- Written by `make config` for the plant's default parameters; the plant node publishes its own
-     on robot_description. Joint positions are the states: disk = psi, pendulum = theta, both zero
-     with the pendulum upright above +x. -->
-"""
-_COLOURS = {
-    'dark': '0.25 0.25 0.3 1',
-    'grey': '0.5 0.5 0.52 1',
-    'red': '0.85 0.2 0.2 1',
-}
 
 
 def pendulum_urdf(plant: RotaryPendulum) -> str:
@@ -29,70 +16,71 @@ def pendulum_urdf(plant: RotaryPendulum) -> str:
     `pendulum`, about -x of the disk, on the disk's rim. The plant does not know the disk's mass,
     which has no influence on the motion: the disk is a uniform one of its moment of inertia.
     """
-    inertia, radius, rod_length = plant.inertia, plant.arm_length, 2.0 * plant.com_distance
+    of, radius, rod_length = plant.inertia, plant.arm_length, 2.0 * plant.com_distance
     thick, high = 0.12 * radius, 1.15 * rod_length  # of the disk; of the base, for the rod to hang
-    robot = ElementTree.Element('robot', name='rotary_pendulum')
-    for name, rgba in _COLOURS.items():
-        ElementTree.SubElement(
-            ElementTree.SubElement(robot, 'material', name=name), 'color', rgba=rgba
-        )
-    ElementTree.SubElement(robot, 'link', name='world')
-    base = _link(robot, 'base')
-    _cylinder(base, 'dark', 0.5 * radius, high, -0.5 * (thick + high))
-    disk = _link(robot, 'disk')
-    mass = 2.0 * inertia.disk / radius**2
-    _inertial(disk, mass, 0.0, (0.5 * inertia.disk, 0.5 * inertia.disk, inertia.disk))
-    _cylinder(disk, 'grey', radius, thick, 0.0)
-    rod = _link(robot, 'rod')
+    half = 0.5 * of.disk
+    disk = _inertial(2.0 * of.disk / radius**2, 0.0, (half, half, of.disk))
     # The plant's axes are x across, y along the rod, z the pivot's; the link's are pivot, across,
     # along.
-    moments = (inertia.z, inertia.x, inertia.y)
-    _inertial(rod, plant.mass, plant.com_distance, moments)
-    _cylinder(rod, 'red', 0.035 * rod_length, rod_length, 0.5 * rod_length)
-    _joint(robot, 'base', 'fixed', 'world', 'base')
-    _joint(robot, 'disk', 'continuous', 'base', 'disk', axis='0 0 1')
-    rim = f'{radius!r} 0 0'
-    _joint(robot, 'pendulum', 'continuous', 'disk', 'rod', origin=rim, axis='-1 0 0')
-    ElementTree.indent(robot)
-    return _HEAD + ElementTree.tostring(robot, encoding='unicode') + '\n'
+    rod = _inertial(plant.mass, plant.com_distance, (of.z, of.x, of.y))
+    return f"""<?xml version="1.0"?>
+<!-- Written by `make config` for the plant's default parameters; the plant node publishes its own
+     on robot_description. Joint positions are the states: disk = psi, pendulum = theta, both zero
+     with the pendulum upright above +x. -->
+<robot name="rotary_pendulum">
+  <material name="dark">
+    <color rgba="0.25 0.25 0.3 1" />
+  </material>
+  <material name="grey">
+    <color rgba="0.5 0.5 0.52 1" />
+  </material>
+  <material name="red">
+    <color rgba="0.85 0.2 0.2 1" />
+  </material>
+  <link name="world" />
+  <link name="base">{_cylinder('dark', 0.5 * radius, high, -0.5 * (thick + high))}
+  </link>
+  <link name="disk">{disk}{_cylinder('grey', radius, thick, 0.0)}
+  </link>
+  <link name="rod">{rod}{_cylinder('red', 0.035 * rod_length, rod_length, 0.5 * rod_length)}
+  </link>
+  <joint name="base" type="fixed">
+    <origin xyz="0 0 0" rpy="0 0 0" />
+    <parent link="world" />
+    <child link="base" />
+  </joint>
+  <joint name="disk" type="continuous">
+    <origin xyz="0 0 0" rpy="0 0 0" />
+    <parent link="base" />
+    <child link="disk" />
+    <axis xyz="0 0 1" />
+  </joint>
+  <joint name="pendulum" type="continuous">
+    <origin xyz="{radius!r} 0 0" rpy="0 0 0" />
+    <parent link="disk" />
+    <child link="rod" />
+    <axis xyz="-1 0 0" />
+  </joint>
+</robot>
+"""
 
 
-def _link(robot: ElementTree.Element, name: str) -> ElementTree.Element:
-    return ElementTree.SubElement(robot, 'link', name=name)
+def _inertial(mass: float, height: float, moments: tuple[float, float, float]) -> str:
+    x, y, z = moments
+    return f"""
+    <inertial>
+      <origin xyz="0 0 {height!r}" rpy="0 0 0" />
+      <mass value="{mass!r}" />
+      <inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0" />
+    </inertial>"""
 
 
-def _inertial(
-    link: ElementTree.Element, mass: float, height: float, moments: tuple[float, float, float]
-) -> None:
-    inertial = ElementTree.SubElement(link, 'inertial')
-    ElementTree.SubElement(inertial, 'origin', xyz=f'0 0 {height!r}', rpy='0 0 0')
-    ElementTree.SubElement(inertial, 'mass', value=repr(mass))
-    values = dict(zip(('ixx', 'iyy', 'izz'), map(repr, moments), strict=True))
-    ElementTree.SubElement(inertial, 'inertia', values, ixy='0', ixz='0', iyz='0')
-
-
-def _cylinder(
-    link: ElementTree.Element, material: str, radius: float, length: float, height: float
-) -> None:
-    visual = ElementTree.SubElement(link, 'visual')
-    ElementTree.SubElement(visual, 'origin', xyz=f'0 0 {height:.6g}', rpy='0 0 0')
-    geometry = ElementTree.SubElement(visual, 'geometry')
-    ElementTree.SubElement(geometry, 'cylinder', radius=f'{radius:.6g}', length=f'{length:.6g}')
-    ElementTree.SubElement(visual, 'material', name=material)
-
-
-def _joint(
-    robot: ElementTree.Element,
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    origin: str = '0 0 0',
-    axis: str = '',
-) -> None:
-    joint = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
-    ElementTree.SubElement(joint, 'origin', xyz=origin, rpy='0 0 0')
-    ElementTree.SubElement(joint, 'parent', link=parent)
-    ElementTree.SubElement(joint, 'child', link=child)
-    if axis:
-        ElementTree.SubElement(joint, 'axis', xyz=axis)
+def _cylinder(material: str, radius: float, length: float, height: float) -> str:
+    return f"""
+    <visual>
+      <origin xyz="0 0 {height:.6g}" rpy="0 0 0" />
+      <geometry>
+        <cylinder radius="{radius:.6g}" length="{length:.6g}" />
+      </geometry>
+      <material name="{material}" />
+    </visual>"""
