@@ -50,9 +50,9 @@ class Checked:
     What was found of a statement.
 
     `rates` compares the equations; `limits` what is left to every limit at the start, None where
-    that depends on what is free, `short` of which it is less than the reserve; `ends` what is given
-    at the start and at the end, by name, NaN where it is free; `seconds` what one evaluation of a
-    motion takes, and one with first and second derivatives.
+    that depends on what is free, `short` of which it is less than the reserve; `ends` what is
+    given at the start and at the end, by name, NaN where it is free; `seconds` what one evaluation
+    of a motion takes, and one with first and second derivatives.
     """
 
     rates: tuple[Compared, ...]
