@@ -21,10 +21,9 @@ from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import argument, common_arguments, Launch
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build
+from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.resources import config_file
-from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from tdm_planner.views.rviz import pendulum_rviz
 
 
 def start(context: LaunchContext) -> list[Any]:
@@ -36,7 +35,7 @@ def start(context: LaunchContext) -> list[Any]:
         urdf = pendulum_urdf(build(RotaryPendulum, planner, 'plant.'))
         described.append(launch.state_publisher(ParameterValue(urdf, value_type=str)))
     if launch.on('rviz'):
-        described.append(launch.rviz(pendulum_rviz(launch.namespace)))
+        described.append(launch.rviz('pendulum'))
     described += [launch.node('planner'), launch.node('tracker')]
     if launch.on('plant'):
         described.append(launch.node('pendulum_plant'))

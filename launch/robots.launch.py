@@ -28,7 +28,6 @@ from tdm_planner.parameters import build
 from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.resources import config_file
 from tdm_planner.robot_nodes import robot_nodes
-from tdm_planner.views.rviz import robots_rviz
 
 
 def start(context: LaunchContext) -> list[Any]:
@@ -40,8 +39,7 @@ def start(context: LaunchContext) -> list[Any]:
         planner = ros_parameters(launch.document, 'planner', launch.namespace)
         arena = build(FormationParameters, planner).arena
         robots = [node.robot for node in nodes if node.executable == 'tracker']
-        view = robots_rviz(robots, launch.namespace, arena.length, arena.width)
-        described.append(launch.rviz(view))
+        described.append(launch.rviz('robots', robots, arena.length, arena.width))
     described += [
         launch.node(node.executable, node.robot, node.parameters)
         for node in nodes

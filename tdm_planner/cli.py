@@ -22,9 +22,7 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
-from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.problems.solution import Solution
 from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
 from tdm_sim.progress import Progress
 
@@ -226,7 +224,10 @@ def _plan(options: argparse.Namespace) -> int:
         save_plan(plan_document(problem, solution), options.output)
         if options.plot is not None:
             progress.phase(f'drawing {options.plot}')
-            _plot(problem, solution, options.plot)
+            # matplotlib takes half a second to import and only plots need it
+            from tdm_planner.plotting import plot_solution
+
+            plot_solution(problem, solution, options.plot)
     progress.line(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')
     progress.line(
         f'written to {options.output}' + (f' and {options.plot}' if options.plot else '')
@@ -246,13 +247,6 @@ def _check(options: argparse.Namespace) -> int:
     for reason in checked.reasons:
         _say(f'INVALID_PROBLEM: {reason}')
     return EXIT_USAGE if checked.reasons else EXIT_DONE
-
-
-def _plot(problem: Problem, solution: Solution, path: Path) -> None:
-    # matplotlib takes half a second to import and only plots need it
-    from tdm_planner.plotting import plot_solution
-
-    plot_solution(problem, solution, path)
 
 
 def _demo(options: argparse.Namespace) -> int:

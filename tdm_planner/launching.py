@@ -12,7 +12,8 @@ real plants the trackers go on to hold them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+import json
 from pathlib import Path
 import tempfile
 from typing import Any
@@ -25,12 +26,14 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import read_document
-from tdm_planner.resources import executable_of
+from tdm_planner.resources import config_file, executable_of
 from tdm_sim.record_command import record_command
+import yaml
 
 SWITCH = ['true', 'false', 'True', 'False', '1', '0']
 # Without this pause Ctrl-C might interrupt a tracker while it restarts.
 RESPAWN_DELAY, RESPAWN_RETRIES = 1.0, 3  # s
+_VIEW_WIDTH = 640.0  # px that the arena takes in RViz
 USAGE = 2  # exit code of a node that was started with what cannot be
 
 
@@ -115,8 +118,19 @@ class Launch:
             namespace=self._namespace,
         )
 
-    def rviz(self, view: str) -> Node:
-        """Describe RViz with a view."""
+    def rviz(
+        self, name: str, robots: Sequence[str] = (), length: float = 4.0, width: float = 4.0
+    ) -> Node:
+        """
+        Describe RViz with the view ``config/<name>.rviz``, its topics in our namespace.
+
+        With `robots` each gets a group of displays and a goal tool, and the arena of `length` and
+        `width` m is seen from above.
+        """
+        view = config_file(f'{name}.rviz').read_text(encoding='utf-8')
+        if robots:
+            view = _view_of_robots(view, robots, length, width)
+        view = view.replace(f'Value: /{name}/', f'Value: /{self.namespace}/'.replace('//', '/'))
         file = Path(tempfile.mkdtemp(), 'view.rviz')
         file.write_text(view, encoding='utf-8')
         return self.foreign_node('rviz2', 'rviz', arguments=['-d', str(file)])
@@ -143,6 +157,28 @@ class Launch:
                 raise RuntimeError(f'{name} ended with code {code}: the launch ends')
 
         return on_exit
+
+
+def _view_of_robots(view: str, robots: Sequence[str], length: float, width: float) -> str:
+    """Return the view of the shipped robots for others, made from the parts of the first."""
+    document = yaml.safe_load(view)
+    manager = document['Visualization Manager']
+    displays, tools = manager['Displays'], manager['Tools']
+
+    def for_each(item: Any) -> list[Any]:
+        text = json.dumps(item)
+        return [json.loads(text.replace('robot1', robot)) for robot in robots]
+
+    grid, plan, group = displays[:3]
+    manager['Displays'] = [grid, plan, *for_each(group)]
+    manager['Tools'] = [tool for tool in tools if 'Topic' not in tool]
+    manager['Tools'] += for_each(next(tool for tool in tools if 'Topic' in tool))
+    grid['Plane Cell Count'] = max(1, round(max(length, width)))  # cells of 1 m
+    grid['Offset'].update(X=length / 2, Y=width / 2)
+    manager['Views']['Current'].update(
+        X=length / 2, Y=width / 2, Scale=_VIEW_WIDTH / max(length, width)
+    )
+    return str(yaml.safe_dump(document, sort_keys=False, width=1000))
 
 
 def joined(*parts: str) -> str:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cache
 import math
 import operator
-from types import NoneType
+from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar, Union
 
 from tdm_planner.exceptions import InvalidProblem
@@ -219,8 +219,7 @@ def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
 
 
 def _unwrap_optional(hint: Any) -> tuple[Any, bool]:
-    origin = get_origin(hint)
-    if origin is Union or str(origin) == "<class 'types.UnionType'>":
+    if get_origin(hint) in (Union, UnionType):
         kinds = [kind for kind in get_args(hint) if kind is not NoneType]
         if len(kinds) == 1:
             return kinds[0], True

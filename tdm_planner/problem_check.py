@@ -50,16 +50,15 @@ class Checked:
     What was found of a statement.
 
     `rates` compares the equations; `limits` what is left to every limit at the start, None where
-    that depends on what is free, `short` of which it is less than the reserve; `start` and `end`
-    what is given there, by name; `seconds` what one evaluation of a motion takes, and one with
-    first and second derivatives.
+    that depends on what is free, `short` of which it is less than the reserve; `ends` what is
+    given at the start and at the end, by name, NaN where it is free; `seconds` what one evaluation
+    of a motion takes, and one with first and second derivatives.
     """
 
     rates: tuple[Compared, ...]
     limits: dict[str, float | None]
     short: list[str]
-    start: dict[str, float | None]
-    end: dict[str, float | None]
+    ends: dict[str, tuple[float, float]]
     baked: tuple[str, ...]
     seconds: tuple[float, float]
 
@@ -103,13 +102,7 @@ def check_problem(problem: Problem) -> Checked:
     program.begin(program.first_guess)
     ends = Ends.of(stated)
     names = (*stated.state_names, *stated.control_names)
-    given = [
-        {
-            name: float(value) if np.isfinite(value) else None
-            for name, value in zip(names, np.r_[ends.states[i], ends.controls[i]], strict=True)
-        }
-        for i in (0, 1)
-    ]
+    given = np.concatenate([ends.states, ends.controls], axis=1).T.tolist()
     rng = np.random.default_rng(1)
     xi = program.first_guess + 0.3 * rng.normal(size=program.size) / np.sqrt(program.size)
     by_inverse, rates, wrong = rates_of(program, xi)
@@ -125,8 +118,7 @@ def check_problem(problem: Problem) -> Checked:
         rates=tuple(compared),
         limits=limits,
         short=short_of_reserve(stated, limits),
-        start=given[0],
-        end=given[1],
+        ends={name: (start, end) for name, (start, end) in zip(names, given, strict=True)},
         baked=tuple(program.trace.fixed),
         seconds=_timed(program, xi),
     )
@@ -153,8 +145,8 @@ def show(checked: Checked, console: Console) -> None:
         table.add_row(row.state, f'{row.by_inverse:.6g}', f'{row.rate:.6g}', verdict)
     console.print(table)
     table = Table('', 'at the start', 'at the end')
-    for name in checked.start:
-        table.add_row(name, *(_value(ends[name]) for ends in (checked.start, checked.end)))
+    for name, given in checked.ends.items():
+        table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in given))
     console.print(table)
     if checked.limits:
         table = Table('limit', 'margin at the start')
@@ -172,7 +164,3 @@ def show(checked: Checked, console: Console) -> None:
         f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
         f'{1e3 * both:.3f} ms'
     )
-
-
-def _value(value: float | None) -> str:
-    return 'free' if value is None else f'{value:.6g}'

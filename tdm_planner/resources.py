@@ -29,20 +29,14 @@ def share_directory() -> Path:
         Naming the folders that were tried.
 
     """
-    tried = list(_candidates())
+    tried = [prefix / 'share' / PACKAGE for prefix in (*ament_prefixes(PACKAGE), Path(sys.prefix))]
+    tried.append(Path(__file__).resolve().parents[1])
     for folder in tried:
         if (folder / 'config').is_dir():
             return folder
     raise FileNotFoundError(
         f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
     )
-
-
-def _candidates() -> Iterator[Path]:
-    for prefix in ament_prefixes(PACKAGE):
-        yield prefix / 'share' / PACKAGE
-    yield Path(sys.prefix) / 'share' / PACKAGE
-    yield Path(__file__).resolve().parents[1]
 
 
 def ament_prefixes(package: str) -> Iterator[Path]:

@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, get_args, Literal, NamedTuple
+from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.named import Named
+
+if TYPE_CHECKING:
+    from tdm_planner.plants.base import Named
 
 Array = NDArray[np.float64]
 Interpolation = Literal['zero_order_hold', 'linear', 'cubic']

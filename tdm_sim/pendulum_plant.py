@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from tdm_planner.drawing import PendulumDrawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED, Validated
+from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant

@@ -17,12 +17,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS
-from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
-from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tools.architecture import figure
 from tools.node_tables import parameters_by_node, Specifications
 from tools.pages import documentation
@@ -104,10 +101,6 @@ def generated() -> dict[Path, str]:
         config / 'robots.yaml': robots_file(ROBOTS_TITLE, {}, {}),
         config / 'robots_air_bearing.yaml': air_bearing_file(),
         config / 'pendulum.urdf': pendulum_urdf(RotaryPendulum()),
-        config / 'pendulum.rviz': pendulum_rviz(),
-        config / 'robots.rviz': robots_rviz(DEFAULT_ROBOTS),
-        config / 'foxglove' / 'pendulum.json': pendulum_foxglove(),
-        config / 'foxglove' / 'robots.json': robots_foxglove(DEFAULT_ROBOTS),
         config / 'security' / 'policy.xml': policy(),
         ROOT / 'docs' / 'images' / 'architecture.svg': figure(),
         **documentation(ROOT / 'docs'),

@@ -25,7 +25,7 @@ from tdm_planner.problems import Solution
 from tdm_planner.problems.pendulum.shooting import ArcBatch
 from tdm_planner.problems.pendulum.switching_search import FINE_STEPS, shot, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.trajectory import Trajectory
 from virtual_arc_program import VirtualArcProgram
 

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Protocol, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.named import Named
 
 if TYPE_CHECKING:  # a simulated plant has no use for what replays a plan
     from tdm_planner.direct_method.flight import Flown, Integrator
@@ -22,6 +21,26 @@ if TYPE_CHECKING:  # a simulated plant has no use for what replays a plan
 Array = NDArray[np.float64]
 
 LARGEST_STEP = 1e-3  # s
+
+
+class Named(Protocol):
+    """Names and units (SI) of states and controls, in the order of their arrays."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the nx states."""
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        """Units of the nx states."""
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the nu controls."""
+
+    @property
+    def control_units(self) -> tuple[str, ...]:
+        """Units of the nu controls."""
 
 
 class Plant(Named, Protocol):

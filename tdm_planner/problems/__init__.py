@@ -23,9 +23,8 @@ if TYPE_CHECKING:
         PendulumStart,
         PendulumSwingUp,
     )
-    from tdm_planner.problems.problem import Problem
+    from tdm_planner.problems.problem import Problem, Search
     from tdm_planner.problems.request import SolverParameters
-    from tdm_planner.problems.search import Search
     from tdm_planner.problems.solution import Solution
 
 __all__ = [
@@ -46,13 +45,12 @@ __all__ = [
 
 _MODULES = {
     'tdm_planner.plants': ('PendulumLimits', 'RobotLimits'),
-    'tdm_planner.problems.problem': ('Problem',),
+    'tdm_planner.problems.problem': ('Problem', 'Search'),
     'tdm_planner.problems.direct.problem': ('DirectProblem', 'DirectSolverParameters'),
     'tdm_planner.problems.formation.parameters': ('RobotStart',),
     'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
     'tdm_planner.problems.request': ('SolverParameters',),
     'tdm_planner.problems.formation.problem': ('RobotFormation',),
-    'tdm_planner.problems.search': ('Search',),
     'tdm_planner.problems.solution': ('Solution',),
 }
 

@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 import difflib
 import math
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,92 @@ from tdm_planner.parameters import (
     to_mapping,
 )
 from tdm_planner.problems.request import RequestParameters, SolverParameters
-from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
+C = TypeVar('C')
 P = TypeVar('P', bound='Problem')
 _FEW = 30  # parameters that a message can list
+
+
+class Search(ABC, Generic[C]):
+    """
+    The direct method's outer loop (section 3 of Yakimenko 2006); `run` carries it out.
+
+    First guesses are minimised to candidates; the most promising are refined with more nodes and
+    written out as trajectories until one passes the check; where none does, it begins anew, wider.
+    What a problem brings is how its candidates come about and how they are refined.
+
+    `budget` is the time it may take; `rejected` why the last plan failed its check, empty if none
+    did.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self.budget = budget
+        self.rejected = ''
+
+    @abstractmethod
+    def candidates(self) -> Iterable[C]:
+        """Minimise from a round of first guesses; feasible results, the most promising first."""
+
+    @abstractmethod
+    def plans(self, candidate: C) -> Iterator[Solution]:
+        """
+        Yield plans of a candidate: each, better refined, is asked for if the last one failed.
+
+        Once the budget is spent it should end, except that the first candidate deserves its check.
+        """
+
+    @abstractmethod
+    def failure(self) -> Infeasible:
+        """Return the reason why there is no plan."""
+
+    def promises_more(self, candidate: C, than: C) -> bool:
+        """Whether a candidate is worth a check though another has given a plan."""
+        return True
+
+    def satisfied_with(self, plan: Solution) -> bool:
+        """Whether a verified plan ends the search at once."""
+        return True
+
+    def widen(self) -> bool:
+        """Prepare another round after one without a plan; False ends the search."""
+        return True
+
+    def run(self) -> Solution:
+        """
+        Return the first plan to satisfy, else the cheapest of the round that passes the check.
+
+        Raises
+        ------
+        Infeasible
+            If there is none; its subclass says why.
+
+        """
+        while True:
+            best: tuple[C, Solution] | None = None
+            for candidate in self.candidates():
+                if best is None or self.promises_more(candidate, best[0]):
+                    plan = self._verified(candidate)
+                    if plan is not None and self.satisfied_with(plan):
+                        return plan
+                    if plan is not None and (best is None or plan.cost < best[1].cost):
+                        best = candidate, plan
+                if self.budget.spent:
+                    break
+            if best is not None:
+                return best[1]
+            if self.budget.spent or not self.widen():
+                raise self.failure()
+
+    def _verified(self, candidate: C) -> Solution | None:
+        for plan in self.plans(candidate):
+            if plan.verification.ok:
+                return plan
+            self.rejected = plan.verification.reasons[0]
+        return None
 
 
 class Problem(ABC):

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.exceptions import TdmError
-from tdm_planner.named import Named
 from tdm_planner.parameters import LARGEST
+from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
 Array = NDArray[np.float64]

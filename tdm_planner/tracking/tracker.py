@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.named import Named
+from tdm_planner.plants.base import Named
 from tdm_planner.tracking.estimator import StateEstimator
 from tdm_planner.tracking.motion import (
     Action,

@@ -31,7 +31,7 @@ def sections(path: Path) -> dict[str, dict]:
 
 
 def test_generated_anew_nothing_differs(ros: Ros):
-    """Parameter files, views, descriptions, the policy, the tables of the pages: `make config`."""
+    """Parameter files, the description, the policy, the tables of the pages: `make config`."""
     generate = pytest.importorskip('tools.generate')
     before = dict(os.environ)
     wanted = generate.generated()

@@ -38,7 +38,7 @@ from tdm_planner.problems.direct.statement import (
     constraints_of,
     short_of_reserve,
 )
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify

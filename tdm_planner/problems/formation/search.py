@@ -24,7 +24,7 @@ from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import assessed, keeps_reserve
 from tdm_planner.problems.formation.warm_start import rest_of
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 

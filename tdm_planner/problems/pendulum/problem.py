@@ -30,9 +30,8 @@ from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
 from tdm_planner.problems.pendulum.switching_refinement import prepare_collocation
 from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
-from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.request import SolverParameters
-from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint

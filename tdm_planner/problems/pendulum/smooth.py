@@ -25,7 +25,7 @@ from tdm_planner.parameters import group, parameter
 from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
 _FREE = 12  # varied parameters of the disk's angle

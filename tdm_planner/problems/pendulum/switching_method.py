@@ -41,7 +41,7 @@ from tdm_planner.problems.pendulum.switching_search import (
     without_short_arcs,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
-from tdm_planner.problems.search import Search
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from replays import central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
+from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_lanes, roll_states
@@ -25,7 +26,6 @@ from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.estimator import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
-from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
 PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
