@@ -32,7 +32,7 @@ from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file
 from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES
-from tdm_sim.plant_model import SimulationParameters
+from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
 NodeCommand = tuple[str, str, list[str]]

@@ -153,18 +153,3 @@ class Points(Sequence[Point]):
             row, index = divmod(row, len(group[0].values))
             point.update({axis.name: axis.values[index] for axis in group})
         return {name: point[name] for name in self._names}
-
-
-class Chosen(Sequence[Point]):
-    """Some of the points, by their rows."""
-
-    def __init__(self, points: Points, rows: Sequence[int]) -> None:
-        self._points, self._rows = points, rows
-
-    def __len__(self) -> int:
-        """Return the number of the points chosen."""
-        return len(self._rows)
-
-    def __getitem__(self, index: Any) -> Any:
-        """Return a point."""
-        return self._points[self._rows[index]]

@@ -17,7 +17,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.study.axes import Axis, checked, Chosen, parse_axis, Point, Points
+from tdm_sim.study.axes import Axis, checked, parse_axis, Point, Points
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.tables import claim, ENDINGS, Table, Trial
 from tdm_sim.study.workers import each, workers
@@ -26,7 +26,6 @@ Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]
 
 _SAVED = 10.0  # s between two times at which the table is saved
 _SAID = 10.0  # s between two lines where nothing is live
-PAGE = 'study.html'
 
 
 def run(
@@ -83,9 +82,7 @@ def run(
         kept = f', {len(done)} of which are there' if done else ''
         say.phase(f'planning {len(points)} times{kept}')
         with workers(scheduler, processes) as client:
-            _collect(
-                table, left, points, each(client, trial, Chosen(points, left), trial.lost), say
-            )
+            _collect(table, points, each(client, trial, points, trial.lost, left), say)
     found = table.save()
     if folder is not None:
         say.phase(f'drawing {folder}')
@@ -114,20 +111,19 @@ def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis])
     }
 
 
-def _collect(
-    table: Table, left: Sequence[int], points: Points, results: Iterator[Any], say: Progress
-) -> None:
+def _collect(table: Table, points: Points, results: Iterator[Any], say: Progress) -> None:
     """Add the rows as they are computed; save the table now and then, and at any end."""
+    done = len(table.rows)
+    left = len(points) - done
     began = saved = said = time.monotonic()
     try:
-        for count, (index, found) in enumerate(results, 1):
-            row = left[index]
+        for count, (row, found) in enumerate(results, 1):
             table.add({'row': row, **points[row], **found})
             now = time.monotonic()
             began = now if count == 1 else began  # processes have started by then
-            text = f'{len(points) - len(left) + count} of {len(points)}'
+            text = f'{done + count} of {len(points)}'
             if count > 1:
-                text += f', {_span((now - began) / (count - 1) * (len(left) - count))} left'
+                text += f', {_span((now - began) / (count - 1) * (left - count))} left'
             say.update(f'planning: {text}')
             if now - said > _SAID:
                 said = now
@@ -148,16 +144,13 @@ def _span(seconds: float) -> str:
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
     """Write pictures and page."""
     # matplotlib takes half a second to import, and worker processes do not need it
-    from tdm_sim.study.page import write_page, write_pictures
-    from tdm_sim.study.pictures import draw
+    from tdm_sim.study.pictures import draw, write_page
 
     columns = {name: table[name].to_pylist() for name in table.column_names}
     specs = trial.problem.parameter_specifications(trial.parameters)
     units = {axis.name: specs[axis.name].unit for axis in axes}
     pictures = draw(columns, axes, units)
-    data = write_pictures(folder, pictures)
-    titled = {name: (title, data[name]) for name, (_, title) in pictures.items()}
     shared = dict(trial.parameters)
     if trial.closed_loop is not None:
         shared |= {f'closed loop: {name}': v for name, v in asdict(trial.closed_loop).items()}
-    write_page(folder / PAGE, trial.problem.name, columns, axes, shared, titled)
+    write_page(folder, trial.problem.name, columns, axes, shared, pictures)

@@ -20,8 +20,14 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim import simulation as simulated
-from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
-from tdm_sim.wheeled_robot import Walls, WheeledRobot
+from tdm_sim.simulation import (
+    mismatched,
+    pendulum_push,
+    PlantSetup,
+    SimulatedPlant,
+    Walls,
+    WheeledRobot,
+)
 
 SETTINGS = settings(max_examples=25)
 ANGLES = st.floats(-10.0, 10.0)

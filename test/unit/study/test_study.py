@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import itertools
 import json
 from pathlib import Path
+import re
 import time
 from unittest.mock import Mock
 
@@ -28,8 +29,7 @@ from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, checked, parse_axis, Points
 from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.page import write_page
-from tdm_sim.study.pictures import draw
+from tdm_sim.study.pictures import draw, write_page
 from tdm_sim.study.study import _collect
 from tdm_sim.study.tables import Table, Trial
 
@@ -233,9 +233,9 @@ def collected(path: Path | None, order: list[int], until: int = 99):
         for count, row in enumerate(row for row in order if row in left):
             if count == until:
                 raise KeyboardInterrupt
-            yield left.index(row), found(points[row])
+            yield row, found(points[row])
 
-    _collect(table, left, points, results(), Progress(quiet=True))
+    _collect(table, points, results(), Progress(quiet=True))
     return table.save()
 
 
@@ -288,18 +288,17 @@ def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_p
     columns = columns_of(rows)
     pictures = draw(columns, axes, {'x': 'N m'})
     assert list(pictures) == [*names, *(['caught', 'held'] if closed and names == MAPS else [])]
-    for name, (figure, _) in pictures.items():
-        figure.savefig(tmp_path / f'{name}.png')
+    for figure, _ in pictures.values():
         assert any('x [N m]' in axis.get_xlabel() for axis in figure.axes)
     odd = any(row['code'] for row in rows)
     legends = [axis.get_legend() for figure, _ in pictures.values() for axis in figure.axes]
     texts = {text.get_text() for legend in legends if legend for text in legend.get_texts()}
     assert texts == ({'INFEASIBLE'} if odd else set())
-    titled = {name: (title, b'') for name, (_, title) in pictures.items()}
-    write_page(tmp_path / 'study.html', 'any', columns, axes, {'a': 1}, titled)
-    page = (tmp_path / 'study.html').read_text()
+    write_page(tmp_path, 'any', columns, axes, {'a': 1}, pictures)
+    page = re.sub('base64,[^"]*', '', (tmp_path / 'study.html').read_text())
     assert ('too &lt;b&gt;odd&lt;/b&gt;' in page) == odd
     assert '<b>' not in page
+    assert {file.stem for file in tmp_path.glob('*.png')} == {*pictures}
     assert 'http' not in page.replace('http-equiv', '')
 
 
