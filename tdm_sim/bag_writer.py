@@ -19,7 +19,7 @@ from pathlib import Path
 import sqlite3
 import sys
 import time
-from types import TracebackType
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from rclpy.qos import QoSProfile
@@ -121,10 +121,7 @@ class _Sqlite(Sqlite3Writer):
 
 
 class _Writer(Writer):
-    STORAGE_PLUGINS: ClassVar[Any] = {
-        StoragePlugin.MCAP: _Mcap,
-        StoragePlugin.SQLITE3: _Sqlite,
-    }
+    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite})
 
 
 class RecordingError(TdmError):
@@ -245,12 +242,7 @@ class BagWriter:
             self._fail(error)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Write index and metadata, also after an error: the messages stay readable."""
         self._reserve.unlink(missing_ok=True)
         try:

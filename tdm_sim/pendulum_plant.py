@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from functools import partial
 import math
@@ -141,12 +141,7 @@ class PendulumModel(PlantModel):
 
 
 PendulumPlant = partial(PlantNode, 'pendulum_plant', PendulumModel)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(PendulumPlant, args)
-
+main = partial(run, PendulumPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
@@ -228,12 +228,7 @@ class RobotModel(PlantModel):
 
 
 RobotPlant = partial(PlantNode, 'robot_plant', RobotModel)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(RobotPlant, args)
-
+main = partial(run, RobotPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

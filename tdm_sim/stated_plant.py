@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
@@ -138,12 +138,7 @@ def _model_of(node: PlantNode) -> PlantModel:
 
 
 StatedPlant = partial(PlantNode, 'plant', _model_of, MappingProxyType({PROBLEM.name: PROBLEM}))
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(StatedPlant, args)
-
+main = partial(run, StatedPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

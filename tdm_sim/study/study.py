@@ -17,7 +17,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.study.axes import Axis, checked, parse_axis, Point, Points
+from tdm_sim.study.axes import Axis, checked, parse_axis, Point, points_of
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.tables import claim, ENDINGS, Table, Trial
 from tdm_sim.study.workers import each, workers
@@ -68,7 +68,7 @@ def run(
     kind = load_problem(problem) if isinstance(problem, str) else problem
     shared = dict(parameters or {})
     axes = [checked(axis, kind, shared) for axis in _axes(over)]
-    points = Points(axes)
+    points = points_of(axes)
     trial = Trial(kind, shared, closed_loop)
     folder = None if output is None else Path(output)
     if ending not in ENDINGS:
@@ -111,7 +111,7 @@ def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis])
     }
 
 
-def _collect(table: Table, points: Points, results: Iterator[Any], say: Progress) -> None:
+def _collect(table: Table, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
     """Add the rows as they are computed; save the table now and then, and at any end."""
     done = len(table.rows)
     left = len(points) - done
