@@ -61,6 +61,7 @@ Array = NDArray[np.float64]
 LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 QUEUE = 10  # messages
+_COUNTED = ('states published', 'commands accepted', 'commands ignored', 'pushes')
 
 
 @dataclass(frozen=True)
@@ -212,7 +213,7 @@ class PlantNode(ParameterNode):
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._skipped = 0.0
-        self._published = self._accepted = self._ignored = self._pushes = 0
+        self._counts = dict.fromkeys(_COUNTED, 0)
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
         self._name = self.model.name(given)
@@ -294,7 +295,7 @@ class PlantNode(ParameterNode):
         measured = self.simulation.measure()
         self.model.observe(self.simulation.state)
         self._publish(measured, now.to_msg())
-        self._published += 1
+        self._counts['states published'] += 1
         self._show(measured, now)
         if self.simulation.timeouts > self._warned_timeouts:
             self._warned_timeouts = self.simulation.timeouts
@@ -334,12 +335,12 @@ class PlantNode(ParameterNode):
         try:
             self.simulation.command(read_command(self.model.kind, message))
         except InvalidProblem as error:
-            self._ignored += 1
+            self._counts['commands ignored'] += 1
             self.get_logger().warning(
                 f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
             )
             return
-        self._accepted += 1
+        self._counts['commands accepted'] += 1
 
     def release(self) -> None:
         """Release a plant that is held."""
@@ -357,7 +358,7 @@ class PlantNode(ParameterNode):
     def _on_push(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
         description = self.model.push(self.parameters, self.simulation)
-        self._pushes += 1
+        self._counts['pushes'] += 1
         self.get_logger().info(description)
         response.success = True
         response.message = description
@@ -392,11 +393,8 @@ class PlantNode(ParameterNode):
                 'simulated time [s]': self.simulation.time,
                 'time skipped [s]': self._skipped,
                 'rate [Hz]': self._rate.measured(),
-                'states published': self._published,
-                'commands accepted': self._accepted,
-                'commands ignored': self._ignored,
+                **self._counts,
                 'command time-outs': self.simulation.timeouts,
-                'pushes': self._pushes,
                 **({'held': self.simulation.held} if self.simulation.setup.held else {}),
                 **figures,
             },

@@ -12,13 +12,12 @@ from __future__ import annotations
 import base64
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 import io
 from pathlib import Path
 from statistics import mode
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
@@ -36,7 +35,7 @@ from tdm_planner.plotting import legend_above
 from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
-from tdm_sim.study.tables import MARGIN
+from tdm_sim.study.study import MARGIN
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
@@ -81,7 +80,6 @@ figure {{ margin: 0; }} figure img {{ max-width: 100%; border-radius: 6px; }}</s
 """
 
 
-@dataclass(frozen=True, eq=False)
 class Variable:
     """
     A parameter as it runs along a picture's axis.
@@ -90,29 +88,18 @@ class Variable:
     lie between them.
     """
 
-    name: str
-    unit: str
-    values: tuple[Any, ...]
-    places: Array
-    edges: Array
-    spacing: str
-    labels: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, axis: Axis, unit: str) -> Variable:
-        """Return an axis of a study as one of a picture."""
-        numbers = all(isinstance(value, (int, float)) for value in axis.values)
-        numbers = numbers and not any(isinstance(value, bool) for value in axis.values)
-        values = tuple(sorted(set(axis.values))) if numbers else axis.values
-        labels = () if numbers else tuple(map(str, values))
-        places = np.array(values if numbers else range(len(values)), dtype=float)
+    def __init__(self, axis: Axis, unit: str) -> None:
+        numbers = all(type(value) in (int, float) for value in axis.values)
+        self.name, self.unit, self.spacing = axis.name, unit, axis.spacing
+        self.values = tuple(sorted(set(axis.values))) if numbers else axis.values
+        self.labels = () if numbers else tuple(map(str, self.values))
+        self.places = np.array(self.values if numbers else range(len(self.values)), dtype=float)
         log = axis.spacing == 'log'
-        at = np.log(places) if log else places
+        at = np.log(self.places) if log else self.places
         between = 0.5 * (at[1:] + at[:-1])
         ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
         edges = np.concatenate([ends[:1], between, ends[1:]])
-        edges = np.exp(edges) if log else edges
-        return cls(axis.name, unit, values, places, edges, axis.spacing, labels)
+        self.edges = np.exp(edges) if log else edges
 
     def place(self, column: Sequence[Any]) -> NDArray[np.intp]:
         """Return which of the values every row has (N,)."""
@@ -141,8 +128,7 @@ def _key(value: Any) -> str:
     return str(list(value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-@dataclass(frozen=True, eq=False)
-class Quantity:
+class Quantity(NamedTuple):
     """What a picture shows: `values` (N,) of every row, NaN where it has none."""
 
     name: str
@@ -178,25 +164,14 @@ def draw(
     `columns` are those of a study's table, all of one length.
     """
     varied = [a for a in axes if len(set(map(_key, a.values))) > 1 and a.name != REPEATED]
-    variables = [Variable.of(axis, units.get(axis.name, '')) for axis in varied]
+    variables = [Variable(axis, units.get(axis.name, '')) for axis in varied]
     shown = quantities(columns)
     if not variables:
         return {}
     if len(variables) == 1:
         names = ' and '.join(q.name for q in shown)
         return {'curve': (_curves(columns, variables[0], shown), names)}
-    found = {}
-    for quantity in shown:
-        if len(variables) == 2:
-            figure = Figure(figsize=(8, 5.6), layout='constrained')
-            axis = figure.subplots()
-            drawn = _map(axis, columns, (variables[0], variables[1]), quantity)
-            _key_of_colours(figure, drawn, [axis], quantity.title)
-            _legend(axis, columns)
-        else:
-            figure = _pairs(columns, variables, quantity)
-        found[quantity.name] = figure, quantity.title
-    return found
+    return {q.name: (_maps(columns, variables, q), q.title) for q in shown}
 
 
 def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> Figure:
@@ -264,41 +239,34 @@ def _map(
     return drawn
 
 
-def _pairs(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
+def _maps(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
     """Draw the plane of every two variables: the median over all values of the others."""
     n = len(variables) - 1
-    figure = Figure(figsize=(3.2 * n + 2.0, 2.8 * n + 0.8), layout='constrained')
+    size = (8.0, 5.6) if n == 1 else (3.2 * n + 2.0, 2.8 * n + 0.8)
+    figure = Figure(figsize=size, layout='constrained')
     axes = figure.subplots(n, n, squeeze=False)
+    for axis in axes[np.triu_indices(n, 1)]:
+        axis.remove()
     drawn: Any = None
     for q in range(n):
-        for p in range(n):
-            if p > q:
-                axes[q, p].remove()
-                continue
+        for p in range(q + 1):
             drawn = _map(axes[q, p], columns, (variables[p], variables[q + 1]), quantity)
             if q < n - 1:
                 axes[q, p].set_xlabel('')
             if p:
                 axes[q, p].set_ylabel('')
     kept = list(axes[np.tril_indices(n)])
-    _key_of_colours(figure, drawn, kept, f'{quantity.title}, median', shrink=0.8)
+    title = quantity.title if n == 1 else f'{quantity.title}, median'
+    bar = figure.colorbar(drawn, ax=kept, label=title, shrink=1.0 if n == 1 else 0.8)
+    if isinstance(drawn.norm, LogNorm):
+        _plain(bar.ax.yaxis)
     _legend(axes[0, 0], columns)
     return figure
 
 
-def _key_of_colours(
-    figure: Figure, drawn: Any, axes: Sequence[Axes], title: str, shrink: float = 1.0
-) -> None:
-    bar = figure.colorbar(drawn, ax=list(axes), label=title, shrink=shrink)
-    if isinstance(drawn.norm, LogNorm):
-        _plain(bar.ax.yaxis)
-
-
 def _norm(quantity: Quantity) -> Normalize:
-    if quantity.share:
-        return Normalize(0.0, 1.0)
     known = quantity.values[np.isfinite(quantity.values)]
-    if not known.size:
+    if quantity.share or not known.size:
         return Normalize(0.0, 1.0)
     low, high, middle = float(known.min()), float(known.max()), float(np.median(known))
     if low > 0.0:  # a start that is the goal, say, must not take the colours of all others
