@@ -28,10 +28,14 @@ PlantType = TypeVar('PlantType')
 
 
 def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
-    """Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`."""
+    """
+    Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`.
+
+    Gains, delivered per commanded, are uniform in 1 +- `mismatch`, independent of the errors that
+    `mismatched` draws from the seed; the thruster turns by a servo, which has no such error.
+    """
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    gains = mismatched_gains(3, mismatch, seed)
-    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+    gains = 1.0 + mismatch * np.random.default_rng([seed, 1]).uniform(-1.0, 1.0, 3) * [1, 0, 1]
     return {'lower': upper * [0.0, -1.0, -1.0], 'upper': upper, 'gains': gains}
 
 
@@ -288,13 +292,3 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
         for name, value in to_mapping(plant).items()
     }
     return build(type(plant), constants)
-
-
-def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
-    """
-    Return the gain of each of `count` actuators, delivered per commanded, (count,).
-
-    Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
-    """
-    generator = np.random.default_rng([seed, 1])
-    return 1.0 + mismatch * generator.uniform(-1.0, 1.0, count)
