@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import importlib
 from pathlib import Path
 import signal
@@ -94,8 +94,7 @@ class Recorder(Node):
         self._choice = TopicChoice(
             frozenset(self.resolve_topic_name(topic) for topic in topics), namespace
         )
-        self._recorded: set[str] = set()
-        self._skipped: set[str] = set()
+        self._known: set[str] = set()  # topics, recorded or skipped
         self._lost: dict[str, int] = {}
         self._start = self._read_at = time.monotonic()
         self._messages = 0
@@ -118,23 +117,22 @@ class Recorder(Node):
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._recorded or topic in self._skipped or not self._choice.wants(topic):
+            if topic in self._known or not self._choice.wants(topic):
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if publishers:
+                self._known.add(topic)
                 self._subscribe(topic, types, publishers)
 
     def _subscribe(self, topic: str, types: Sequence[str], publishers: Sequence[Any]) -> None:
-        if len(types) != 1:
-            self._skip(topic, f'it has several types: {", ".join(types)}')
-            return
         try:
+            if len(types) != 1:
+                raise InvalidProblem(f'it has several types: {", ".join(types)}')
             kind = message_class(types[0])
             connection = self._writer.add_topic(topic, types[0], publishers)
         except TdmError as error:
-            self._skip(topic, str(error))
+            self.get_logger().warning(f'{topic} is not recorded: {error}')
             return
-        self._recorded.add(topic)
 
         def write(data: bytes) -> None:
             # EventsExecutor cannot pass the message's info: the instant is taken here.
@@ -143,18 +141,8 @@ class Recorder(Node):
         def count_lost(event: Any) -> None:
             self._lost[topic] = event.total_count
 
-        self.create_subscription(
-            kind,
-            topic,
-            write,
-            AS_OFFERED,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
-        )
-
-    def _skip(self, topic: str, reason: str) -> None:
-        self._skipped.add(topic)
-        self.get_logger().warning(f'{topic} is not recorded: {reason}')
+        lost = SubscriptionEventCallbacks(message_lost=count_lost)
+        self.create_subscription(kind, topic, write, AS_OFFERED, raw=True, event_callbacks=lost)
 
 
 def message_class(type_name: str) -> Any:
@@ -219,7 +207,6 @@ def record(
             executor.shutdown()
             node.destroy_node()
     done = node.progress()
-    done = replace(done, rate=done.messages / done.elapsed)
     if writer.failure:
         raise IncompleteRecording(
             f'{writer.failure}; the recording ends there, with {done.messages} messages', done

@@ -47,7 +47,8 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # what is lost is done again
     if scheduler is not None:
         try:
-            client = Client(_address(scheduler), timeout=_CONNECTED)
+            address = scheduler if '://' in scheduler else f'tcp://{scheduler}'
+            client = Client(address, timeout=_CONNECTED)
         except (OSError, ValueError):
             raise InvalidProblem(
                 f"scheduler '{scheduler}' does not answer: must be HOST:PORT of a Dask scheduler"
@@ -82,10 +83,6 @@ def _children_deaf() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _address(scheduler: str) -> str:
-    return scheduler if '://' in scheduler else f'tcp://{scheduler}'
 
 
 def each(
