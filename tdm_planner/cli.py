@@ -299,7 +299,7 @@ def _report(options: argparse.Namespace) -> int:
 
 def _study(options: argparse.Namespace) -> int:
     from tdm_sim.study import ClosedLoop, parse_axis, run
-    from tdm_sim.study.study import PAGE
+    from tdm_sim.study.pictures import PAGE
 
     asked = {'seeds': options.seeds, 'mismatch': options.mismatch}
     given = {name: value for name, value in asked.items() if value is not None}

@@ -17,13 +17,27 @@ from contextlib import suppress
 import os
 from pathlib import Path
 import sqlite3
+import sys
 import time
-from types import TracebackType
+from types import MappingProxyType
 from typing import Any, ClassVar
 
+from rclpy.qos import QoSProfile
+from rosbags.interfaces import (
+    Nodetype,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-from tdm_planner.exceptions import TdmError
-from tdm_sim.wire_types import definition_and_hash, offered_profile
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.resources import ament_prefixes
 
 RESERVE = 8 * 2**20  # bytes: a block of messages, the index of all, the metadata
 LONGEST_OPEN = 1.0  # s that messages wait to be completed or committed
@@ -34,35 +48,27 @@ StorageError = (OSError, sqlite3.Error)
 STORAGES = ('mcap', 'sqlite3')
 
 
-class _McapKeeper:
-    """
-    Keeps blocks of an MCAP file readable.
+class _Mcap(McapWriter):
+    """An MCAP file that can be cut off after the last complete block, `end` [bytes]."""
 
-    One that was written in part is cut off, and written again.
-    """
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.end = self.bio.tell()
 
-    def __init__(self, storage: Any) -> None:
-        self._storage = storage
-        self._blocks = 0
-        self._end = int(storage.bio.tell())
+    def close_chunk(self) -> None:
+        super().close_chunk()
+        self.end = self.bio.tell()
+        self.bio.flush()
 
-    def written(self, topic: int, stamp: int, data: bytes) -> None:
-        """Note that a message has been written."""
-        if self._storage.chunk.bio.tell() > LARGEST_BLOCK:
-            self._storage.close_chunk()
-        self._note_blocks()
-
-    def _note_blocks(self) -> None:
-        if len(self._storage.chunks) != self._blocks:
-            self._blocks = len(self._storage.chunks)
-            self._end = int(self._storage.bio.tell())
-            self._storage.bio.flush()
+    def write(self, connection: Any, timestamp: int, data: bytes | memoryview) -> None:
+        super().write(connection, timestamp, data)
+        if self.chunk.bio.tell() > LARGEST_BLOCK:
+            self.close_chunk()
 
     def complete(self) -> None:
         """Complete what has been written last, so that it survives a kill."""
-        if self._storage.chunk.msgs:
-            self._storage.close_chunk()
-            self._note_blocks()
+        if self.chunk.msgs:
+            self.close_chunk()
 
     def rescue(self, counts: dict[int, int]) -> None:
         """
@@ -70,50 +76,52 @@ class _McapKeeper:
 
         `counts`, messages by topic, are set to those of the storage.
         """
-        file = self._storage.bio
-        file.flush()
-        file.seek(self._end)
-        file.truncate()
+        self.bio.flush()
+        self.bio.seek(self.end)
+        self.bio.truncate()
         # The last message is in the open block, although writing it is what failed.
-        counts.update(self._storage.channel_stats)
+        counts.update(self.channel_stats)
 
 
-class _SqliteKeeper:
+class _Sqlite(Sqlite3Writer):
     """
-    Keeps a database's transactions: SQLite rolls back the open one when the disk is full.
+    A database: SQLite rolls back the open transaction when the disk is full.
 
     The messages in it are kept here until they are committed, to be written again. Methods are
-    those of `_McapKeeper`.
+    those of `_Mcap`.
     """
 
-    def __init__(self, storage: Any) -> None:
-        self._connection: sqlite3.Connection = storage.conn
-        self._connection.commit()
-        self._open: list[tuple[int, int, bytes]] = []
-        self._size = 0
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.complete()
 
-    def written(self, topic: int, stamp: int, data: bytes) -> None:
-        self._open.append((topic, stamp, data))
+    def add_connection(self, *arguments: Any) -> None:
+        super().add_connection(*arguments)
+        self.complete()  # or the topic would be forgotten with the transaction
+
+    def write(self, connection: Any, timestamp: int, data: bytes | memoryview) -> None:
+        super().write(connection, timestamp, data)
+        self._open.append((connection, timestamp, data))
         self._size += len(data)
         if self._size > MOST_OPEN:
             self.complete()
 
     def complete(self) -> None:
-        self._connection.commit()
-        self._open.clear()
+        self.conn.commit()
+        self._open: list[tuple[Any, int, bytes | memoryview]] = []
         self._size = 0
 
     def rescue(self, counts: dict[int, int]) -> None:
-        if not self._connection.in_transaction:
-            self._connection.executemany(
-                'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', self._open
-            )
+        if not self.conn.in_transaction:
+            for message in self._open:
+                super().write(*message)
         self.complete()
-        found = self._connection.execute(
-            'SELECT topic_id, count(*) FROM messages GROUP BY topic_id'
-        )
-        kept = dict(found.fetchall())
-        counts.update({key: kept.get(key, 0) for key in counts})
+        found = self.conn.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
+        counts.update(dict.fromkeys(counts, 0) | dict(found.fetchall()))
+
+
+class _Writer(Writer):
+    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite})
 
 
 class RecordingError(TdmError):
@@ -149,28 +157,19 @@ class BagWriter:
         self.path = path
         self.failure = ''
         self._reserve = path / '.reserve'  # of space: removed when the disk is full
-        self._keeper: _McapKeeper | _SqliteKeeper | None = None
         self._completed = time.monotonic()
-        self._topics: dict[int, str] = {}
-        self._taken = f"the folder '{path}' exists already: choose another or remove it"
-        try:
-            self._writer = Writer(
-                path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin[storage.upper()]
-            )
-        except WriterError:
-            raise RecordingError(self._taken) from None
+        self._plugin = StoragePlugin[storage.upper()]
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages written, by topic."""
-        return {topic: self._writer.counts[key] for key, topic in self._topics.items()}
+        return {one.topic: self._writer.counts[one.id] for one in self._writer.connections}
 
     @property
     def size(self) -> int:
         """Bytes on disk, metadata aside."""
-        files = [file for file in self.path.glob('*') if not file.name.startswith('.')]
         sizes = 0
-        for file in files:
+        for file in self.path.glob('[!.]*'):
             with suppress(OSError):  # SQLite's journal comes and goes
                 sizes += file.stat().st_size
         return sizes
@@ -183,67 +182,59 @@ class BagWriter:
         """
         definition, type_hash = definition_and_hash(type_name, publishers[0].topic_type_hash)
         try:
-            connection = self._writer.add_connection(
+            return self._writer.add_connection(
                 topic,
                 type_name,
                 msgdef=definition,
                 rihs01=type_hash,
-                offered_qos_profiles=[offered_profile(item.qos_profile) for item in publishers],
+                offered_qos_profiles=[_offered(item.qos_profile) for item in publishers],
             )
         except StorageError as error:
             self._fail(error)
             raise RecordingError(self.failure) from None
-        self._topics[connection.id] = topic
-        self._completed = 0.0  # SQLite would forget the topic with the transaction
-        self.keep()
-        return connection
 
     def write(self, connection: Any, stamp: int, data: bytes) -> None:
         """Write one serialized message received at `stamp` [ns since the epoch]."""
         if self.failure:
             return
-        assert self._keeper is not None
         try:
             self._writer.write(connection, stamp, data)
-            self._keeper.written(connection.id, stamp, data)
         except StorageError as error:
             self._fail(error)
 
     def keep(self) -> None:
         """Let what has been written survive a kill, every second; to be called often."""
         now = time.monotonic()
-        if self.failure or self._keeper is None or now - self._completed < LONGEST_OPEN:
+        if self.failure or now - self._completed < LONGEST_OPEN:
             return
         self._completed = now
         try:
-            self._keeper.complete()
+            self._storage.complete()
         except StorageError as error:
             self._fail(error)
 
-    def _release(self) -> None:
-        """Free the reserved space."""
-        with suppress(OSError):
-            self._reserve.unlink()
-
     def _fail(self, error: Exception) -> None:
         self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
-        self._release()
-        assert self._keeper is not None
+        self._reserve.unlink(missing_ok=True)
         with suppress(*StorageError):
-            self._keeper.rescue(self._writer.counts)
+            self._storage.rescue(self._writer.counts)
 
     def __enter__(self) -> BagWriter:
         """Make the folder and open the files in it."""
         try:
+            self._writer = _Writer(
+                self.path, version=Writer.VERSION_LATEST, storage_plugin=self._plugin
+            )
             self._writer.open()
-        except FileExistsError:
-            raise RecordingError(self._taken) from None
+        except WriterError:
+            raise RecordingError(
+                f"the folder '{self.path}' exists already: choose another or remove it"
+            ) from None
         except StorageError as error:
             raise RecordingError(
                 f"the folder '{self.path}' cannot be made: {_reason(error)}"
             ) from None
-        storage: Any = self._writer.storage
-        self._keeper = _McapKeeper(storage) if hasattr(storage, 'bio') else _SqliteKeeper(storage)
+        self._storage: Any = self._writer.storage
         try:
             with self._reserve.open('xb') as file:
                 os.posix_fallocate(file.fileno(), 0, RESERVE)
@@ -251,16 +242,15 @@ class BagWriter:
             self._fail(error)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Write index and metadata, also after an error: the messages stay readable."""
-        self._release()
+        self._reserve.unlink(missing_ok=True)
         try:
-            self._close()
+            try:
+                self._writer.close()
+            except StorageError as full:  # put the storage in order first
+                self._fail(full)
+                self._writer.close()
         except StorageError as failure:
             self.failure = (
                 f"the bag '{self.path}' could not be completed ({_reason(failure)}): it has no "
@@ -268,10 +258,63 @@ class BagWriter:
             )
             self._writer.abort()
 
-    def _close(self) -> None:
-        """Write index and metadata; bring the storage in order first, if the disk gets full."""
-        try:
-            self._writer.close()
-        except StorageError as error:
-            self._fail(error)
-            self._writer.close()
+
+def _offered(profile: QoSProfile) -> Qos:
+    """Return a publisher's offer as `rosbags` writes it."""
+
+    def time(duration: Any) -> QosTime:
+        return QosTime(*divmod(duration.nanoseconds, 10**9))
+
+    return Qos(
+        history=QosHistory(int(profile.history)),
+        depth=profile.depth,
+        reliability=QosReliability(int(profile.reliability)),
+        durability=QosDurability(int(profile.durability)),
+        deadline=time(profile.deadline),
+        lifespan=time(profile.lifespan),
+        liveliness=QosLiveliness(int(profile.liveliness)),
+        liveliness_lease_duration=time(profile.liveliness_lease_duration),
+        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+    )
+
+
+def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
+    """
+    Return the definition of a message type, those of its members appended, and its type hash.
+
+    They are read from the .msg files in the share folders of the installed packages; the hash is
+    that on the wire, where there is one.
+
+    Raises
+    ------
+    InvalidProblem
+        If the definition of the type is not to be found.
+
+    """
+    store = get_typestore(Stores.EMPTY)
+    wanted = [type_name]
+    while wanted:
+        name = wanted.pop()
+        if name not in store.fielddefs:
+            found = get_types_from_msg(_definition_file(name).read_text(), name)
+            store.register(found)
+            wanted += _members(found[name])
+    on_wire = str(wire_hash) if getattr(wire_hash, 'version', 0) > 0 else ''
+    definition, _ = store.generate_msgdef(type_name, ros_version=2)
+    return definition, on_wire or store.hash_rihs01(type_name)
+
+
+def _members(definition: Any) -> list[str]:
+    """Names of the message types that a definition of `rosbags` refers to."""
+    kinds = [kind for _, kind in definition[1]]
+    plain = [k[1][0] if k[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else k for k in kinds]
+    return [detail for kind, detail in plain if kind == Nodetype.NAME]
+
+
+def _definition_file(type_name: str) -> Path:
+    package, _, name = type_name.partition('/msg/')
+    file = Path('share', package, 'msg', f'{name}.msg')
+    for prefix in (*ament_prefixes(package), Path(sys.prefix)):
+        if (prefix / file).is_file():
+            return prefix / file
+    raise InvalidProblem(f"the definition of its message type '{type_name}' is not found")

@@ -120,8 +120,8 @@ def _prepare_folder(folder: Path) -> None:
         path = folder / name
         if path.is_dir():
             shutil.rmtree(path)
-        elif path.exists():
-            path.unlink()
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
@@ -152,22 +152,14 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                 return True
 
             progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))
-            words = [
-                'record',
-                '-o',
-                str(output / 'bag'),
-                '--namespace',
-                scene.namespace,
-                '--quiet',
-            ]
+            bag = str(output / 'bag')
+            words = ['record', '-o', bag, '--namespace', scene.namespace, '--quiet']
             processes.start('recorder', 'tdm_planner.cli', words)
             for name, module, arguments in scene.nodes():
                 processes.start(name, module, arguments)
             if not wait(lambda: not scene.missing(client), _START_LIMIT):
-                raise DemoFailed(
-                    f'not up and connected after {_START_LIMIT:g} s: '
-                    + ', '.join(scene.missing(client))
-                )
+                missing = ', '.join(scene.missing(client))
+                raise DemoFailed(f'not up and connected after {_START_LIMIT:g} s: {missing}')
             progress.phase('asking for a plan')
             answer = _ask(client, wait)
             progress.phase(answer['summary'])
@@ -215,9 +207,9 @@ def _table(mission: Mission, comparison: Comparison) -> Table:
     judged = comparison.verdict
     title = 'not known' if judged is None or not judged.reasons else 'goal missed'
     reached = judged is not None and judged.reached
-    table = Table(title='goal reached and held' if reached else title)
-    for heading in ('', 'planned', 'achieved'):
-        table.add_column(heading, justify='right' if heading else 'left')
+    table = Table('', title='goal reached and held' if reached else title)
+    for heading in ('planned', 'achieved'):
+        table.add_column(heading, justify='right')
     for row in figures(mission, comparison):
         table.add_row(*map(escape, row))
     if abs(mission.speed - 1.0) > _REAL_TIME:

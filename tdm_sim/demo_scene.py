@@ -32,7 +32,7 @@ from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file
 from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES
-from tdm_sim.plant_model import SimulationParameters
+from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
 NodeCommand = tuple[str, str, list[str]]
@@ -40,17 +40,14 @@ NodeCommand = tuple[str, str, list[str]]
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 
 
-# The parameters of planners, trackers and plants, and those that cover what takes real time.
+# How the parameters of planners, trackers and plants are declared, and which cover real time.
 _DECLARED: Mapping[str, tuple[Callable[[], Mapping[str, ParameterSpec]], tuple[str, ...]]] = {
     'planner': (
-        lambda: specifications(RequestParameters),
+        partial(specifications, RequestParameters),
         ('start.delay', 'start.max_age', 'replan.delay'),
     ),
-    'tracker': (
-        lambda: tracker_specifications('pendulum'),
-        ('state_timeout', 'replan.interval'),
-    ),
-    'plant': (lambda: specifications(SimulationParameters), ('command_timeout',)),
+    'tracker': (partial(tracker_specifications, 'pendulum'), ('state_timeout', 'replan.interval')),
+    'plant': (partial(specifications, SimulationParameters), ('command_timeout',)),
 }
 _NODES = 100  # that may speak at once
 
@@ -73,10 +70,6 @@ class Connections:
 
     def __init__(self) -> None:
         self._figures: dict[str, Mapping[str, str]] = {}
-
-    def listen(self, node: Node) -> None:
-        """Subscribe to the diagnostics."""
-        node.create_subscription(DiagnosticArray, TOPIC, self.take, _NODES)
 
     def take(self, message: DiagnosticArray) -> None:
         """Keep the figures of a message."""
@@ -162,7 +155,7 @@ class Scene:
 
     def listen(self, node: Node) -> None:
         """Subscribe to diagnostics, the plan, the first plant's state, every tracker's error."""
-        self.connections.listen(node)
+        node.create_subscription(DiagnosticArray, TOPIC, self.connections.take, _NODES)
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
         first = f'{self.plants[0].namespace}/joint_states'  # all plants have one clock
         node.create_subscription(JointState, first, self._on_state, qos_profile_sensor_data)
@@ -181,14 +174,14 @@ class Scene:
         self.now = seconds_of(message.header.stamp)
 
     def _on_error(self, space: str, message: JointState) -> None:
-        found = {}
-        for joint in self._view.kind.joints:
-            if joint.name in message.name:
-                index = list(message.name).index(joint.name)
-                for quantity in QUANTITIES[:2]:
-                    values, state = getattr(message, quantity), getattr(joint, quantity)
-                    if state in self._view.kind.state_names and len(values):
-                        found[state] = float(values[index])
+        kind, names = self._view.kind, list(message.name)
+        found = {
+            getattr(joint, quantity): float(getattr(message, quantity)[names.index(joint.name)])
+            for joint in kind.joints
+            if joint.name in names
+            for quantity in QUANTITIES[:2]
+            if getattr(joint, quantity) in kind.state_names and len(getattr(message, quantity))
+        }
         self._errors[space] = found
         at = seconds_of(message.header.stamp)
         near = all(
@@ -207,11 +200,12 @@ class Scene:
         found = []
         for part in self.parts:
             name = f'{part.namespace}/{part.executable}'
-            up = client.service_is_ready()
             if part.executable == 'tracker':
                 up = self.connections.tracker(name)
             elif part in self.plants:
                 up = self.connections.plant(name)
+            else:
+                up = client.service_is_ready()
             found += [] if up else [name]
         return found
 
@@ -267,36 +261,28 @@ def make_scene(plant: str, parameters: Path | None, output: Path) -> Scene:
         If there is no such problem, or the parameter file cannot be used.
 
     """
-    made = {'pendulum': _pendulum, 'robots': _robots}.get(plant)
-    if made is not None:
-        return made(config_file(f'{plant}.yaml') if parameters is None else parameters)
-    kind = load_problem(plant)
-    file = output / 'parameters.yaml' if parameters is None else parameters
-    values = read_parameters(parameters, node='planner', required=False) if parameters else {}
-    space = f'/{kind.name}'
-    named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
-    parts = tuple(Part(node, space, {parameter: plant}) for node, parameter in named)
-    return Scene(kind.from_parameters(values), space, parts, file.resolve())
-
-
-def _pendulum(file: Path) -> Scene:
-    space = '/pendulum'
-    problem = load_problem('pendulum_swing_up')
-    parts = tuple(Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner'))
-    values = read_parameters(file, namespace=space)
-    return Scene(problem.from_parameters(values), space, parts, file.resolve(), rates=2.0)
-
-
-def _robots(file: Path) -> Scene:
-    space = '/robots'
-    values = read_parameters(file, namespace=space)
-    problem = load_problem('robot_formation').from_parameters(values)
-    parts = [
-        Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
-        for node in robot_nodes({'/**/planner': {'ros__parameters': values}})
-    ]
-    ordered = sorted(parts, key=lambda part: part.executable == 'planner')
-    return Scene(problem, space, tuple(ordered), file.resolve())
+    built_in = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}.get(plant)
+    kind = load_problem(built_in or plant)
+    space = f'/{plant if built_in else kind.name}'
+    if built_in:
+        file = config_file(f'{plant}.yaml') if parameters is None else parameters
+        values = read_parameters(file, namespace=space)
+    else:
+        file = output / 'parameters.yaml' if parameters is None else parameters
+        values = read_parameters(file, node='planner', required=False) if parameters else {}
+    if plant == 'pendulum':
+        parts = [Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner')]
+    elif plant == 'robots':
+        planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
+        parts = [
+            Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
+            for node in (*others, planner)
+        ]
+    else:
+        named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
+        parts = [Part(node, space, {parameter: plant}) for node, parameter in named]
+    rates = 2.0 if plant == 'pendulum' else 1.0
+    return Scene(kind.from_parameters(values), space, tuple(parts), file.resolve(), rates)
 
 
 def speed_settings(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from functools import partial
 import math
@@ -20,8 +20,7 @@ from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
-from tdm_sim.plant_node import PlantNode
+from tdm_sim.plant_node import MarkerParameters, PlantModel, PlantNode, SimulationParameters
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
@@ -118,16 +117,12 @@ class PendulumModel(PlantModel):
         """Return the URDF."""
         return pendulum_urdf(parameters.plant)
 
-    def push(
-        self, parameters: PendulumPlantParameters, simulation: SimulatedPlant
-    ) -> tuple[Callable[[Array], Array], str]:
-        """Return the effect of an impulse about the pendulum's pivot."""
+    def push(self, parameters: PendulumPlantParameters, simulation: SimulatedPlant) -> str:
+        """Give an impulse about the pendulum's pivot."""
         impulse, plant = parameters.disturbance.impulse, simulation.setup.plant
         assert isinstance(plant, RotaryPendulum)
-        return (
-            lambda state: pendulum_push(plant, state, impulse),
-            f'pushed the pendulum with {impulse:g} N m s',
-        )
+        simulation.push(lambda state: pendulum_push(plant, state, impulse))
+        return f'pushed the pendulum with {impulse:g} N m s'
 
     def observe(self, state: Array) -> None:
         """Record the disk's angle."""
@@ -146,12 +141,7 @@ class PendulumModel(PlantModel):
 
 
 PendulumPlant = partial(PlantNode, 'pendulum_plant', PendulumModel)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(PendulumPlant, args)
-
+main = partial(run, PendulumPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

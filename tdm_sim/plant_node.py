@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The node of every simulated plant: real time, commands, services, diagnostics.
+The node of every simulated plant, and what it asks of a plant: its parameters, drawing, pushes.
 
 Every event (timer, command, service) integrates the plant up to the present. Late timers so delay
 messages, and never change the speed of the motion.
@@ -10,7 +10,9 @@ messages, and never change the speed of the motion.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -25,6 +27,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import (
     MotionClock,
@@ -38,10 +41,19 @@ from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.parameters import build, ParameterSpec, specifications
+from tdm_planner.parameters import (
+    build,
+    parameter,
+    ParameterSpec,
+    POSITIVE,
+    Range,
+    SEED,
+    specifications,
+    Validated,
+)
+from tdm_planner.plant_kind import PlantKind
 from tdm_sim.clock_source import ClockSource
-from tdm_sim.plant_model import PlantModel
-from tdm_sim.simulation import SimulatedPlant
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
@@ -49,6 +61,115 @@ Array = NDArray[np.float64]
 LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 QUEUE = 10  # messages
+_COUNTED = ('states published', 'commands accepted', 'commands ignored', 'pushes')
+
+
+@dataclass(frozen=True)
+class SimulationParameters(Validated):
+    """Parameters of every simulated plant; subclasses add the plant's own."""
+
+    rate: float = parameter(
+        200.0,
+        'rate of the published states',
+        unit='Hz',
+        allowed=Range(0.1, 1000.0),
+        read_only=True,
+    )
+    real_time_factor: float = parameter(
+        1.0,
+        'speed of the simulated motion relative to the clock; with publish_clock, of that clock '
+        'relative to real time',
+        allowed=Range(0.0, 100.0, lower_open=True),
+    )
+    publish_clock: bool = parameter(
+        False,
+        'drive /clock, for other nodes with use_sim_time; one node alone must do so',
+        read_only=True,
+    )
+    clock_followers: list[str] = parameter(
+        ['joint_command'],
+        'topics of commands or joint states whose publishers the clock waits for when they fall '
+        'behind',
+        read_only=True,
+    )
+    command_timeout: float = parameter(
+        0.1,
+        'simulated time without a command after which the actuators are switched off',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    mismatch: float = parameter(
+        0.0,
+        'largest relative error put on every physical constant, at random (0.05 is 5 %)',
+        allowed=Range(0.0, 1.0, upper_open=True),
+    )
+    mismatch_seed: int = parameter(
+        0, 'seed of the mismatch: the same seed gives the same plant', allowed=SEED
+    )
+    seed: int = parameter(
+        0,
+        'seed of measurement noise, command loss and push directions',
+        allowed=SEED,
+        read_only=True,
+    )
+
+
+@dataclass(frozen=True)
+class MarkerParameters(Validated):
+    """How the plant is drawn while a viewer subscribes."""
+
+    rate: float = parameter(
+        25.0,
+        'rate of the markers while a viewer subscribes; 0 switches them off',
+        unit='Hz',
+        allowed=Range(0.0, 100.0),
+    )
+    trail: float = parameter(
+        1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
+    )
+
+
+class PlantModel(ABC):
+    """
+    A plant to be simulated: its joints, parameters and drawing, and what a push does to it.
+
+    `parameters` has a group `markers`. The joints may have states that the simulation alone knows
+    (the angle of a wheel).
+    """
+
+    parameters: type[SimulationParameters]
+    kind: PlantKind
+
+    @abstractmethod
+    def make_setup(self, parameters: Any) -> PlantSetup:
+        """Return the plant, its limits and its disturbances as `parameters` say."""
+
+    @abstractmethod
+    def push(self, parameters: Any, simulation: SimulatedPlant) -> str:
+        """Give the plant one push of `disturbance.impulse`; returns a description."""
+
+    @abstractmethod
+    def drawn(self, parameters: Any) -> Drawn:
+        """Return what the plant looks like with these parameters."""
+
+    def name(self, parameters: Any) -> str:
+        """Return the name of one of several plants, the child frame of its odometry."""
+        del parameters
+        return ''
+
+    def description(self, parameters: Any) -> str:
+        """Return the plant's URDF, '' if it has none."""
+        del parameters
+        return ''
+
+    def observe(self, state: Array) -> None:
+        """Record a true state (nx,)."""
+        del state
+
+    def conditions(self, parameters: Any) -> tuple[list[str], Mapping[str, Any]]:
+        """Return warnings about what was observed, and figures for the diagnostics."""
+        del parameters
+        return [], {}
 
 
 class PlantNode(ParameterNode):
@@ -92,7 +213,7 @@ class PlantNode(ParameterNode):
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._skipped = 0.0
-        self._published = self._accepted = self._ignored = self._pushes = 0
+        self._counts = dict.fromkeys(_COUNTED, 0)
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
         self._name = self.model.name(given)
@@ -174,7 +295,7 @@ class PlantNode(ParameterNode):
         measured = self.simulation.measure()
         self.model.observe(self.simulation.state)
         self._publish(measured, now.to_msg())
-        self._published += 1
+        self._counts['states published'] += 1
         self._show(measured, now)
         if self.simulation.timeouts > self._warned_timeouts:
             self._warned_timeouts = self.simulation.timeouts
@@ -214,12 +335,12 @@ class PlantNode(ParameterNode):
         try:
             self.simulation.command(read_command(self.model.kind, message))
         except InvalidProblem as error:
-            self._ignored += 1
+            self._counts['commands ignored'] += 1
             self.get_logger().warning(
                 f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
             )
             return
-        self._accepted += 1
+        self._counts['commands accepted'] += 1
 
     def release(self) -> None:
         """Release a plant that is held."""
@@ -236,9 +357,8 @@ class PlantNode(ParameterNode):
 
     def _on_push(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
-        effect, description = self.model.push(self.parameters, self.simulation)
-        self.simulation.push(effect)
-        self._pushes += 1
+        description = self.model.push(self.parameters, self.simulation)
+        self._counts['pushes'] += 1
         self.get_logger().info(description)
         response.success = True
         response.message = description
@@ -273,11 +393,8 @@ class PlantNode(ParameterNode):
                 'simulated time [s]': self.simulation.time,
                 'time skipped [s]': self._skipped,
                 'rate [Hz]': self._rate.measured(),
-                'states published': self._published,
-                'commands accepted': self._accepted,
-                'commands ignored': self._ignored,
+                **self._counts,
                 'command time-outs': self.simulation.timeouts,
-                'pushes': self._pushes,
                 **({'held': self.simulation.held} if self.simulation.setup.held else {}),
                 **figures,
             },

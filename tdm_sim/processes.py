@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
 import time
-from types import TracebackType
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.starting import uninterrupted
@@ -82,8 +82,8 @@ class NodeProcesses:
     def end(self) -> dict[str, int]:
         """Interrupt every process, wait, and return the exit codes by name."""
         codes: dict[str, int] = {}
-        for name in reversed(list(self._processes)):
-            _signal_group(self._processes[name], signal.SIGINT)
+        for process in reversed(self._processes.values()):
+            _signal_group(process, signal.SIGINT)
         deadline = time.monotonic() + _GRACE
         for name, process in self._processes.items():
             try:
@@ -100,18 +100,11 @@ class NodeProcesses:
     def __enter__(self) -> NodeProcesses:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.end()
 
 
 def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
     if process.poll() is None:
-        try:
+        with suppress(ProcessLookupError):
             os.killpg(process.pid, number)
-        except ProcessLookupError:
-            return

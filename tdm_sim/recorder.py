@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+import importlib
 from pathlib import Path
 import signal
 import sys
@@ -24,16 +25,24 @@ import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from tdm_planner.exceptions import TdmError
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
+from tdm_planner.starting import SIGNALS
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress as Shown
 from tdm_sim.record_command import RECORDING, TopicChoice
-from tdm_sim.wire_types import AS_OFFERED, message_class
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
 PROGRESS_PERIOD = 0.5  # s between updates of the live line
 PLAIN_PERIOD = 10.0  # s between plain lines, where there is no terminal
+# Quality of service that every publisher's offer matches, as strong as all of them allow; deep
+# enough for a burst that arrives while a chunk is written to disk.
+AS_OFFERED = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
 
 
 @dataclass(frozen=True)
@@ -85,8 +94,7 @@ class Recorder(Node):
         self._choice = TopicChoice(
             frozenset(self.resolve_topic_name(topic) for topic in topics), namespace
         )
-        self._recorded: set[str] = set()
-        self._skipped: set[str] = set()
+        self._known: set[str] = set()  # topics, recorded or skipped
         self._lost: dict[str, int] = {}
         self._start = self._read_at = time.monotonic()
         self._messages = 0
@@ -109,23 +117,22 @@ class Recorder(Node):
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._recorded or topic in self._skipped or not self._choice.wants(topic):
+            if topic in self._known or not self._choice.wants(topic):
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if publishers:
+                self._known.add(topic)
                 self._subscribe(topic, types, publishers)
 
     def _subscribe(self, topic: str, types: Sequence[str], publishers: Sequence[Any]) -> None:
-        if len(types) != 1:
-            self._skip(topic, f'it has several types: {", ".join(types)}')
-            return
         try:
+            if len(types) != 1:
+                raise InvalidProblem(f'it has several types: {", ".join(types)}')
             kind = message_class(types[0])
             connection = self._writer.add_topic(topic, types[0], publishers)
         except TdmError as error:
-            self._skip(topic, str(error))
+            self.get_logger().warning(f'{topic} is not recorded: {error}')
             return
-        self._recorded.add(topic)
 
         def write(data: bytes) -> None:
             # EventsExecutor cannot pass the message's info: the instant is taken here.
@@ -134,18 +141,25 @@ class Recorder(Node):
         def count_lost(event: Any) -> None:
             self._lost[topic] = event.total_count
 
-        self.create_subscription(
-            kind,
-            topic,
-            write,
-            AS_OFFERED,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
-        )
+        lost = SubscriptionEventCallbacks(message_lost=count_lost)
+        self.create_subscription(kind, topic, write, AS_OFFERED, raw=True, event_callbacks=lost)
 
-    def _skip(self, topic: str, reason: str) -> None:
-        self._skipped.add(topic)
-        self.get_logger().warning(f'{topic} is not recorded: {reason}')
+
+def message_class(type_name: str) -> Any:
+    """
+    Return the Python class of a message type such as ``sensor_msgs/msg/JointState``.
+
+    Raises
+    ------
+    InvalidProblem
+        If the package of the type is not installed.
+
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        raise InvalidProblem(f"its message type '{type_name}' is not installed here") from None
 
 
 def record(
@@ -173,11 +187,8 @@ def record(
         If the disk gets full; the bag holds, and is closed with, what was recorded until then.
 
     """
-    with (
-        _asked_to_end() as ended,
-        BagWriter(Path(output), storage) as writer,
-        _own_context() as context,
-    ):
+    ended = threading.Event()
+    with _own_context(ended) as context, BagWriter(Path(output), storage) as writer:
         node = Recorder(writer, topics, namespace, context=context)
         executor = make_executor(context)
         executor.add_node(node)
@@ -196,7 +207,6 @@ def record(
             executor.shutdown()
             node.destroy_node()
     done = node.progress()
-    done = replace(done, rate=done.messages / done.elapsed)
     if writer.failure:
         raise IncompleteRecording(
             f'{writer.failure}; the recording ends there, with {done.messages} messages', done
@@ -213,26 +223,20 @@ class IncompleteRecording(RecordingError):
 
 
 @contextmanager
-def _own_context() -> Iterator[Any]:
-    """Open an rclpy context beside any the process has, without signal handlers of rclpy's."""
+def _own_context(ended: threading.Event) -> Iterator[rclpy.Context]:
+    """
+    Open an rclpy context beside any the process has.
+
+    SIGINT and SIGTERM set an event instead of interrupting a write (main thread only).
+    """
+    main = threading.current_thread() is threading.main_thread()
+    previous = {s: signal.signal(s, lambda *_: ended.set()) for s in SIGNALS if main}
     context = rclpy.Context()
     rclpy.init(context=context, args=[])
     try:
         yield context
     finally:
         rclpy.try_shutdown(context=context)
-
-
-@contextmanager
-def _asked_to_end() -> Iterator[threading.Event]:
-    """Let SIGINT and SIGTERM set an event instead of interrupting a write (main thread only)."""
-    event = threading.Event()
-    main = threading.current_thread() is threading.main_thread()
-    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
-    previous = {number: signal.signal(number, lambda *_: event.set()) for number in numbers}
-    try:
-        yield event
-    finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
@@ -266,12 +270,9 @@ def run(
                 on_start=lambda: shown.phase(f'{RECORDING} {output}: Ctrl-C ends'),
                 on_progress=tell,
             )
-    except IncompleteRecording as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
     except RecordingError as error:
         print(f'error: {error}', file=sys.stderr)
-        return 2
+        return 1 if isinstance(error, IncompleteRecording) else 2
     shown.line(
         f'{done.messages} messages in {done.elapsed:.1f} s written to {output}, '
         f'{done.dropped} dropped'

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
@@ -27,10 +27,22 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
-from tdm_sim.plant_node import PlantNode, WARNING_PERIOD
-from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, robot_push, SimulatedPlant
-from tdm_sim.wheeled_robot import Walls, WheeledRobot
+from tdm_sim.plant_node import (
+    MarkerParameters,
+    PlantModel,
+    PlantNode,
+    SimulationParameters,
+    WARNING_PERIOD,
+)
+from tdm_sim.simulation import (
+    mismatched,
+    PlantSetup,
+    robot_actuators,
+    robot_push,
+    SimulatedPlant,
+    Walls,
+    WheeledRobot,
+)
 
 Array = NDArray[np.float64]
 
@@ -199,19 +211,15 @@ class RobotModel(PlantModel):
             throttle_duration_sec=WARNING_PERIOD,
         )
 
-    def push(
-        self, parameters: RobotPlantParameters, simulation: SimulatedPlant
-    ) -> tuple[Callable[[Array], Array], str]:
-        """Return the effect of an impulse at the centre of mass."""
+    def push(self, parameters: RobotPlantParameters, simulation: SimulatedPlant) -> str:
+        """Give an impulse at the centre of mass."""
         plant, given = simulation.setup.plant, parameters.disturbance
         assert isinstance(plant, WheeledRobot)
         impulse, direction = given.impulse, given.direction
         if direction is None:
             direction = simulation.direction()
-        return (
-            lambda state: robot_push(plant.robot, state, impulse, direction),
-            f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad',
-        )
+        simulation.push(lambda state: robot_push(plant.robot, state, impulse, direction))
+        return f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad'
 
     def conditions(self, parameters: RobotPlantParameters) -> tuple[list[str], Mapping[str, Any]]:
         """Report collisions with the walls."""
@@ -220,12 +228,7 @@ class RobotModel(PlantModel):
 
 
 RobotPlant = partial(PlantNode, 'robot_plant', RobotModel)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(RobotPlant, args)
-
+main = partial(run, RobotPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,14 @@ PlantType = TypeVar('PlantType')
 
 
 def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
-    """Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`."""
+    """
+    Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`.
+
+    Gains, delivered per commanded, are uniform in 1 +- `mismatch`, independent of the errors that
+    `mismatched` draws from the seed; the thruster turns by a servo, which has no such error.
+    """
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    gains = mismatched_gains(3, mismatch, seed)
-    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+    gains = 1.0 + mismatch * np.random.default_rng([seed, 1]).uniform(-1.0, 1.0, 3) * [1, 0, 1]
     return {'lower': upper * [0.0, -1.0, -1.0], 'upper': upper, 'gains': gains}
 
 
@@ -59,6 +63,62 @@ def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: fl
     pushed[2] += impulse / plant.mass * math.cos(direction)
     pushed[3] += impulse / plant.mass * math.sin(direction)
     return pushed
+
+
+@dataclass(frozen=True)
+class WheeledRobot:
+    """
+    The floating robot's seven states, then angle and speed of the wheel relative to the robot.
+
+    The wheel follows from the conservation of angular momentum; it does not act back on the
+    robot's motion beyond the torque commanded.
+    """
+
+    robot: FloatingRobot
+
+    state_names: ClassVar[tuple[str, ...]] = (
+        *FloatingRobot.state_names,
+        'wheel_angle',
+        'wheel_speed',
+    )
+    state_units: ClassVar[tuple[str, ...]] = (*FloatingRobot.state_units, 'rad', 'rad/s')
+    control_names: ClassVar[tuple[str, ...]] = FloatingRobot.control_names
+    control_units: ClassVar[tuple[str, ...]] = FloatingRobot.control_units
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        """Time derivative of the states: (..., 9), (..., 3) -> (..., 9)."""
+        motion = self.robot.derivative(state[..., :7], control)
+        # The wheel's speed is linear in the yaw rate, so its derivative is in omega'.
+        wheel = np.stack([state[..., 8], self.robot.wheel_speed(motion[..., 5])], axis=-1)
+        return np.concatenate([motion, wheel], axis=-1)
+
+
+@dataclass(frozen=True)
+class Walls:
+    """
+    Walls of the arena [0, length] x [0, width], off which a disk of `radius` bounces.
+
+    The contact is elastic and without friction. `on_collision` is called at every bounce, with
+    the axis and the speed of the impact [m/s].
+    """
+
+    length: float
+    width: float
+    radius: float
+    on_collision: Callable[[str, float], None]
+
+    def __call__(self, state: Array) -> Array:
+        """Return the state (nx,) after a contact, or as it is."""
+        for axis, (name, side) in enumerate((('x', self.length), ('y', self.width))):
+            position, speed = float(state[axis]), float(state[2 + axis])
+            nearest = min(max(position, self.radius), side - self.radius)
+            if (position - nearest) * speed > 0.0:
+                state = state.copy()
+                # Mirror the part of the motion that went through the wall.
+                state[axis] = 2.0 * nearest - position
+                state[2 + axis] = -speed
+                self.on_collision(name, abs(speed))
+        return state
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,13 +292,3 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
         for name, value in to_mapping(plant).items()
     }
     return build(type(plant), constants)
-
-
-def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
-    """
-    Return the gain of each of `count` actuators, delivered per commanded, (count,).
-
-    Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
-    """
-    generator = np.random.default_rng([seed, 1])
-    return 1.0 + mismatch * generator.uniform(-1.0, 1.0, count)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
@@ -14,7 +14,6 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.messages import LATCHED
@@ -35,12 +34,9 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_sim.pendulum_plant import PendulumModel
-from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
-from tdm_sim.plant_node import PlantNode
+from tdm_sim.plant_node import MarkerParameters, PlantModel, PlantNode, SimulationParameters
 from tdm_sim.robot_plant import RobotModel
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
-
-Array = NDArray[np.float64]
 
 _LARGEST_CONTROL = 1e9  # of what has no limits
 
@@ -120,18 +116,12 @@ class StatedModel(PlantModel):
         """Return the plant as its `drawing` has it with these parameters."""
         return StatedView(problem_of(self._problem, parameters)).checked()
 
-    def push(
-        self, parameters: Any, simulation: SimulatedPlant
-    ) -> tuple[Callable[[Array], Array], str]:
-        """Return a jump of the last state."""
+    def push(self, parameters: Any, simulation: SimulatedPlant) -> str:
+        """Let the last state jump."""
         impulse, name = parameters.disturbance.impulse, self.kind.state_names[-1]
-
-        def effect(state: Array) -> Array:
-            moved = state.copy()
-            moved[-1] += impulse
-            return moved
-
-        return effect, f"pushed: '{name}' by {impulse:g}"
+        jump = impulse * np.eye(len(self.kind.state_names))[-1]
+        simulation.push(lambda state: state + jump)
+        return f"pushed: '{name}' by {impulse:g}"
 
 
 _BUILT_IN: Mapping[str, Callable[[PlantNode], PlantModel]] = MappingProxyType(
@@ -148,12 +138,7 @@ def _model_of(node: PlantNode) -> PlantModel:
 
 
 StatedPlant = partial(PlantNode, 'plant', _model_of, MappingProxyType({PROBLEM.name: PROBLEM}))
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(StatedPlant, args)
-
+main = partial(run, StatedPlant)
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -19,7 +19,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 from tdm_sim.study.flights import TrackedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m
@@ -92,13 +92,11 @@ def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> Tracke
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
     given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
     tracker = tracking.RobotTracker(given)
-    limits = tracker.parameters.limits
-    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    lower, plant = upper * [0.0, -1.0, -1.0], mismatched(tracker.parameters.plant, mismatch, seed)
     # a thruster that is turned too fast or slowly is no matter: its angle is measured
-    acting = mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None
+    actuators = robot_actuators(tracker.parameters.limits, mismatch if gains else 0.0, seed)
+    plant = mismatched(tracker.parameters.plant, mismatch, seed)
     noises = noise * ROBOT_NOISE
-    setup = PlantSetup(plant, initial, lower, upper, noises, gains=acting, largest_step=0.005)
+    setup = PlantSetup(plant, initial, noise=noises, largest_step=0.005, **actuators)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 

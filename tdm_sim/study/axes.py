@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 import math
 import re
 from typing import Any, Literal
@@ -112,9 +113,9 @@ def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -
     return Axis(axis.name, tuple(values), axis.spacing)
 
 
-class Points(Sequence[Point]):
+def points_of(axes: Sequence[Axis]) -> list[Point]:
     """
-    Every combination of the axes' values, the last axis varied first.
+    Return every combination of the axes' values by name, the last axis varied first.
 
     Random axes are drawn together: the n-th values of all of them make one combination.
 
@@ -124,47 +125,18 @@ class Points(Sequence[Point]):
         If a parameter is varied twice, or random axes have different numbers of values.
 
     """
-
-    def __init__(self, axes: Sequence[Axis]) -> None:
-        names = [axis.name for axis in axes]
-        for name in names:
-            if names.count(name) > 1:
-                raise InvalidProblem(f"parameter '{shown(name)}' is varied twice")
-        random = [axis for axis in axes if axis.spacing == 'random']
-        if len({len(axis.values) for axis in random}) > 1:
-            raise InvalidProblem(
-                'random parameters are drawn together and must have as many values each: '
-                + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in random)
-            )
-        grid = [(axis,) for axis in axes if axis.spacing != 'random']
-        self._groups: list[Sequence[Axis]] = [*grid, *([random] if random else [])]
-        self._names = names
-
-    def __len__(self) -> int:
-        """Return the number of combinations."""
-        return math.prod(len(group[0].values) for group in self._groups)
-
-    def __getitem__(self, row: Any) -> Any:
-        """Return a combination, values by name."""
-        if not 0 <= row < len(self):
-            raise IndexError(row)
-        point: Point = {}
-        for group in reversed(self._groups):
-            row, index = divmod(row, len(group[0].values))
-            point.update({axis.name: axis.values[index] for axis in group})
-        return {name: point[name] for name in self._names}
-
-
-class Chosen(Sequence[Point]):
-    """Some of the points, by their rows."""
-
-    def __init__(self, points: Points, rows: Sequence[int]) -> None:
-        self._points, self._rows = points, rows
-
-    def __len__(self) -> int:
-        """Return the number of the points chosen."""
-        return len(self._rows)
-
-    def __getitem__(self, index: Any) -> Any:
-        """Return a point."""
-        return self._points[self._rows[index]]
+    names = [axis.name for axis in axes]
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidProblem(f"parameter '{shown(name)}' is varied twice")
+    random = [axis for axis in axes if axis.spacing == 'random']
+    if len({len(axis.values) for axis in random}) > 1:
+        raise InvalidProblem(
+            'random parameters are drawn together and must have as many values each: '
+            + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in random)
+        )
+    groups = [[axis] for axis in axes if axis.spacing != 'random'] + ([random] if random else [])
+    order = [axis.name for group in groups for axis in group]
+    values = [zip(*(axis.values for axis in group), strict=True) for group in groups]
+    points = [dict(zip(order, chain(*cell), strict=True)) for cell in product(*values)]
+    return [{name: point[name] for name in names} for point in points]

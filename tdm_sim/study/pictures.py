@@ -1,14 +1,23 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pictures of a study: a curve over one variable, a map over two, all pairs of more."""
+"""
+Pictures of a study, and the page with them, which needs no network.
+
+A picture is a curve over one variable, a map over two, all pairs of more.
+"""
 
 from __future__ import annotations
 
+import base64
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.resources import files
+import io
+from pathlib import Path
+from statistics import mode
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
@@ -19,13 +28,19 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner import __version__
 from tdm_planner.drawing import COLOURS
+from tdm_planner.plan_files import write_file
 from tdm_planner.plotting import legend_above
+from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis
+from tdm_sim.study.flights import FLOWN
+from tdm_sim.study.study import MARGIN
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
 
+PAGE = 'study.html'
 REPEATED = 'solver.seed'  # varied, it repeats plans: their spread is shown
 _HATCHES = {  # of what is not verified, by the reason's code
     'INFEASIBLE': '///',
@@ -38,9 +53,33 @@ _OTHER, _GROUND, _INK = 'ooo', '0.93', '0.45'
 _FAR = 30.0  # times the median, or its inverse: values beyond have the colour of that
 _WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
 _MARKERS = 'xv^<>sd'
+_DPI = 110
+_FIGURES = ('cost', 'duration', 'solve_time', 'evaluations', 'caught', 'held')
+_REASONS = 8  # that are told of a code, the most frequent
+_PAGE = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<meta name="generator" content="tdm_planner {version}">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>{style}
+figure {{ margin: 0; }} figure img {{ max-width: 100%; border-radius: 6px; }}</style>
+</head>
+<body>
+<header><h1>{title}</h1><p class="subtitle">{subtitle}</p></header>
+<main><div class="columns">{columns}</div></main>
+<footer>tdm_planner {version}</footer>
+</body>
+</html>
+"""
 
 
-@dataclass(frozen=True, eq=False)
 class Variable:
     """
     A parameter as it runs along a picture's axis.
@@ -49,29 +88,18 @@ class Variable:
     lie between them.
     """
 
-    name: str
-    unit: str
-    values: tuple[Any, ...]
-    places: Array
-    edges: Array
-    spacing: str
-    labels: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, axis: Axis, unit: str) -> Variable:
-        """Return an axis of a study as one of a picture."""
-        numbers = all(isinstance(value, (int, float)) for value in axis.values)
-        numbers = numbers and not any(isinstance(value, bool) for value in axis.values)
-        values = tuple(sorted(set(axis.values))) if numbers else axis.values
-        labels = () if numbers else tuple(map(str, values))
-        places = np.array(values if numbers else range(len(values)), dtype=float)
+    def __init__(self, axis: Axis, unit: str) -> None:
+        numbers = all(type(value) in (int, float) for value in axis.values)
+        self.name, self.unit, self.spacing = axis.name, unit, axis.spacing
+        self.values = tuple(sorted(set(axis.values))) if numbers else axis.values
+        self.labels = () if numbers else tuple(map(str, self.values))
+        self.places = np.array(self.values if numbers else range(len(self.values)), dtype=float)
         log = axis.spacing == 'log'
-        at = np.log(places) if log else places
+        at = np.log(self.places) if log else self.places
         between = 0.5 * (at[1:] + at[:-1])
         ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
         edges = np.concatenate([ends[:1], between, ends[1:]])
-        edges = np.exp(edges) if log else edges
-        return cls(axis.name, unit, values, places, edges, axis.spacing, labels)
+        self.edges = np.exp(edges) if log else edges
 
     def place(self, column: Sequence[Any]) -> NDArray[np.intp]:
         """Return which of the values every row has (N,)."""
@@ -100,8 +128,7 @@ def _key(value: Any) -> str:
     return str(list(value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-@dataclass(frozen=True, eq=False)
-class Quantity:
+class Quantity(NamedTuple):
     """What a picture shows: `values` (N,) of every row, NaN where it has none."""
 
     name: str
@@ -137,25 +164,14 @@ def draw(
     `columns` are those of a study's table, all of one length.
     """
     varied = [a for a in axes if len(set(map(_key, a.values))) > 1 and a.name != REPEATED]
-    variables = [Variable.of(axis, units.get(axis.name, '')) for axis in varied]
+    variables = [Variable(axis, units.get(axis.name, '')) for axis in varied]
     shown = quantities(columns)
     if not variables:
         return {}
     if len(variables) == 1:
         names = ' and '.join(q.name for q in shown)
         return {'curve': (_curves(columns, variables[0], shown), names)}
-    found = {}
-    for quantity in shown:
-        if len(variables) == 2:
-            figure = Figure(figsize=(8, 5.6), layout='constrained')
-            axis = figure.subplots()
-            drawn = _map(axis, columns, (variables[0], variables[1]), quantity)
-            _key_of_colours(figure, drawn, [axis], quantity.title)
-            _legend(axis, columns)
-        else:
-            figure = _pairs(columns, variables, quantity)
-        found[quantity.name] = figure, quantity.title
-    return found
+    return {q.name: (_maps(columns, variables, q), q.title) for q in shown}
 
 
 def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> Figure:
@@ -173,11 +189,8 @@ def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> 
         axis.fill_between(variable.places, low, high, color=COLOURS[0], alpha=0.2, lw=0)
         axis.plot(variable.places, middle, style, color=COLOURS[0])
         for k in np.flatnonzero(np.isnan(middle)).tolist():
-            code = _most(codes[at == k].tolist())
-            if code:
-                axis.axvspan(
-                    *variable.edges[[k, k + 1]], fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)
-                )
+            if (at == k).any():
+                axis.axvspan(*variable.edges[[k, k + 1]], **_hatched(mode(codes[at == k])))
         axis.set_ylabel(quantity.title)
         axis.grid(alpha=0.25)
         if quantity.share:
@@ -213,14 +226,12 @@ def _map(
                 continue
             corner = float(x.edges[p]), float(y.edges[q])
             sides = float(x.edges[p + 1]) - corner[0], float(y.edges[q + 1]) - corner[1]
-            code = _most([codes[row] for row in rows])
+            code = mode(codes[row] for row in rows)
             hatched.setdefault(code, []).append(Rectangle(corner, *sides))
         drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), norm=norm)
         drawn.set_rasterized(True)
         for code, cells_of in hatched.items():
-            axis.add_collection(
-                PatchCollection(cells_of, fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code))
-            )
+            axis.add_collection(PatchCollection(cells_of, **_hatched(code)))
         axis.set_xlim(x.edges[0], x.edges[-1])
         axis.set_ylim(y.edges[0], y.edges[-1])
     x.label(axis, 'x')
@@ -228,41 +239,34 @@ def _map(
     return drawn
 
 
-def _pairs(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
+def _maps(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
     """Draw the plane of every two variables: the median over all values of the others."""
     n = len(variables) - 1
-    figure = Figure(figsize=(3.2 * n + 2.0, 2.8 * n + 0.8), layout='constrained')
+    size = (8.0, 5.6) if n == 1 else (3.2 * n + 2.0, 2.8 * n + 0.8)
+    figure = Figure(figsize=size, layout='constrained')
     axes = figure.subplots(n, n, squeeze=False)
+    for axis in axes[np.triu_indices(n, 1)]:
+        axis.remove()
     drawn: Any = None
     for q in range(n):
-        for p in range(n):
-            if p > q:
-                axes[q, p].remove()
-                continue
+        for p in range(q + 1):
             drawn = _map(axes[q, p], columns, (variables[p], variables[q + 1]), quantity)
             if q < n - 1:
                 axes[q, p].set_xlabel('')
             if p:
                 axes[q, p].set_ylabel('')
     kept = list(axes[np.tril_indices(n)])
-    _key_of_colours(figure, drawn, kept, f'{quantity.title}, median', shrink=0.8)
+    title = quantity.title if n == 1 else f'{quantity.title}, median'
+    bar = figure.colorbar(drawn, ax=kept, label=title, shrink=1.0 if n == 1 else 0.8)
+    if isinstance(drawn.norm, LogNorm):
+        _plain(bar.ax.yaxis)
     _legend(axes[0, 0], columns)
     return figure
 
 
-def _key_of_colours(
-    figure: Figure, drawn: Any, axes: Sequence[Axes], title: str, shrink: float = 1.0
-) -> None:
-    bar = figure.colorbar(drawn, ax=list(axes), label=title, shrink=shrink)
-    if isinstance(drawn.norm, LogNorm):
-        _plain(bar.ax.yaxis)
-
-
 def _norm(quantity: Quantity) -> Normalize:
-    if quantity.share:
-        return Normalize(0.0, 1.0)
     known = quantity.values[np.isfinite(quantity.values)]
-    if not known.size:
+    if quantity.share or not known.size:
         return Normalize(0.0, 1.0)
     low, high, middle = float(known.min()), float(known.max()), float(np.median(known))
     if low > 0.0:  # a start that is the goal, say, must not take the colours of all others
@@ -275,13 +279,8 @@ def _codes(columns: Columns) -> list[str]:
     return sorted({*columns['code']} - {''})
 
 
-def _most(codes: Sequence[str]) -> str:
-    """Return the code that most of the rows have, '' if none."""
-    return Counter(codes).most_common(1)[0][0] if codes else ''
-
-
-def _hatch(code: str) -> str:
-    return _HATCHES.get(code, _OTHER)
+def _hatched(code: str) -> dict[str, Any]:
+    return {'fc': _GROUND, 'ec': _INK, 'lw': 0, 'hatch': _HATCHES.get(code, _OTHER)}
 
 
 def _legend(axis: Axes, columns: Columns) -> None:
@@ -289,8 +288,87 @@ def _legend(axis: Axes, columns: Columns) -> None:
     lines, labels = axis.get_legend_handles_labels()
     handles: dict[str, Any] = dict(zip(labels, lines, strict=True))
     if not any(isinstance(line, Line2D) for line in lines):
-        handles = {
-            code: Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)) for code in _codes(columns)
-        }
+        handles = {code: Patch(**_hatched(code)) for code in _codes(columns)}
     if handles:
         legend_above(axis, handles, columns=4)
+
+
+def write_page(
+    folder: Path,
+    problem: str,
+    columns: Columns,
+    axes: Sequence[Axis],
+    shared: Mapping[str, Any],
+    pictures: Mapping[str, tuple[Figure, str]],
+) -> None:
+    """
+    Write the page of a study's table into a folder, and the pictures as they are `draw`n as PNG.
+
+    Raises
+    ------
+    UnusableFile
+        If it cannot be written.
+
+    """
+    cards = []
+    for name, (figure, title) in pictures.items():
+        png = io.BytesIO()
+        figure.savefig(png, format='png', dpi=_DPI)
+        write_file(folder / f'{name}.png', png.getvalue())
+        source = f'data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}'
+        body = f'<figure><img alt="{escape(title)}" src="{source}"></figure>'
+        cards.append(card(title[:1].upper() + title[1:], body))
+    verified, total = sum(columns['verified']), len(columns['row'])
+    over = ', '.join(f'{axis.name} ({len(axis.values)} values)' for axis in axes)
+    cards.append(card('Verified', _counts(columns)))
+    cards.append(card('Figures', _figures(columns)))
+    cards.append(card('What was varied', _table(('parameter', 'values'), map(_values, axes))))
+    if shared:
+        cards.append(card('What was the same', _table(('', ''), shared.items())))
+    halves = cards[::2], cards[1::2]
+    page = _PAGE.format(
+        version=__version__,
+        title=escape(f'Study of {problem}'),
+        subtitle=escape(f'{verified} of {total} plans verified; {over}'),
+        style=files('tdm_sim.report').joinpath('assets', 'page.css').read_text(encoding='utf-8'),
+        columns=''.join(f'<div class="column">{"".join(part)}</div>' for part in halves),
+    )
+    write_file(folder / PAGE, page.encode())
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    def line(cells: Sequence[Any], tag: str) -> str:
+        return f'<tr>{"".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)}</tr>'
+
+    body = ''.join(line(row, 'td') for row in rows)
+    return f'<table><thead>{line(head, "th")}</thead><tbody>{body}</tbody></table>'
+
+
+def _counts(columns: Columns) -> str:
+    """Count the plans, and what became of the others, with the reasons."""
+    told = Counter(zip(columns['code'], columns['reason'], strict=True))
+    codes = Counter(columns['code'])
+    rows: list[Sequence[Any]] = [('verified', codes.pop('', 0), '')]
+    for code, count in codes.most_common():
+        rows.append((code, count, ''))
+        reasons = [('', n, reason) for (of, reason), n in told.most_common() if of == code]
+        rows += reasons[:_REASONS]
+    return _table(('', f'of {len(columns["row"])}', 'reason'), rows)
+
+
+def _figures(columns: Columns) -> str:
+    """Return least, median and largest of every column of figures."""
+    rows = []
+    for name, values in columns.items():
+        known = [v for v in values if v is not None]
+        if known and (name in _FIGURES or name.startswith((MARGIN, FLOWN))):
+            quantiles = np.quantile(np.array(known, dtype=float), [0.0, 0.5, 1.0])
+            rows.append((name, *(f'{value:.4g}' for value in quantiles)))
+    return _table(('', 'least', 'median', 'largest'), rows)
+
+
+def _values(axis: Axis) -> tuple[str, str]:
+    count = len(axis.values)
+    if axis.spacing == 'list' and count <= _REASONS:
+        return axis.name, ', '.join(map(str, axis.values))
+    return axis.name, f'{axis.values[0]} to {axis.values[-1]}, {count} values, {axis.spacing}'

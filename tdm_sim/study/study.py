@@ -1,32 +1,45 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A study from beginning to end: points, rows, table, pictures, page."""
+"""
+A study from beginning to end: points, rows, table, pictures, page.
+
+Its folder holds its statement and the table of the rows computed so far, which is replaced as a
+whole, so that it can be read whenever the study ends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
+import json
+import os
 from pathlib import Path
 import time
 from typing import Any
 
 import pyarrow as pa
+from pyarrow import csv, parquet
 from tdm_planner import __version__
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, PlannerFault, TdmError
+from tdm_planner.plan_files import finite, UnusableFile
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.study.axes import Axis, checked, Chosen, parse_axis, Point, Points
-from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.tables import claim, ENDINGS, Table, Trial
+from tdm_sim.study.axes import Axis, checked, parse_axis, Point, points_of
+from tdm_sim.study.flights import ClosedLoop, FLOWN, measured
 from tdm_sim.study.workers import each, workers
 
+Row = dict[str, Any]
 Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]
 
 _SAVED = 10.0  # s between two times at which the table is saved
 _SAID = 10.0  # s between two lines where nothing is live
-PAGE = 'study.html'
+MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
+STATEMENT = 'study.json'
+ENDINGS = ('.parquet', '.csv')
+_FIGURES = ('cost', 'duration', 'solve_time', 'evaluations')
+_TEXTS = dict.fromkeys(('code', 'reason', 'lost'), pa.string())
 
 
 def run(
@@ -69,13 +82,13 @@ def run(
     kind = load_problem(problem) if isinstance(problem, str) else problem
     shared = dict(parameters or {})
     axes = [checked(axis, kind, shared) for axis in _axes(over)]
-    points = Points(axes)
+    points = points_of(axes)
     trial = Trial(kind, shared, closed_loop)
     folder = None if output is None else Path(output)
     if ending not in ENDINGS:
         raise InvalidProblem(f"the table cannot end in '{ending}': must be {' or '.join(ENDINGS)}")
     if folder is not None:
-        claim(folder, _statement(problem, trial, axes))
+        _claim(folder, _statement(problem, trial, axes))
     table = Table(None if folder is None else folder / f'table{ending}')
     done = table.rows
     left = [row for row in range(len(points)) if row not in done]
@@ -83,9 +96,7 @@ def run(
         kept = f', {len(done)} of which are there' if done else ''
         say.phase(f'planning {len(points)} times{kept}')
         with workers(scheduler, processes) as client:
-            _collect(
-                table, left, points, each(client, trial, Chosen(points, left), trial.lost), say
-            )
+            _collect(table, points, each(client, trial, points, trial.lost, left), say)
     found = table.save()
     if folder is not None:
         say.phase(f'drawing {folder}')
@@ -114,20 +125,19 @@ def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis])
     }
 
 
-def _collect(
-    table: Table, left: Sequence[int], points: Points, results: Iterator[Any], say: Progress
-) -> None:
+def _collect(table: Table, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
     """Add the rows as they are computed; save the table now and then, and at any end."""
+    done = len(table.rows)
+    left = len(points) - done
     began = saved = said = time.monotonic()
     try:
-        for count, (index, found) in enumerate(results, 1):
-            row = left[index]
+        for count, (row, found) in enumerate(results, 1):
             table.add({'row': row, **points[row], **found})
             now = time.monotonic()
             began = now if count == 1 else began  # processes have started by then
-            text = f'{len(points) - len(left) + count} of {len(points)}'
+            text = f'{done + count} of {len(points)}'
             if count > 1:
-                text += f', {_span((now - began) / (count - 1) * (len(left) - count))} left'
+                text += f', {_span((now - began) / (count - 1) * (left - count))} left'
             say.update(f'planning: {text}')
             if now - said > _SAID:
                 said = now
@@ -145,19 +155,147 @@ def _span(seconds: float) -> str:
     return f'{minutes} min {rest:02d} s' if minutes else f'{rest} s'
 
 
+@dataclass(frozen=True)
+class Trial:
+    """
+    Computes a point: the plan and, with a closed loop, its runs.
+
+    `parameters` are those that all points share. The result is the row without its parameters. It
+    depends on the point alone, not on the clock or the order of points.
+    """
+
+    problem: type[Problem]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    closed_loop: ClosedLoop | None = None
+
+    def __call__(self, point: Point) -> Row:
+        """Return the row of a point."""
+        try:
+            problem = self.problem.from_parameters({**self.parameters, **point})
+            solution = problem.solve(counted=True)
+            row = _row('', '')
+            row |= {'cost': float(solution.cost), 'duration': float(solution.duration)}
+            row |= {'solve_time': solution.solve_time, 'evaluations': solution.evaluations}
+            worst = solution.verification.worst
+            row |= {f'{MARGIN}{name}': float(value) for name, value in worst.items()}
+            if self.closed_loop is not None:
+                row |= measured(problem, solution, self.closed_loop)
+        except TdmError as error:
+            return _row(error.code, str(error))
+        except Exception as error:  # noqa: B902
+            # A fault of the program or of a user's problem: the study goes on.
+            return _row(PlannerFault.code, f'{type(error).__name__}: {error}')
+        return row
+
+    def lost(self, point: Point) -> Row:
+        """Return the row of a point at which every process died."""
+        del point
+        return _row(PlannerFault.code, 'every process that computed it died')
+
+
+def _row(code: str, reason: str) -> Row:
+    """Return a row without figures: of a point without a plan."""
+    return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
+
+
+class Table:
+    """The rows of a study, new and found on the disk; `path` None: in memory only."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._kept = pa.table({'row': pa.array([], pa.int64())})
+        self._fresh: list[Mapping[str, Any]] = []
+        if path is not None and path.is_file():
+            self._kept = _read(path)
+
+    @property
+    def rows(self) -> set[int]:
+        """Numbers of the rows that were found on the disk."""
+        return set(self._kept['row'].to_pylist())
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Take a row; its column `row` is its number."""
+        self._fresh.append(row)
+
+    def save(self) -> pa.Table:
+        """
+        Return all rows in their order, written to the disk.
+
+        Raises
+        ------
+        UnusableFile
+            If that cannot be written.
+
+        """
+        if self._fresh:
+            names = dict.fromkeys(name for row in self._fresh for name in row)
+            columns = {name: [_cell(row.get(name)) for row in self._fresh] for name in names}
+            both = [self._kept, pa.table(columns)]
+            found = pa.concat_tables(both, promote_options='permissive').sort_by('row')
+            self._kept = found.select(_ordered(found.column_names)).combine_chunks()
+            self._fresh = []
+            if self._path is not None:
+                _write(self._kept, self._path)
+        return self._kept
+
+
+def _ordered(names: Sequence[str]) -> list[str]:
+    """Return columns in an order that does not depend on the first rows: margins by name."""
+    margins = [name for name in names if name.startswith((MARGIN, FLOWN))]
+    return [name for name in names if name not in margins] + sorted(margins, reverse=True)
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, (list, tuple)) else value
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        if path.suffix == '.csv':  # where all texts are empty, it cannot tell that they are texts
+            return csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=_TEXTS))
+        return parquet.read_table(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
+
+
+def _write(table: pa.Table, path: Path) -> None:
+    new = path.with_suffix('.new')
+    try:
+        if path.suffix == '.csv':
+            csv.write_csv(table, new)
+        else:
+            parquet.write_table(table, new)
+        os.replace(new, path)
+    except OSError as error:
+        raise UnusableFile(f"the table '{path}' cannot be written: {error.strerror}") from None
+
+
+def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
+    """Take a folder for the study of this statement, a new one or that of the same study."""
+    asked = json.dumps(finite(statement), indent=1) + '\n'
+    path = folder / STATEMENT
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not path.is_file():
+            path.write_text(asked, encoding='utf-8')
+        elif path.read_text(encoding='utf-8') != asked:
+            raise UnusableFile(
+                f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
+            )
+    except OSError as error:
+        raise UnusableFile(f"the folder '{folder}' cannot be used: {error.strerror}") from None
+
+
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
     """Write pictures and page."""
     # matplotlib takes half a second to import, and worker processes do not need it
-    from tdm_sim.study.page import write_page, write_pictures
-    from tdm_sim.study.pictures import draw
+    from tdm_sim.study.pictures import draw, write_page
 
     columns = {name: table[name].to_pylist() for name in table.column_names}
     specs = trial.problem.parameter_specifications(trial.parameters)
     units = {axis.name: specs[axis.name].unit for axis in axes}
     pictures = draw(columns, axes, units)
-    data = write_pictures(folder, pictures)
-    titled = {name: (title, data[name]) for name, (_, title) in pictures.items()}
     shared = dict(trial.parameters)
     if trial.closed_loop is not None:
         shared |= {f'closed loop: {name}': v for name, v in asdict(trial.closed_loop).items()}
-    write_page(folder / PAGE, trial.problem.name, columns, axes, shared, titled)
+    write_page(folder, trial.problem.name, columns, axes, shared, pictures)

@@ -47,7 +47,8 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # what is lost is done again
     if scheduler is not None:
         try:
-            client = Client(_address(scheduler), timeout=_CONNECTED)
+            address = scheduler if '://' in scheduler else f'tcp://{scheduler}'
+            client = Client(address, timeout=_CONNECTED)
         except (OSError, ValueError):
             raise InvalidProblem(
                 f"scheduler '{scheduler}' does not answer: must be HOST:PORT of a Dask scheduler"
@@ -84,29 +85,28 @@ def _children_deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _address(scheduler: str) -> str:
-    return scheduler if '://' in scheduler else f'tcp://{scheduler}'
-
-
 def each(
     client: Client,
     work: Callable[[Argument], Result],
     arguments: Sequence[Argument],
     lost: Callable[[Argument], Result] | None = None,
+    indices: Sequence[int] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """
     Yield the index of every argument and the result of `work`, in the order of completion.
 
-    The task of a worker that died goes to another. For an argument that ends every worker, `lost`
-    gives the result; without it `KilledWorker` is raised. Arguments are sent in batches of about
-    half a second, a few at a time.
+    With `indices` only those arguments are worked on. The task of a worker that died goes to
+    another. For an argument that ends every worker, `lost` gives the result; without it
+    `KilledWorker` is raised. Arguments are sent in batches of about half a second, a few at a
+    time.
     """
     total = sum(client.nthreads().values()) or 1
-    waiting = iter(range(len(arguments)))
+    indices = range(len(arguments)) if indices is None else indices
+    waiting, left = iter(indices), len(indices)
     alone: deque[int] = deque()  # of batches that were lost
     batches: dict[Future, list[int]] = {}
     running = as_completed(loop=client.loop)
-    size, left = 1, len(arguments)
+    size = 1
 
     def start() -> None:
         batch = [alone.popleft()] if alone else list(islice(waiting, size))

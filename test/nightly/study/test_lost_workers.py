@@ -15,8 +15,8 @@ import psutil
 from ros_harness import PATIENCE, SOURCE
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.study import Axis, each, run, workers
-from tdm_sim.study.axes import Points
-from tdm_sim.study.tables import Table, Trial
+from tdm_sim.study.axes import points_of
+from tdm_sim.study.study import Table, Trial
 
 
 def squared(folder: Path, number: int) -> int:
@@ -67,7 +67,7 @@ def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     subprocess.run(command, check=True, **apart)
     whole = Table(table).save().to_pylist()
     assert [row['row'] for row in whole] == list(range(len(values)))
-    trial, points = Trial(PendulumSwingUp), Points([Axis('start.theta', values)])
+    trial, points = Trial(PendulumSwingUp), points_of([Axis('start.theta', values)])
     for number in range(0, len(values), 40):
         here = trial(points[number])
         here.pop('solve_time')

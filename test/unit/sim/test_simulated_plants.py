@@ -16,12 +16,18 @@ from stated import Car
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.base import integrate
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim import simulation as simulated
-from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
-from tdm_sim.wheeled_robot import Walls, WheeledRobot
+from tdm_sim.simulation import (
+    mismatched,
+    pendulum_push,
+    PlantSetup,
+    SimulatedPlant,
+    Walls,
+    WheeledRobot,
+)
 
 SETTINGS = settings(max_examples=25)
 ANGLES = st.floats(-10.0, 10.0)
@@ -225,9 +231,12 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
         assert all(abs(disturbed[name] / nominal[name] - 1.0) <= most for name in nominal)
         assert mismatched(plant, mismatch, seed) == made
         assert mismatched(plant, 0.0, seed) == plant
-    gains = simulated.mismatched_gains(3, mismatch, seed)
+    gains, again = (
+        simulated.robot_actuators(RobotLimits(), mismatch, seed)['gains'] for _ in range(2)
+    )
     assert (np.abs(gains - 1.0) <= mismatch * (1 + 1e-12)).all()
-    np.testing.assert_array_equal(gains, simulated.mismatched_gains(3, mismatch, seed))
+    assert gains[1] == 1.0
+    np.testing.assert_array_equal(gains, again)
 
 
 def test_noise_is_in_the_measurement_alone_and_streams_do_not_disturb_each_other() -> None:

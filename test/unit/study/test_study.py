@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import itertools
 import json
 from pathlib import Path
+import re
 import time
 from unittest.mock import Mock
 
@@ -26,12 +27,10 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.tracking import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.progress import Progress
-from tdm_sim.study.axes import Axis, checked, parse_axis, Points
+from tdm_sim.study.axes import Axis, checked, parse_axis, points_of
 from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.page import write_page
-from tdm_sim.study.pictures import draw
-from tdm_sim.study.study import _collect
-from tdm_sim.study.tables import Table, Trial
+from tdm_sim.study.pictures import draw, write_page
+from tdm_sim.study.study import _collect, Table, Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
 WEAK = {'limits.torque': 1e-4, 'solver.deadline': 0.05}
@@ -199,15 +198,15 @@ def test_all_combinations_and_random_ones_together() -> None:
     grid = [Axis('a', (1, 2)), Axis('b', (3, 4, 5), 'linear')]
     drawn = [Axis('x', (1, 2), 'random'), Axis('n', (0, 1)), Axis('y', (3, 4), 'random')]
     for axes, expected in ((grid, '13 14 15 23 24 25'), (drawn, '103 204 113 214')):
-        points = [''.join(map(str, point.values())) for point in Points(axes)]
+        points = [''.join(map(str, point.values())) for point in points_of(axes)]
         assert points == expected.split()
-    assert list(Points(drawn)[0]) == ['x', 'n', 'y']
+    assert list(points_of(drawn)[0]) == ['x', 'n', 'y']
     for axes, words in (
         ([Axis('a', (1,)), Axis('a', (2,))], 'varied twice'),
         ([Axis('a', (1,), 'random'), Axis('b', (2, 3), 'random')], 'as many values'),
     ):
         with pytest.raises(InvalidProblem, match=words):
-            Points(axes)
+            points_of(axes)
 
 
 def found(point: dict) -> dict:
@@ -226,16 +225,16 @@ def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def collected(path: Path | None, order: list[int], until: int = 99):
     """Return the table once rows came in this order, `until` Ctrl-C."""
-    table, points = Table(path), Points(AXES)
+    table, points = Table(path), points_of(AXES)
     left = [row for row in range(len(points)) if row not in table.rows]
 
     def results() -> Iterator[tuple[int, dict]]:
         for count, row in enumerate(row for row in order if row in left):
             if count == until:
                 raise KeyboardInterrupt
-            yield left.index(row), found(points[row])
+            yield row, found(points[row])
 
-    _collect(table, left, points, results(), Progress(quiet=True))
+    _collect(table, points, results(), Progress(quiet=True))
     return table.save()
 
 
@@ -260,7 +259,7 @@ def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
 
 
 def rows_of(axes: list[Axis]) -> list[dict]:
-    points = enumerate(Points(axes))
+    points = enumerate(points_of(axes))
     return [{'row': i, **p, **found({'kind': 'plain', 'x': 1.0, **p})} for i, p in points]
 
 
@@ -288,18 +287,17 @@ def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_p
     columns = columns_of(rows)
     pictures = draw(columns, axes, {'x': 'N m'})
     assert list(pictures) == [*names, *(['caught', 'held'] if closed and names == MAPS else [])]
-    for name, (figure, _) in pictures.items():
-        figure.savefig(tmp_path / f'{name}.png')
+    for figure, _ in pictures.values():
         assert any('x [N m]' in axis.get_xlabel() for axis in figure.axes)
     odd = any(row['code'] for row in rows)
     legends = [axis.get_legend() for figure, _ in pictures.values() for axis in figure.axes]
     texts = {text.get_text() for legend in legends if legend for text in legend.get_texts()}
     assert texts == ({'INFEASIBLE'} if odd else set())
-    titled = {name: (title, b'') for name, (_, title) in pictures.items()}
-    write_page(tmp_path / 'study.html', 'any', columns, axes, {'a': 1}, titled)
-    page = (tmp_path / 'study.html').read_text()
+    write_page(tmp_path, 'any', columns, axes, {'a': 1}, pictures)
+    page = re.sub('base64,[^"]*', '', (tmp_path / 'study.html').read_text())
     assert ('too &lt;b&gt;odd&lt;/b&gt;' in page) == odd
     assert '<b>' not in page
+    assert {file.stem for file in tmp_path.glob('*.png')} == {*pictures}
     assert 'http' not in page.replace('http-equiv', '')
 
 
@@ -324,7 +322,7 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch
     kept = Table(Path('out/table.csv')).save()
     assert kept['verified'].to_pylist() == [False, False, True, True]
     trial = Trial(PendulumSwingUp, {'torque_reserve': 0.2, 'solver.deadline': 0.2})
-    points = Points([Axis('limits.torque', (1e-7, 0.09)), Axis('start.psi', (0.0, 0.1))])
+    points = points_of([Axis('limits.torque', (1e-7, 0.09)), Axis('start.psi', (0.0, 0.1))])
     for row, point in zip(kept.to_pylist(), points, strict=True):
         here = {**point, **trial(point), 'solve_time': row['solve_time']}
         assert {name: row[name] for name in here} == here
