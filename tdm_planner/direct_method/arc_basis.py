@@ -20,10 +20,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import basis_of, OutputBasis
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
-from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.virtual_arc import (
     arc_derivatives,
@@ -32,6 +32,7 @@ from tdm_planner.direct_method.virtual_arc import (
     reciprocal,
     time_derivatives,
 )
+from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 
@@ -171,8 +172,29 @@ class ArcBasis:
         return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
 
 
+def output_basis(name: str, output: Output, speed_factor_order: int) -> OutputBasis:
+    """
+    Return the basis of an output.
+
+    Raise InvalidProblem, naming the output, if its conditions contradict each other, leave no
+    function, or cannot be converted to the virtual arc.
+    """
+    start, end = tuple(output.conditions('start')), tuple(output.conditions('end'))
+    for where, given in (('start', start), ('end', end)):
+        positive = [order for order in given if order > 0]
+        if speed_factor_order and positive and set(positive) != set(range(1, max(positive) + 1)):
+            raise InvalidProblem(
+                f"output '{name}' has derivatives {sorted(given)} given at the {where}: with a "
+                'speed factor all lower ones must be given too'
+            )
+    try:
+        return basis_of(output.shapes, start, end, output.free)
+    except InvalidProblem as error:
+        raise InvalidProblem(f"output '{name}': {error}") from None
+
+
 @lru_cache(maxsize=256)
-def _sampled(basis: OrthonormalBasis, points: bytes, order: int) -> tuple[Array, Array]:
+def _sampled(basis: OutputBasis, points: bytes, order: int) -> tuple[Array, Array]:
     """Return the shapes of the given conditions and the free ones: nodes are mostly the same."""
     s = np.frombuffer(points)
     return basis.given(s, order), basis.varied(s, order)

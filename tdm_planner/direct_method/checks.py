@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from importlib.util import find_spec
 import inspect
 import linecache
@@ -80,25 +79,6 @@ def whole(value: Any, what: str, least: int, most: int) -> int:
             f'{what} = {shown(value)} is not allowed: must be an integer from {least} to {most}'
         )
     return int(value)
-
-
-def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
-    """
-    Return the orders of the derivatives given at one end.
-
-    Raises
-    ------
-    InvalidProblem
-        If an order is not an integer from 0 to 60, or repeated.
-
-    """
-    what = f'the order of a derivative given at the {where}'
-    found = tuple(whole(order, what, 0, HIGHEST_ORDER) for order in orders)
-    if len(set(found)) != len(found):
-        raise InvalidProblem(
-            f'the derivatives given at the {where}, {list(found)}, must be distinct'
-        )
-    return found
 
 
 def _line(error: Exception) -> tuple[str, str]:

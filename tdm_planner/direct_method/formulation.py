@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import Shapes
-from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
+from tdm_planner.direct_method.checks import HIGHEST_ORDER, number, shown, whole
 from tdm_planner.exceptions import InvalidProblem
 
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
@@ -60,7 +60,8 @@ class Output:
     def __post_init__(self) -> None:
         """Check the values."""
         for where in ('start', 'end'):
-            check_orders(where, self.conditions(where))
+            for order in self.conditions(where):
+                whole(order, f'the order of a derivative given at the {where}', 0, HIGHEST_ORDER)
         whole(self.free, 'free', 0, MOST_FREE)
         whole(self.derivatives, 'derivatives', 0, HIGHEST_ORDER)
         if self.scale is not None:

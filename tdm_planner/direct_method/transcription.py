@@ -109,7 +109,7 @@ class Transcription(NonlinearProgram):
         for name, order in zip(basis.layout.names, basis.layout.orders, strict=True):
             last = first + basis.free[name]
             if name in wanted and last > first:
-                shapes = basis.scales[name] * basis.bases[name].varied(self.nodes)
+                shapes = basis.scales[name] * basis.bases[name].varied(self.nodes, 0)
                 missing = wanted[name] - w[:: self._stride, row]
                 xi[first:last] = np.linalg.lstsq(shapes, missing, rcond=None)[0]
             row, first = row + order + 1, last
