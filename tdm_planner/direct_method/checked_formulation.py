@@ -50,14 +50,10 @@ class CheckedFormulation:
         self._margin_names: list[str] | None = None
 
     @property
-    def margin_names(self) -> list[str]:
-        """Names of the limits, once they have been asked for."""
-        return self._margin_names or []
-
-    @property
     def limit_names(self) -> list[str]:
-        """Names of all limits, those of `control_limits` last."""
-        return [*self.margin_names, *self._limit_margins(np.zeros(len(self.control_names)))]
+        """Names of all limits once `margins` was called, those of `control_limits` last."""
+        limits = self._limit_margins(np.zeros(len(self.control_names)))
+        return [*(self._margin_names or ()), *limits]
 
     def outputs(self) -> dict[str, Output]:
         """Return the reference functions by name, at least one."""
@@ -186,15 +182,12 @@ class CheckedFormulation:
         found = self._call('final_cost', times, components(states))
         return self._shaped('final_cost gives J', found, times.shape)
 
-    def start_conditions(self, times: Values, states: Values) -> list[Values]:
-        """Return what must vanish at the start, (K,) each, from (K,) and (K, nx)."""
-        return self._conditions('start_conditions', times, states)
+    def conditions(self, function: str, times: Values, states: Values) -> list[Values]:
+        """
+        Return what must vanish at an end, (K,) each, from (K,) and (K, nx).
 
-    def end_conditions(self, times: Values, states: Values) -> list[Values]:
-        """Return what must vanish at the end, (K,) each, from (K,) and (K, nx)."""
-        return self._conditions('end_conditions', times, states)
-
-    def _conditions(self, function: str, times: Values, states: Values) -> list[Values]:
+        `function` is 'start_conditions' or 'end_conditions'.
+        """
         found = self._call(function, times, components(states))
         if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
             raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
@@ -318,14 +311,10 @@ class ArcMotion:
 
 def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
     """
-    Check all that is stated along a motion.
+    Raise NotFinite for the first node of a motion where something is not finite.
 
-    Raises
-    ------
-    NotFinite
-        Naming function, node and value, for the first node where something is not finite: what is
-        wrong there spoils the integration of all that follow.
-
+    What is wrong there spoils the integration of all that follow. The message names function,
+    node and value.
     """
     last = nodes.size - 1
     found = [
@@ -346,13 +335,9 @@ def check_integrated(
     stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
 ) -> None:
     """
-    Check that the states of a motion are the `integrated` ones (K, nz).
+    Raise InvalidProblem where `invert` gives other states than the `integrated` ones (K, nz).
 
-    Raises
-    ------
-    InvalidProblem
-        Naming state, node and both values, where `invert` gives another state instead.
-
+    The message names state, node and both values.
     """
     for name, expected in zip(stated.integrated(), integrated.T, strict=True):
         given = motion.states[:, stated.state_names.index(name)]
@@ -387,7 +372,9 @@ def _stated_values(
     yield 'running_cost gives J', stated.running_cost(times, states, controls), False
     start, end = (times[:1], states[:1]), (times[-1:], states[-1:])
     yield 'final_cost gives J', stated.final_cost(*end), True
-    for index, value in enumerate(stated.start_conditions(*start)):
-        yield f'start_conditions gives number {index}', value, False
-    for index, value in enumerate(stated.end_conditions(*end)):
-        yield f'end_conditions gives number {index}', value, True
+    for function, side, at_end in (
+        ('start_conditions', start, False),
+        ('end_conditions', end, True),
+    ):
+        for index, value in enumerate(stated.conditions(function, *side)):
+            yield f'{function} gives number {index}', value, at_end

@@ -44,15 +44,7 @@ def shown(value: Any, longest: int = 60) -> str:
 
 
 def number(value: Any, what: str, *, positive: bool = False) -> float:
-    """
-    Return a finite real number.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming `what`, if the value is not one, or not positive where it must be.
-
-    """
+    """Return a finite (or `positive`) number; if it is none, InvalidProblem names `what`."""
     allowed = 'a positive number' if positive else 'a finite number'
     try:
         found = float(value) if np.ndim(value) == 0 and not isinstance(value, str) else np.nan
@@ -64,15 +56,7 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
 
 
 def whole(value: Any, what: str, least: int, most: int) -> int:
-    """
-    Return an integer in [least, most].
-
-    Raises
-    ------
-    InvalidProblem
-        Naming `what`, if the value is not one.
-
-    """
+    """Return an integer in [least, most]; if it is none, InvalidProblem names `what`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_whole and least <= value <= most):
         raise InvalidProblem(

@@ -33,15 +33,7 @@ _MOST_NODES = 100_000
 
 
 def chebyshev_nodes(count: int) -> Array:
-    """
-    Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3.
-
-    Raises
-    ------
-    InvalidProblem
-        If `count` is not allowed.
-
-    """
+    """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3."""
     last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
 

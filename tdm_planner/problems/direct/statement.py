@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -36,11 +36,7 @@ def check_statement(problem: Formulation) -> None:
     """
     Check performance index, units, tolerance and the numbers of nodes and starts.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming what is missing or not allowed.
-
+    Raise InvalidProblem, naming what is missing or not allowed.
     """
     stated = {name: getattr(type(problem), name) for name in ('final_cost', 'running_cost')}
     if all(found is getattr(Formulation, name) for name, found in stated.items()):
@@ -108,11 +104,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
     """
     Check that `invert` and `derivative` state the same motion along a candidate.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming the first state whose rates differ.
-
+    Raise InvalidProblem, naming the first state whose rates differ.
     """
     by_inverse, rates, wrong = rates_of(program, xi)
     for index in np.flatnonzero(wrong):
@@ -126,15 +118,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
 
 
 def check_limits(trace: Trace) -> None:
-    """
-    Check that every limit depends on the motion.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the one that does not.
-
-    """
+    """Raise InvalidProblem, naming the limit, if one does not depend on the motion."""
     for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
         raise InvalidProblem(
             f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
@@ -143,15 +127,7 @@ def check_limits(trace: Trace) -> None:
 
 
 def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
-    """
-    Check that the performance index has no jumps along a motion.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the function that has one.
-
-    """
+    """Raise InvalidProblem, naming the function, if a cost has a jump along a motion."""
     points = np.column_stack([motion.times, motion.states, motion.controls])
     steps = np.linspace(0.0, points.shape[0] - 1.0, 8 * points.shape[0] + 1)
     nx = motion.states.shape[1]
@@ -192,11 +168,7 @@ def check_ends(
     """
     Return what is left to every limit at the start, None where that depends on what is free.
 
-    Raises
-    ------
-    InvalidProblem
-        If asked to `refuse`, naming the limit that every motion violates at an end.
-
+    Raise InvalidProblem, if asked to `refuse`, for a limit that every motion violates at an end.
     """
     rng, duration = np.random.default_rng(2), stated.duration()
     found: dict[str, float | None] = {}
@@ -248,20 +220,19 @@ def constraints_of(
 ) -> tuple[Constraint, ...]:
     """Return what a plan is checked for: its limits, and the conditions at both ends."""
 
-    def missed(side: int, index: int, times: Array, states: Array, controls: Array) -> Array:
-        conditions = stated.end_conditions if side else stated.start_conditions
-        at = slice(-1, None) if side else slice(0, 1)
+    def missed(
+        function: str, at: slice, index: int, times: Array, states: Array, controls: Array
+    ) -> Array:
         left = np.full(times.size, _END_TOLERANCE)
-        left[at] -= np.abs(conditions(times[at], states[at])[index])
+        left[at] -= np.abs(stated.conditions(function, times[at], states[at])[index])
         return left
 
     found = list(limits_of(stated, trajectory, tolerances))
-    for side, function in enumerate(('start_conditions', 'end_conditions')):
-        conditions: Sequence[Any] = getattr(stated, function)(
-            trajectory.times[:1], trajectory.states[:1]
-        )
-        found += [
-            Constraint(f'{function} {index}', partial(missed, side, index))
-            for index in range(len(conditions))
-        ]
+    first = trajectory.times[:1], trajectory.states[:1]
+    for function, at in (
+        ('start_conditions', slice(0, 1)),
+        ('end_conditions', slice(-1, None)),
+    ):
+        for index in range(len(stated.conditions(function, *first))):
+            found.append(Constraint(f'{function} {index}', partial(missed, function, at, index)))
     return tuple(found)
