@@ -233,17 +233,20 @@ class CheckedFormulation:
             raise InvalidProblem(raised(self.formulation, function, error)) from error
 
     def _names(self, kind: str) -> tuple[str, ...]:
-        found = getattr(self.formulation, f'{kind}_names', None)
-        if isinstance(found, str) or not isinstance(found, tuple | list) or not found:
-            raise InvalidProblem(
-                f'{kind}_names = {shown(found)} must be a tuple of names, such as '
-                + ("('x', 'v')" if kind == 'state' else "('force',)")
-            )
-        if not all(isinstance(name, str) for name in found):
-            raise InvalidProblem(f'{kind}_names = {shown(found)} must be strings')
-        if len(set(found)) != len(found):
-            raise InvalidProblem(f'{kind}_names = {shown(found)} has the same name twice')
-        return tuple(found)
+        example = "('x', 'v')" if kind == 'state' else "('force',)"
+        names = self.strings(f'{kind}_names', 'names', example)
+        if len(set(names)) != len(names):
+            raise InvalidProblem(f'{kind}_names = {shown(names)} has the same name twice')
+        return names
+
+    def strings(self, attribute: str, what: str, example: str) -> tuple[str, ...]:
+        """Return a tuple of strings; if it is none, InvalidProblem shows an `example`."""
+        found = getattr(self.formulation, attribute, None)
+        if isinstance(found, tuple | list) and found and all(isinstance(s, str) for s in found):
+            return tuple(found)
+        raise InvalidProblem(
+            f'{attribute} = {shown(found)} must be a tuple of {what}, such as {example}'
+        )
 
     def _mapping(self, function: str, *arguments: Any) -> Mapping[Any, Any]:
         found = self._call(function, *arguments)

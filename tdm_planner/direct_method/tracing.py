@@ -200,17 +200,24 @@ class Trace:
         return np.concatenate([np.zeros(0), *(found[name] for name in self.symbolic)])
 
 
-def numbers(formulation: Any, prefix: str = '') -> dict[str, Array]:
+def numbers(formulation: Any) -> dict[str, Array]:
     """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
     found: dict[str, Array] = {}
-    for name, value in _fields(formulation).items():
+    for path, value in _leaves(formulation):
         if isinstance(value, float):
-            found[prefix + name] = np.array([value])
+            found[path] = np.array([value])
         elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
-            found[prefix + name] = np.array(value, dtype=float)
-        elif dataclasses.is_dataclass(value):
-            found.update(numbers(value, f'{prefix}{name}.'))
+            found[path] = np.array(value, dtype=float)
     return found
+
+
+def _leaves(formulation: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield all fields by dotted name, those of fields that are dataclasses in their place."""
+    for name, value in _fields(formulation).items():
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f'{prefix}{name}.')
+        else:
+            yield prefix + name, value
 
 
 def _is_number(value: Any) -> bool:
@@ -243,17 +250,6 @@ def twin_of(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> A
     return twin
 
 
-def structure(formulation: Any, found: Mapping[str, Array], prefix: str = '') -> list[Any]:
-    """Return the fields that are no numbers."""
-    rest: list[Any] = []
-    for name, value in _fields(formulation).items():
-        if dataclasses.is_dataclass(value):
-            rest.append((name, structure(value, found, f'{prefix}{name}.')))
-        elif prefix + name not in found:
-            rest.append((name, value))
-    return rest
-
-
 def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, ...]:
     """Return what a trace depends on beside numbers."""
     formulation = stated.formulation
@@ -261,7 +257,7 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
         return (formulation,)
     outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
     sizes = [(name, value.size) for name, value in found.items()]
-    rest = structure(formulation, found)
+    rest = [(path, value) for path, value in _leaves(formulation) if path not in found]
     parts = (outputs, list(stated.integrated()), stated.limit_names, sizes, rest)
     return type(formulation), repr(parts)
 

@@ -56,12 +56,8 @@ class Transcription(NonlinearProgram):
     the formulation reserves. Group 0 of the constraints are equalities (ends of integrated states,
     conditions at both ends), group 1 margins. `trace` is that of the formulation, if known.
 
-    Raises
-    ------
-    InvalidProblem
-        For boundary conditions that contradict each other, components that do not match the
-        names, or what cannot be traced.
-
+    Boundary conditions that contradict each other, components that do not match the names, and
+    what cannot be traced raise InvalidProblem.
     """
 
     def __init__(
@@ -119,12 +115,8 @@ class Transcription(NonlinearProgram):
         """
         Scale the cost at a first point (n,).
 
-        Raises
-        ------
-        InvalidProblem
-            Naming function, node and value, if something is not a finite number there, or differs
-            from what is integrated.
-
+        Raise InvalidProblem, naming function, node and value, if something is not a finite number
+        there, or differs from what is integrated.
         """
         with np.errstate(all='ignore'):
             motion, z = self._motion(xi)

@@ -49,13 +49,8 @@ class DirectMinima:
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
     `parts` times as many nodes as usual.
 
-    Raises
-    ------
-    NotFinite
-        If the initial guess and its changes give numbers that are not finite.
-    InvalidProblem
-        If what is stated contradicts itself along them.
-
+    Making them raises NotFinite if the initial guess and its changes give numbers that are not
+    finite, InvalidProblem if what is stated contradicts itself along them.
     """
 
     def __init__(

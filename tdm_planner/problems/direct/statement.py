@@ -38,40 +38,34 @@ def check_statement(problem: Formulation) -> None:
 
     Raise InvalidProblem, naming what is missing or not allowed.
     """
-    stated = {name: getattr(type(problem), name) for name in ('final_cost', 'running_cost')}
-    if all(found is getattr(Formulation, name) for name, found in stated.items()):
+    costs = 'final_cost', 'running_cost'
+    if all(getattr(type(problem), cost) is getattr(Formulation, cost) for cost in costs):
         raise InvalidProblem(
             f'{problem.name} states no performance index: define final_cost or running_cost'
         )
-    for kind in ('state', 'control'):
-        _check_units(problem, kind)
+    stated = CheckedFormulation(problem)
+    for kind, names, example in (
+        ('state', stated.state_names, "('m', 'm/s')"),
+        ('control', stated.control_names, "('N',)"),
+    ):
+        units = stated.strings(f'{kind}_units', 'units', example)
+        if len(names) != len(units):
+            raise InvalidProblem(
+                f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
+            )
     whole(problem.nodes, 'nodes', *_NODES)
     whole(problem.starts, 'starts', *_STARTS)
     if problem.terminal_tolerance is not None:
         _check_tolerance(problem.terminal_tolerance, len(problem.state_names))
     given = problem.feedback_weights()
     if given is not None:
-        names = problem.state_names, problem.control_names
-        for what, weights, count in zip('QR', given, map(len, names), strict=True):
+        sizes = len(stated.state_names), len(stated.control_names)
+        for what, weights, count in zip('QR', given, sizes, strict=True):
             shape = np.shape(np.atleast_2d(weights))
             if shape != (count, count):
                 raise InvalidProblem(
                     f'feedback_weights gives {what} of shape {shape}, expected {(count, count)}'
                 )
-
-
-def _check_units(problem: Formulation, kind: str) -> None:
-    names = getattr(problem, f'{kind}_names', ())
-    units = getattr(problem, f'{kind}_units', None)
-    if not isinstance(units, tuple | list) or not all(isinstance(unit, str) for unit in units):
-        raise InvalidProblem(
-            f'{kind}_units = {shown(units)} must be a tuple of units, such as '
-            + ("('m', 'm/s')" if kind == 'state' else "('N',)")
-        )
-    if len(names) != len(units):
-        raise InvalidProblem(
-            f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
-        )
 
 
 def _check_tolerance(tolerance: Any, count: int) -> None:

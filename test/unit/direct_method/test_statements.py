@@ -214,7 +214,7 @@ NAMES = [
     ('x', 'must be a tuple of names'),
     ((), 'must be a tuple of names'),
     (('x', 'v', 'x'), 'the same name twice'),
-    (('x', 3, 'v'), 'must be strings'),
+    (('x', 3, 'v'), 'must be a tuple of names'),
 ]
 NUMBER = count()
 COSTS = [
