@@ -183,8 +183,8 @@ class PolynomialBasis:
         size = len(start) + len(end)
         if size == 0:
             raise InvalidProblem('a polynomial needs at least one boundary condition')
-        rows = [[_derivative_of_power(p, k, 0) for p in range(size)] for k in start]
-        rows += [[_derivative_of_power(p, k, 1) for p in range(size)] for k in end]
+        rows = [[Fraction(math.perm(p, k) * (p == k)) for p in range(size)] for k in start]
+        rows += [[Fraction(math.perm(p, k)) for p in range(size)] for k in end]
         inverse = _invert(rows)
         if inverse is None:
             raise InvalidProblem(
@@ -233,13 +233,6 @@ class PolynomialBasis:
         return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))
 
 
-def _derivative_of_power(power: int, order: int, s: int) -> Fraction:
-    """Return d^order/ds^order of s^power, at s = 0 or 1."""
-    if order > power or (s == 0 and order < power):
-        return Fraction(0)
-    return Fraction(math.perm(power, order))
-
-
 def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
     """Gauss-Jordan elimination in exact arithmetic; None if the matrix is singular."""
     n = len(rows)
@@ -263,7 +256,7 @@ def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
     """Return both expansions' coefficients of a derivative, side by side, (powers, 2 m)."""
     both = np.concatenate([basis.about_start, basis.about_end], axis=1)[derivative:]
     factors = [math.perm(power + derivative, derivative) for power in range(len(both))]
-    return np.array(factors, dtype=float)[:, None] * both
+    return np.asarray(np.array(factors, dtype=float)[:, None] * both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,13 +323,10 @@ def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Samp
     is_given = np.zeros(len(basis.start) + len(basis.end), dtype=bool)
     is_given[: len(start)] = is_given[len(basis.start) :][: len(end)] = True
 
-    def given(s: ArrayLike, derivative: int) -> Array:
-        return np.compress(is_given, basis.values(s, derivative), axis=-1)
+    def part(which: NDArray[np.bool_]) -> Sampled:
+        return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
 
-    def varied(s: ArrayLike, derivative: int) -> Array:
-        return np.compress(~is_given, basis.values(s, derivative), axis=-1)
-
-    return given, varied
+    return part(is_given), part(~is_given)
 
 
 def _legendre(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:

@@ -88,18 +88,15 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        kinds = ('state', self.state_names), ('control', self.control_names)
-        states, controls = (
-            self._stacked(part, len(names), f'what invert returns as {kind}s', shape)
-            for (kind, names), part in zip(kinds, found, strict=True)
-        )
-        return states, controls
+        states = self._stacked(found[0], self.state_names, 'what invert returns as states', shape)
+        what = 'what invert returns as controls'
+        return states, self._stacked(found[1], self.control_names, what, shape)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
         found = self._call('derivative', components(states), components(controls))
         what = 'what derivative returns'
-        return self._stacked(found, len(self.state_names), what, states.shape[:-1])
+        return self._stacked(found, self.state_names, what, states.shape[:-1])
 
     def margins(self, times: Values, states: Values, controls: Values) -> dict[str, Values]:
         """Return what is left to every limit, (K,) by name; those of `control_limits` last."""
@@ -263,29 +260,20 @@ class CheckedFormulation:
                 )
         return dict(found)
 
-    @staticmethod
-    def _stacked(values: Any, count: int, what: str, shape: tuple[int, ...]) -> Values:
+    def _stacked(
+        self, values: Any, names: tuple[str, ...], what: str, shape: tuple[int, ...]
+    ) -> Values:
         try:
-            parts = [np.asarray(part) for part in values]
-        except (TypeError, ValueError):
+            parts = list(values)
+        except TypeError:
             raise InvalidProblem(
-                f'{what} has {shown(values)}, expected a sequence of {count} components, each a '
-                'number or an array over the nodes'
+                f'{what} has {shown(values)}, expected a sequence of {len(names)} components, '
+                'each a number or an array over the nodes'
             ) from None
-        if len(parts) != count:
-            raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
-        for index, part in enumerate(parts):
-            if part.dtype.kind not in 'biuf':
-                raise InvalidProblem(
-                    f'{what} has component {index} = {shown(part)}, not a real number'
-                )
-        try:
-            return np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1)
-        except ValueError:
-            found = ', '.join(str(part.shape) for part in parts)
-            raise InvalidProblem(
-                f'{what} has components of shapes {found}, expected {shape}'
-            ) from None
+        if len(parts) != len(names):
+            raise InvalidProblem(f'{what} has {len(parts)} components, expected {len(names)}')
+        rows = zip(names, parts, strict=True)
+        return np.stack([self._shaped(f"{what}: '{n}'", part, shape) for n, part in rows], axis=-1)
 
     @staticmethod
     def _shaped(what: str, value: Any, shape: tuple[int, ...]) -> Values:

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
 
-HIGHEST_ORDER = 60  # of a derivative
 _LARGEST = 1e100  # its cube can still be computed
 _HINTS = {
     'math.': "use numpy's functions, such as np.sqrt(x)",

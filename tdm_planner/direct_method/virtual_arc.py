@@ -25,17 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 from scipy.interpolate import CubicSpline
-from tdm_planner.direct_method.checks import whole
 
 Array = NDArray[np.float64]
-
-_MOST_NODES = 100_000
 
 
 def chebyshev_nodes(count: int) -> Array:
     """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3."""
-    last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)))
 
 
 def quadrature_weights(nodes: Array) -> Array:
