@@ -28,7 +28,6 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.virtual_arc import (
     arc_derivatives,
     bernstein_basis,
-    bernstein_integral,
     reciprocal,
     time_derivatives,
 )
@@ -144,7 +143,7 @@ class ArcBasis:
         table = np.zeros((points.size, layout.size, columns))
         for order in range(layout.rates):
             table[:, order, : self.nc] = bernstein_basis(degree, points, order)
-        table[:, layout.rates, : self.nc] = bernstein_integral(degree, points)
+        table[:, layout.rates, : self.nc] = bernstein_basis(degree, points, -1)
         row, b, a = layout.rates + 1, self.nc, self.nc + self.nb
         for name, output in outputs.items():
             basis = self.bases[name]
