@@ -156,19 +156,41 @@ class ArcBasis:
             row, b, a = row + output.derivatives + 1, last_b, last_a
         return table
 
-    @property
-    def of_boundary(self) -> Array:
-        """Return the part of the table that belongs to b, (P, nw, nb)."""
-        return np.split(self.table, [self.nc, self.nc + self.nb], axis=2)[1]
-
-    @cached_property
-    def boundary_call(self) -> Call:
-        """Return the boundary values b (c; boundary values by time), (nb,)."""
-        return Call(self.boundary.value)
-
-    def coefficients(self, xi: Array) -> Array:
+    def _coefficients(self, xi: Array) -> Array:
         """Return c (nc,), the coefficients of mu [s]."""
         return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
+
+    @cached_property
+    def _boundary_call(self) -> Call:
+        return Call(self.boundary.value)
+
+    def values(self, xi: Array) -> Array:
+        """Return w at the points, (P, nw)."""
+        c = self._coefficients(xi)
+        b = self._boundary_call(c, self.given)[0] if self.nb else np.zeros(0)
+        return np.asarray(self.table @ np.concatenate([c, b, xi[self.timing :]]))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether w is linear in Xi: no boundary values depend on the coefficients of mu."""
+        return not (self.timing and self.nb)
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivatives of w by Xi, (P, nw, n)."""
+        nc, nb, guess = self.nc, self.nb, self.duration.guess
+        _, of_boundary, free = np.split(self.table, [nc, nc + nb], axis=2)
+        slopes = np.concatenate([guess * self.table[:, :, : self.timing], free], axis=2)
+        if not self.is_linear:
+            _, slope = Call(self.boundary.linear)(self._coefficients(xi), self.given)
+            slopes[:, :, :nc] += of_boundary @ (guess * slope.reshape(nb, nc))
+        return slopes
+
+    def curvature(self, xi: Array, multipliers: Array) -> Array:
+        """Return the Hessian (nc, nc) of the sum of `multipliers` (P, nw) times w."""
+        _, of_boundary, _ = np.split(self.table, [self.nc, self.nc + self.nb], axis=2)
+        of_b = np.einsum('kw,kwb->b', multipliers, of_boundary)
+        bent = Call(self.boundary.second)(self._coefficients(xi), self.given, of_b)[0]
+        return np.asarray(self.duration.guess**2 * bent.reshape(self.nc, self.nc))
 
 
 def output_basis(name: str, output: Output, speed_factor_order: int) -> OutputBasis:

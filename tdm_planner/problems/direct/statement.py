@@ -127,10 +127,9 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
     nx = motion.states.shape[1]
 
     def cost(function: Any, places: Array) -> Array:
-        low = np.minimum(places.astype(int), len(points) - 2)
-        share = (places - low)[:, None]
-        w = points[low] * (1.0 - share) + points[low + 1] * share
-        parts = np.split(w, [1, 1 + nx], axis=1)
+        nodes = np.arange(len(points))
+        along = np.stack([np.interp(places, nodes, column) for column in points.T], axis=1)
+        parts = np.split(along, [1, 1 + nx], axis=1)
         found = Call(function, places.size)(*parts[: function.n_in() - 1], numbers)[0]
         return np.array(found[:, 0])
 
