@@ -168,7 +168,7 @@ class ArcBasis:
         """Return w at the points, (P, nw)."""
         c = self._coefficients(xi)
         b = self._boundary_call(c, self.given)[0] if self.nb else np.zeros(0)
-        return np.asarray(self.table @ np.concatenate([c, b, xi[self.timing :]]))
+        return np.asarray(self.table @ np.concatenate([c, b, np.split(xi, [self.timing])[1]]))
 
     @property
     def is_linear(self) -> bool:

@@ -320,8 +320,9 @@ def orthonormal(varied: Sampled, conditions: int, derivatives: Orders) -> Array:
 def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
     """Return polynomials whose further end derivatives are varied."""
     basis = PolynomialBasis.raised(start, end, free)
-    is_given = np.zeros(len(basis.start) + len(basis.end), dtype=bool)
-    is_given[: len(start)] = is_given[len(basis.start) :][: len(end)] = True
+    given = [k < len(start) for k in range(len(basis.start))]
+    given += [k < len(end) for k in range(len(basis.end))]
+    is_given = np.array(given, dtype=bool)
 
     def part(which: NDArray[np.bool_]) -> Sampled:
         return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
@@ -393,7 +394,8 @@ def _taranenko(shapes: Shapes, start: Orders, end: Orders) -> tuple[Sampled, Sam
             f'{list(end)} at the end; take more, or others'
         )
     _, sizes, directions = np.linalg.svd(matrix)
-    free = directions[int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum()) :].T
+    rank = int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum())
+    free = directions[rank:].T
 
     def given(s: ArrayLike, derivative: int) -> Array:
         return np.asarray(line(s, derivative) + shapes.values(s, derivative) @ by_given)
