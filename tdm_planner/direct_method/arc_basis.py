@@ -20,18 +20,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import basis_of, OutputBasis
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
-from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.virtual_arc import (
     arc_derivatives,
     bernstein_basis,
-    bernstein_integral,
     reciprocal,
     time_derivatives,
 )
+from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ class ArcBasis:
         table = np.zeros((points.size, layout.size, columns))
         for order in range(layout.rates):
             table[:, order, : self.nc] = bernstein_basis(degree, points, order)
-        table[:, layout.rates, : self.nc] = bernstein_integral(degree, points)
+        table[:, layout.rates, : self.nc] = bernstein_basis(degree, points, -1)
         row, b, a = layout.rates + 1, self.nc, self.nc + self.nb
         for name, output in outputs.items():
             basis = self.bases[name]
@@ -156,23 +156,66 @@ class ArcBasis:
             row, b, a = row + output.derivatives + 1, last_b, last_a
         return table
 
-    @property
-    def of_boundary(self) -> Array:
-        """Return the part of the table that belongs to b, (P, nw, nb)."""
-        return np.split(self.table, [self.nc, self.nc + self.nb], axis=2)[1]
-
-    @cached_property
-    def boundary_call(self) -> Call:
-        """Return the boundary values b (c; boundary values by time), (nb,)."""
-        return Call(self.boundary.value)
-
-    def coefficients(self, xi: Array) -> Array:
+    def _coefficients(self, xi: Array) -> Array:
         """Return c (nc,), the coefficients of mu [s]."""
         return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
 
+    @cached_property
+    def _boundary_call(self) -> Call:
+        return Call(self.boundary.value)
+
+    def values(self, xi: Array) -> Array:
+        """Return w at the points, (P, nw)."""
+        c = self._coefficients(xi)
+        b = self._boundary_call(c, self.given)[0] if self.nb else np.zeros(0)
+        return np.asarray(self.table @ np.concatenate([c, b, np.split(xi, [self.timing])[1]]))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether w is linear in Xi: no boundary values depend on the coefficients of mu."""
+        return not (self.timing and self.nb)
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivatives of w by Xi, (P, nw, n)."""
+        nc, nb, guess = self.nc, self.nb, self.duration.guess
+        _, of_boundary, free = np.split(self.table, [nc, nc + nb], axis=2)
+        slopes = np.concatenate([guess * self.table[:, :, : self.timing], free], axis=2)
+        if not self.is_linear:
+            _, slope = Call(self.boundary.linear)(self._coefficients(xi), self.given)
+            slopes[:, :, :nc] += of_boundary @ (guess * slope.reshape(nb, nc))
+        return slopes
+
+    def curvature(self, xi: Array, multipliers: Array) -> Array:
+        """Return the Hessian (nc, nc) of the sum of `multipliers` (P, nw) times w."""
+        _, of_boundary, _ = np.split(self.table, [self.nc, self.nc + self.nb], axis=2)
+        of_b = np.einsum('kw,kwb->b', multipliers, of_boundary)
+        bent = Call(self.boundary.second)(self._coefficients(xi), self.given, of_b)[0]
+        return np.asarray(self.duration.guess**2 * bent.reshape(self.nc, self.nc))
+
+
+def output_basis(name: str, output: Output, speed_factor_order: int) -> OutputBasis:
+    """
+    Return the basis of an output.
+
+    Raise InvalidProblem, naming the output, if its conditions contradict each other, leave no
+    function, or cannot be converted to the virtual arc.
+    """
+    start, end = tuple(output.conditions('start')), tuple(output.conditions('end'))
+    for where, given in (('start', start), ('end', end)):
+        positive = [order for order in given if order > 0]
+        if speed_factor_order and positive and set(positive) != set(range(1, max(positive) + 1)):
+            raise InvalidProblem(
+                f"output '{name}' has derivatives {sorted(given)} given at the {where}: with a "
+                'speed factor all lower ones must be given too'
+            )
+    try:
+        return basis_of(output.shapes, start, end, output.free)
+    except InvalidProblem as error:
+        raise InvalidProblem(f"output '{name}': {error}") from None
+
 
 @lru_cache(maxsize=256)
-def _sampled(basis: OrthonormalBasis, points: bytes, order: int) -> tuple[Array, Array]:
+def _sampled(basis: OutputBasis, points: bytes, order: int) -> tuple[Array, Array]:
     """Return the shapes of the given conditions and the free ones: nodes are mostly the same."""
     s = np.frombuffer(points)
     return basis.given(s, order), basis.varied(s, order)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Functions on the unit interval: polynomials from boundary conditions, and Taranenko's shapes.
+Functions on the unit interval: polynomials from boundary conditions, Taranenko's shapes, outputs.
 
 Taranenko's shapes Phi of section 2 of Yakimenko (2006) vanish at both ends. Section 3 has
 polynomials: (2)-(4) give the quintic with x, x', x'' at both ends; every further derivative that
@@ -11,11 +11,14 @@ end works. System (4) is badly conditioned in raw tau, so it is solved on the un
 derivatives scaled by the span, in exact rational arithmetic, once for every set of conditions; and
 the polynomial is kept as its Taylor expansions about both ends, evaluated about the nearer one,
 so that the boundary conditions hold to the last bits whatever the span and the order.
+
+The basis of an output is what its boundary conditions determine, and well scaled free shapes.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -23,15 +26,19 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.direct_method.checks import check_orders, shown, whole
+from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
+Orders = tuple[int, ...]
+Sampled = Callable[[ArrayLike, int], Array]  # of s (...) and the derivative's order, (..., m)
 
 _MOST = 100  # terms, and exponents: more cannot be told apart in floating point
 # Multiplications of one matrix product: few enough for the result not to depend on the threads.
 _BLOCK = 65536
+_DEPENDENT = 1e-9  # share of a shape, or of a condition, that the others leave of it
 
 
 class Shapes(ABC):
@@ -164,28 +171,49 @@ class PolynomialBasis:
     shape i being the polynomial whose i-th condition is 1 and all others 0.
     """
 
-    start: tuple[int, ...]
-    end: tuple[int, ...]
+    start: Orders
+    end: Orders
     about_start: Array
     about_end: Array
 
     @classmethod
-    def of(cls, start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
+    @lru_cache(maxsize=256)
+    def of(cls, start: Orders, end: Orders) -> PolynomialBasis:
+        """Return the basis; raise InvalidProblem where these determine no polynomial."""
+        size = len(start) + len(end)
+        if size == 0:
+            raise InvalidProblem('a polynomial needs at least one boundary condition')
+        rows = [[Fraction(math.perm(p, k) * (p == k)) for p in range(size)] for k in start]
+        rows += [[Fraction(math.perm(p, k)) for p in range(size)] for k in end]
+        inverse = _invert(rows)
+        if inverse is None:
+            raise InvalidProblem(
+                f'derivatives {list(start)} at the start and {list(end)} at the end do not '
+                f'determine a polynomial of order {size - 1}'
+            )
+        shifted = [
+            [
+                sum((math.comb(p, j) * inverse[p][i] for p in range(size)), Fraction(0))
+                for i in range(size)
+            ]
+            for j in range(size)
+        ]
+        return cls(start, end, np.array(inverse, dtype=float), np.array(shifted, dtype=float))
+
+    @classmethod
+    def raised(cls, start: Orders, end: Orders, free: int) -> PolynomialBasis:
         """
-        Return the basis for these derivatives (cached).
+        Return the basis with `free` further conditions, after the others of their end.
 
-        Raises
-        ------
-        InvalidProblem
-            If an order is repeated or negative, or the conditions do not determine a polynomial.
-
+        They are the lowest that are not given, alternately at the start and at the end; which
+        they are does not matter for the set of polynomials that results.
         """
-        return _basis(check_orders('start', start), check_orders('end', end))
-
-    @property
-    def order(self) -> int:
-        """Order of the polynomials: one less than the number of conditions."""
-        return len(self.start) + len(self.end) - 1
+        ends = list(start), list(end)
+        for _ in range(free):
+            lowest = [min(set(range(len(o) + 1)) - set(o)) for o in ends]
+            side = 0 if lowest[0] <= lowest[1] else 1
+            ends[side].append(lowest[side])
+        return cls.of(tuple(ends[0]), tuple(ends[1]))
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
@@ -203,36 +231,6 @@ class PolynomialBasis:
         table = rows[0] if len(rows) == 1 else np.concatenate([np.zeros((0, 2 * count)), *rows])
         both = table.reshape(*at.shape, 2 * count)
         return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))
-
-
-@lru_cache(maxsize=256)
-def _basis(start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
-    size = len(start) + len(end)
-    if size == 0:
-        raise InvalidProblem('a polynomial needs at least one boundary condition')
-    rows = [[_derivative_of_power(p, k, 0) for p in range(size)] for k in start]
-    rows += [[_derivative_of_power(p, k, 1) for p in range(size)] for k in end]
-    inverse = _invert(rows)
-    if inverse is None:
-        raise InvalidProblem(
-            f'derivatives {list(start)} at the start and {list(end)} at the end do not determine '
-            f'a polynomial of order {size - 1}'
-        )
-    shifted = [
-        [
-            sum((math.comb(p, j) * inverse[p][i] for p in range(size)), Fraction(0))
-            for i in range(size)
-        ]
-        for j in range(size)
-    ]
-    return PolynomialBasis(start, end, _to_array(inverse), _to_array(shifted))
-
-
-def _derivative_of_power(power: int, order: int, s: int) -> Fraction:
-    """Return d^order/ds^order of s^power, at s = 0 or 1."""
-    if order > power or (s == 0 and order < power):
-        return Fraction(0)
-    return Fraction(math.perm(power, order))
 
 
 def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
@@ -253,17 +251,156 @@ def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
     return [row[n:] for row in work]
 
 
-def _to_array(matrix: list[list[Fraction]]) -> Array:
-    array = np.array([[float(value) for value in row] for row in matrix])
-    array.flags.writeable = False
-    return array
-
-
 @lru_cache(maxsize=256)
 def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
     """Return both expansions' coefficients of a derivative, side by side, (powers, 2 m)."""
     both = np.concatenate([basis.about_start, basis.about_end], axis=1)[derivative:]
     factors = [math.perm(power + derivative, derivative) for power in range(len(both))]
-    found: Array = np.array(factors, dtype=float)[:, None] * both
-    found.flags.writeable = False
-    return found
+    return np.asarray(np.array(factors, dtype=float)[:, None] * both)
+
+
+@dataclass(frozen=True, eq=False)
+class OutputBasis:
+    """
+    A family of reference functions on the unit interval, split by what determines them.
+
+    x(s) = given(s) @ b + varied(s) @ a, where b holds the derivatives of orders `start` at s = 0,
+    then those of orders `end` at s = 1, and a (`size`,) is free: whatever a is, the conditions
+    hold. The free shapes are orthonormal in the mean of f g + f'' g''.
+    """
+
+    start: Orders
+    end: Orders
+    size: int
+    given: Sampled
+    varied: Sampled
+
+
+@lru_cache(maxsize=64)
+def basis_of(shapes: Shapes | None, start: Orders, end: Orders, free: int) -> OutputBasis:
+    """
+    Return the basis of an output whose derivatives of these orders are given.
+
+    Raise InvalidProblem if the conditions contradict each other, or leave no function.
+    """
+    complete = all(sorted(orders) == list(range(len(orders))) for orders in (start, end))
+    if shapes is not None:
+        given, varied = _taranenko(shapes, start, end)
+    elif free and complete:
+        given, varied = _legendre(start, end, free)
+    else:
+        given, varied = _by_conditions(start, end, free)
+    matrix = orthonormal(varied, len(start) + len(end), (0, 2))
+
+    def orthonormal_shapes(s: ArrayLike, derivative: int) -> Array:
+        return np.asarray(varied(s, derivative) @ matrix)
+
+    return OutputBasis(start, end, len(matrix), given, orthonormal_shapes)
+
+
+def orthonormal(varied: Sampled, conditions: int, derivatives: Orders) -> Array:
+    """
+    Return the matrix that makes shapes orthonormal in the mean of these derivatives' products.
+
+    They are polynomials of an order up to their number plus that of `conditions`, or alike. Raise
+    InvalidProblem if they depend on one another.
+    """
+    count = conditions + varied(0.0, 0).size
+    points, weights = np.polynomial.legendre.leggauss(max(64, count + 8))
+    root = np.sqrt(weights / 2.0)[:, None]
+    at = (points + 1.0) / 2.0
+    sampled = np.concatenate([root * varied(at, k) for k in derivatives])
+    sizes = np.linalg.norm(sampled, axis=0)
+    _, triangle = np.linalg.qr(sampled / sizes)
+    if np.abs(np.diag(triangle)).min(initial=1.0) < 1e-3 * _DEPENDENT:
+        raise InvalidProblem('some shapes are sums of others: take fewer, or others')
+    return np.asarray(np.linalg.inv(triangle) / sizes[:, None])
+
+
+def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
+    """Return polynomials whose further end derivatives are varied."""
+    basis = PolynomialBasis.raised(start, end, free)
+    given = [k < len(start) for k in range(len(basis.start))]
+    given += [k < len(end) for k in range(len(basis.end))]
+    is_given = np.array(given, dtype=bool)
+
+    def part(which: NDArray[np.bool_]) -> Sampled:
+        return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
+
+    return part(is_given), part(~is_given)
+
+
+def _legendre(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
+    """
+    Return the same polynomials where no lower derivative is omitted at an end.
+
+    The free shapes are s^a (s - 1)^b P_j(2 s - 1), j < `free`, with a and b the numbers of
+    conditions: well conditioned whatever the order, where end derivatives of high order are not.
+    """
+
+    def given(s: ArrayLike, derivative: int) -> Array:
+        if not start and not end:
+            return np.zeros((*np.shape(s), 0))
+        return PolynomialBasis.of(start, end).values(s, derivative)
+
+    def varied(s: ArrayLike, derivative: int) -> Array:
+        at = np.asarray(s, dtype=float)
+        total = np.zeros((*at.shape, free))
+        for k in range(min(derivative, free - 1) + 1):
+            weight = product_derivative(at, len(start), len(end), derivative - k)
+            coefficients = legendre.legder(np.eye(free), k, scl=2.0)
+            factors = legendre.legvander(2.0 * at - 1.0, free - k - 1) @ coefficients
+            factors = factors.reshape(total.shape)  # numpy makes scalars vectors
+            total += math.comb(derivative, k) * weight[..., None] * factors
+        return total
+
+    return given, varied
+
+
+def _taranenko(shapes: Shapes, start: Orders, end: Orders) -> tuple[Sampled, Sampled]:
+    """
+    Return functions (1) of Yakimenko (2006): linear interpolation plus shapes Phi.
+
+    Derivatives that are given at the ends fix some combinations of the coefficients A_k
+    (`by_given` (m, mg) @ b), the others (`free` (m, mv) @ a) are varied.
+    """
+    for where, orders in (('start', start), ('end', end)):
+        if 0 not in orders:
+            raise InvalidProblem(
+                f'the value at the {where} is missing: shapes are added to a line between both '
+                'ends'
+            )
+    count = len(start) + len(end)
+
+    def line(s: ArrayLike, derivative: int) -> Array:
+        at = np.asarray(s, dtype=float)
+        values = np.zeros((*at.shape, count))
+        if derivative < 2:
+            values[..., start.index(0)] = -1.0 if derivative else 1.0 - at
+            values[..., len(start) + end.index(0)] = 1.0 if derivative else at
+        return values
+
+    slopes = [(i, 0.0, k) for i, k in enumerate(start) if k]
+    slopes += [(len(start) + i, 1.0, k) for i, k in enumerate(end) if k]
+    # Rows of different orders are made comparable.
+    rows = [shapes.values(at, order) / np.pi**order for _, at, order in slopes]
+    missing = [(np.eye(count)[i] - line(at, k)) / np.pi**k for i, at, k in slopes]
+    matrix = np.array(rows).reshape(len(slopes), shapes.size)
+    wanted = np.array(missing).reshape(len(slopes), count)
+    by_given = np.linalg.pinv(matrix, rcond=_DEPENDENT) @ wanted
+    if np.abs(matrix @ by_given - wanted).max(initial=0.0) > _DEPENDENT:
+        raise InvalidProblem(
+            f'{shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
+            f'{list(end)} at the end; take more, or others'
+        )
+    _, sizes, directions = np.linalg.svd(matrix)
+    rank = int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum())
+    free = directions[rank:].T
+
+    def given(s: ArrayLike, derivative: int) -> Array:
+        return np.asarray(line(s, derivative) + shapes.values(s, derivative) @ by_given)
+
+    def varied(s: ArrayLike, derivative: int) -> Array:
+        return np.asarray(shapes.values(s, derivative) @ free)
+
+    return given, varied

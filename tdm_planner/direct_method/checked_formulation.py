@@ -50,14 +50,10 @@ class CheckedFormulation:
         self._margin_names: list[str] | None = None
 
     @property
-    def margin_names(self) -> list[str]:
-        """Names of the limits, once they have been asked for."""
-        return self._margin_names or []
-
-    @property
     def limit_names(self) -> list[str]:
-        """Names of all limits, those of `control_limits` last."""
-        return [*self.margin_names, *self._limit_margins(np.zeros(len(self.control_names)))]
+        """Names of all limits once `margins` was called, those of `control_limits` last."""
+        limits = self._limit_margins(np.zeros(len(self.control_names)))
+        return [*(self._margin_names or ()), *limits]
 
     def outputs(self) -> dict[str, Output]:
         """Return the reference functions by name, at least one."""
@@ -92,18 +88,15 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        kinds = ('state', self.state_names), ('control', self.control_names)
-        states, controls = (
-            self._stacked(part, len(names), f'what invert returns as {kind}s', shape)
-            for (kind, names), part in zip(kinds, found, strict=True)
-        )
-        return states, controls
+        states = self._stacked(found[0], self.state_names, 'what invert returns as states', shape)
+        what = 'what invert returns as controls'
+        return states, self._stacked(found[1], self.control_names, what, shape)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
         found = self._call('derivative', components(states), components(controls))
         what = 'what derivative returns'
-        return self._stacked(found, len(self.state_names), what, states.shape[:-1])
+        return self._stacked(found, self.state_names, what, states.shape[:-1])
 
     def margins(self, times: Values, states: Values, controls: Values) -> dict[str, Values]:
         """Return what is left to every limit, (K,) by name; those of `control_limits` last."""
@@ -186,15 +179,12 @@ class CheckedFormulation:
         found = self._call('final_cost', times, components(states))
         return self._shaped('final_cost gives J', found, times.shape)
 
-    def start_conditions(self, times: Values, states: Values) -> list[Values]:
-        """Return what must vanish at the start, (K,) each, from (K,) and (K, nx)."""
-        return self._conditions('start_conditions', times, states)
+    def conditions(self, function: str, times: Values, states: Values) -> list[Values]:
+        """
+        Return what must vanish at an end, (K,) each, from (K,) and (K, nx).
 
-    def end_conditions(self, times: Values, states: Values) -> list[Values]:
-        """Return what must vanish at the end, (K,) each, from (K,) and (K, nx)."""
-        return self._conditions('end_conditions', times, states)
-
-    def _conditions(self, function: str, times: Values, states: Values) -> list[Values]:
+        `function` is 'start_conditions' or 'end_conditions'.
+        """
         found = self._call(function, times, components(states))
         if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
             raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
@@ -240,17 +230,20 @@ class CheckedFormulation:
             raise InvalidProblem(raised(self.formulation, function, error)) from error
 
     def _names(self, kind: str) -> tuple[str, ...]:
-        found = getattr(self.formulation, f'{kind}_names', None)
-        if isinstance(found, str) or not isinstance(found, tuple | list) or not found:
-            raise InvalidProblem(
-                f'{kind}_names = {shown(found)} must be a tuple of names, such as '
-                + ("('x', 'v')" if kind == 'state' else "('force',)")
-            )
-        if not all(isinstance(name, str) for name in found):
-            raise InvalidProblem(f'{kind}_names = {shown(found)} must be strings')
-        if len(set(found)) != len(found):
-            raise InvalidProblem(f'{kind}_names = {shown(found)} has the same name twice')
-        return tuple(found)
+        example = "('x', 'v')" if kind == 'state' else "('force',)"
+        names = self.strings(f'{kind}_names', 'names', example)
+        if len(set(names)) != len(names):
+            raise InvalidProblem(f'{kind}_names = {shown(names)} has the same name twice')
+        return names
+
+    def strings(self, attribute: str, what: str, example: str) -> tuple[str, ...]:
+        """Return a tuple of strings; if it is none, InvalidProblem shows an `example`."""
+        found = getattr(self.formulation, attribute, None)
+        if isinstance(found, tuple | list) and found and all(isinstance(s, str) for s in found):
+            return tuple(found)
+        raise InvalidProblem(
+            f'{attribute} = {shown(found)} must be a tuple of {what}, such as {example}'
+        )
 
     def _mapping(self, function: str, *arguments: Any) -> Mapping[Any, Any]:
         found = self._call(function, *arguments)
@@ -267,29 +260,20 @@ class CheckedFormulation:
                 )
         return dict(found)
 
-    @staticmethod
-    def _stacked(values: Any, count: int, what: str, shape: tuple[int, ...]) -> Values:
+    def _stacked(
+        self, values: Any, names: tuple[str, ...], what: str, shape: tuple[int, ...]
+    ) -> Values:
         try:
-            parts = [np.asarray(part) for part in values]
-        except (TypeError, ValueError):
+            parts = list(values)
+        except TypeError:
             raise InvalidProblem(
-                f'{what} has {shown(values)}, expected a sequence of {count} components, each a '
-                'number or an array over the nodes'
+                f'{what} has {shown(values)}, expected a sequence of {len(names)} components, '
+                'each a number or an array over the nodes'
             ) from None
-        if len(parts) != count:
-            raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
-        for index, part in enumerate(parts):
-            if part.dtype.kind not in 'biuf':
-                raise InvalidProblem(
-                    f'{what} has component {index} = {shown(part)}, not a real number'
-                )
-        try:
-            return np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1)
-        except ValueError:
-            found = ', '.join(str(part.shape) for part in parts)
-            raise InvalidProblem(
-                f'{what} has components of shapes {found}, expected {shape}'
-            ) from None
+        if len(parts) != len(names):
+            raise InvalidProblem(f'{what} has {len(parts)} components, expected {len(names)}')
+        rows = zip(names, parts, strict=True)
+        return np.stack([self._shaped(f"{what}: '{n}'", part, shape) for n, part in rows], axis=-1)
 
     @staticmethod
     def _shaped(what: str, value: Any, shape: tuple[int, ...]) -> Values:
@@ -318,14 +302,10 @@ class ArcMotion:
 
 def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
     """
-    Check all that is stated along a motion.
+    Raise NotFinite for the first node of a motion where something is not finite.
 
-    Raises
-    ------
-    NotFinite
-        Naming function, node and value, for the first node where something is not finite: what is
-        wrong there spoils the integration of all that follow.
-
+    What is wrong there spoils the integration of all that follow. The message names function,
+    node and value.
     """
     last = nodes.size - 1
     found = [
@@ -346,13 +326,9 @@ def check_integrated(
     stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
 ) -> None:
     """
-    Check that the states of a motion are the `integrated` ones (K, nz).
+    Raise InvalidProblem where `invert` gives other states than the `integrated` ones (K, nz).
 
-    Raises
-    ------
-    InvalidProblem
-        Naming state, node and both values, where `invert` gives another state instead.
-
+    The message names state, node and both values.
     """
     for name, expected in zip(stated.integrated(), integrated.T, strict=True):
         given = motion.states[:, stated.state_names.index(name)]
@@ -387,7 +363,9 @@ def _stated_values(
     yield 'running_cost gives J', stated.running_cost(times, states, controls), False
     start, end = (times[:1], states[:1]), (times[-1:], states[-1:])
     yield 'final_cost gives J', stated.final_cost(*end), True
-    for index, value in enumerate(stated.start_conditions(*start)):
-        yield f'start_conditions gives number {index}', value, False
-    for index, value in enumerate(stated.end_conditions(*end)):
-        yield f'end_conditions gives number {index}', value, True
+    for function, side, at_end in (
+        ('start_conditions', start, False),
+        ('end_conditions', end, True),
+    ):
+        for index, value in enumerate(stated.conditions(function, *side)):
+            yield f'{function} gives number {index}', value, at_end

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from importlib.util import find_spec
 import inspect
 import linecache
@@ -16,7 +15,6 @@ from typing import Any
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
 
-HIGHEST_ORDER = 60  # of a derivative
 _LARGEST = 1e100  # its cube can still be computed
 _HINTS = {
     'math.': "use numpy's functions, such as np.sqrt(x)",
@@ -45,15 +43,7 @@ def shown(value: Any, longest: int = 60) -> str:
 
 
 def number(value: Any, what: str, *, positive: bool = False) -> float:
-    """
-    Return a finite real number.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming `what`, if the value is not one, or not positive where it must be.
-
-    """
+    """Return a finite (or `positive`) number; if it is none, InvalidProblem names `what`."""
     allowed = 'a positive number' if positive else 'a finite number'
     try:
         found = float(value) if np.ndim(value) == 0 and not isinstance(value, str) else np.nan
@@ -65,40 +55,13 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
 
 
 def whole(value: Any, what: str, least: int, most: int) -> int:
-    """
-    Return an integer in [least, most].
-
-    Raises
-    ------
-    InvalidProblem
-        Naming `what`, if the value is not one.
-
-    """
+    """Return an integer in [least, most]; if it is none, InvalidProblem names `what`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_whole and least <= value <= most):
         raise InvalidProblem(
             f'{what} = {shown(value)} is not allowed: must be an integer from {least} to {most}'
         )
     return int(value)
-
-
-def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
-    """
-    Return the orders of the derivatives given at one end.
-
-    Raises
-    ------
-    InvalidProblem
-        If an order is not an integer from 0 to 60, or repeated.
-
-    """
-    what = f'the order of a derivative given at the {where}'
-    found = tuple(whole(order, what, 0, HIGHEST_ORDER) for order in orders)
-    if len(set(found)) != len(found):
-        raise InvalidProblem(
-            f'the derivatives given at the {where}, {list(found)}, must be distinct'
-        )
-    return found
 
 
 def _line(error: Exception) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import Shapes
-from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
+from tdm_planner.direct_method.checks import number, shown, whole
 from tdm_planner.exceptions import InvalidProblem
 
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
@@ -28,7 +28,8 @@ Conditions = Sequence[float | None] | Mapping[int, float]
 Components = Sequence[Values] | Values
 Outputs = Mapping[str, Sequence[Values]]
 
-MOST_FREE = 200  # parameters of one output
+_MOST_FREE = 200  # parameters of one output
+_HIGHEST_ORDER = 60  # of a derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +61,10 @@ class Output:
     def __post_init__(self) -> None:
         """Check the values."""
         for where in ('start', 'end'):
-            check_orders(where, self.conditions(where))
-        whole(self.free, 'free', 0, MOST_FREE)
-        whole(self.derivatives, 'derivatives', 0, HIGHEST_ORDER)
+            for order in self.conditions(where):
+                whole(order, f'the order of a derivative given at the {where}', 0, _HIGHEST_ORDER)
+        whole(self.free, 'free', 0, _MOST_FREE)
+        whole(self.derivatives, 'derivatives', 0, _HIGHEST_ORDER)
         if self.scale is not None:
             number(self.scale, 'scale', positive=True)
         if self.shapes is not None and not isinstance(self.shapes, Shapes):
@@ -121,7 +123,7 @@ class Duration:
                 f'the duration: fixed = {self.fixed!r} is not allowed: must be True or False, '
                 'with the time in guess'
             )
-        whole(self.speed_factor_order, 'speed_factor_order', 0, HIGHEST_ORDER)
+        whole(self.speed_factor_order, 'speed_factor_order', 0, _HIGHEST_ORDER)
         shortest, longest = self.bounds
         if not shortest <= self.guess <= longest:
             raise InvalidProblem(

@@ -11,7 +11,7 @@ the graph, so that one trace serves all problems of a kind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import copy
 import dataclasses
@@ -37,37 +37,54 @@ _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share
 _LOCK = threading.Lock()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Samples:
-    """Some nodes at random: times (K,), outputs' derivatives by time and integrated states."""
+class Expected:
+    """
+    What numpy gives of every function at some nodes, to compare a trace with.
 
-    times: Array
-    outputs: dict[str, list[Array]]
-    integrated: dict[str, Array]
+    They are near the straight way between the boundary conditions, at random. `given` holds every
+    function's arguments (K, n) but for the numbers, `values` (K, m) what it gives.
+    """
 
-    @classmethod
-    def of(cls, stated: CheckedFormulation) -> Samples:
-        """Return nodes near the straight way between the boundary conditions."""
+    def __init__(self, stated: CheckedFormulation) -> None:
         rng, s = np.random.default_rng(0), np.linspace(0.1, 0.9, _SAMPLES)
         duration = stated.duration().guess
         outputs = {}
         for name, output in stated.outputs().items():
             start, end = (output.conditions(where).get(0) for where in ('start', 'end'))
-            first = (start if end is None else end) if start is None or end is None else start
-            last = first if end is None else end
-            ends = (first or 0.0, last or 0.0)
-            size = output.scale or abs(ends[1] - ends[0]) or max(1.0, abs(ends[0]))
+            known = [value for value in (start, end) if value is not None] or [0.0]
+            first, last = known[0], known[-1]
+            size = output.scale or abs(last - first) or max(1.0, abs(first))
             jet = [
                 0.3 * size * rng.normal(size=s.size) / duration**order
                 for order in range(output.derivatives + 1)
             ]
-            jet[0] += ends[0] + (ends[1] - ends[0]) * s
+            jet[0] += first + (last - first) * s
             outputs[name] = jet
         integrated = {
             name: state.start + 0.3 * state.scale * rng.normal(size=s.size)
             for name, state in stated.integrated().items()
         }
-        return cls(duration * s, outputs, integrated)
+
+        def columns(values: Iterable[Any]) -> Array:
+            return np.array([np.asarray(v, dtype=float) for v in values]).reshape(-1, s.size).T
+
+        t = duration * s
+        x, u = stated.invert(outputs, integrated)
+        both = np.hstack([x, u]).astype(float)
+        y = np.stack([value for jet in outputs.values() for value in jet], axis=-1)
+        self.values = {
+            'invert': both,
+            'derivative': np.asarray(stated.derivative(x, u), dtype=float),
+            'margins': columns(stated.margins(t, x, u).values()),
+            'running_cost': columns([stated.running_cost(t, x, u)]),
+            'final_cost': columns([stated.final_cost(t, x)]),
+            'start_conditions': columns(stated.conditions('start_conditions', t, x)),
+            'end_conditions': columns(stated.conditions('end_conditions', t, x)),
+        }
+        parts = columns([t]), *np.split(both, [x.shape[1]], axis=1)
+        self.given = dict.fromkeys(self.values, parts[:2])
+        self.given |= dict.fromkeys(('margins', 'running_cost'), parts)
+        self.given |= {'invert': (y, columns(integrated.values())), 'derivative': parts[1:]}
 
 
 class Trace:
@@ -78,11 +95,8 @@ class Trace:
     `rates` (x, u, p) -> (nx,), `margins` and `running` (t, x, u, p), `final`, `start_conditions`
     and `end_conditions` (t, x, p); p are the `values` of the problem's `symbolic` numbers.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming function and line, for what cannot be traced or traces to other numbers.
-
+    What cannot be traced, or traces to other numbers, raises InvalidProblem, naming function and
+    line.
     """
 
     _made: ClassVar[dict[Any, list[Trace]]] = {}
@@ -144,14 +158,13 @@ class Trace:
         """Return the trace of this kind of problem; a new one is compared with numpy."""
         with _LOCK:
             found = numbers(stated.formulation)
-            samples = Samples.of(stated)
-            expected = _expected(stated, samples)
+            expected = Expected(stated)
             key = _kind(stated, found)
             for trace in cls._made.get(key, []):
                 same = (np.array_equal(found[n], v) for n, v in trace.fixed.items())
                 if all(same) and trace.unfolded.decides_alike(trace.values(stated.formulation)):
                     return trace
-            trace = _make(stated, samples, expected, list(found))
+            trace = _make(stated, expected, list(found))
             if len(cls._made) >= _KEPT:
                 cls._made.clear()
             cls._made.setdefault(key, []).append(trace)
@@ -187,17 +200,24 @@ class Trace:
         return np.concatenate([np.zeros(0), *(found[name] for name in self.symbolic)])
 
 
-def numbers(formulation: Any, prefix: str = '') -> dict[str, Array]:
+def numbers(formulation: Any) -> dict[str, Array]:
     """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
     found: dict[str, Array] = {}
-    for name, value in _fields(formulation).items():
+    for path, value in _leaves(formulation):
         if isinstance(value, float):
-            found[prefix + name] = np.array([value])
+            found[path] = np.array([value])
         elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
-            found[prefix + name] = np.array(value, dtype=float)
-        elif dataclasses.is_dataclass(value):
-            found.update(numbers(value, f'{prefix}{name}.'))
+            found[path] = np.array(value, dtype=float)
     return found
+
+
+def _leaves(formulation: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield all fields by dotted name, those of fields that are dataclasses in their place."""
+    for name, value in _fields(formulation).items():
+        if dataclasses.is_dataclass(value):
+            yield from _leaves(value, f'{prefix}{name}.')
+        else:
+            yield prefix + name, value
 
 
 def _is_number(value: Any) -> bool:
@@ -230,39 +250,25 @@ def twin_of(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> A
     return twin
 
 
-def structure(formulation: Any, found: Mapping[str, Array], prefix: str = '') -> list[Any]:
-    """Return the fields that are no numbers."""
-    rest: list[Any] = []
-    for name, value in _fields(formulation).items():
-        if dataclasses.is_dataclass(value):
-            rest.append((name, structure(value, found, f'{prefix}{name}.')))
-        elif prefix + name not in found:
-            rest.append((name, value))
-    return rest
-
-
 def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, ...]:
     """Return what a trace depends on beside numbers."""
     formulation = stated.formulation
     if not dataclasses.is_dataclass(formulation):
         return (formulation,)
     outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
-    limits = {name: np.isfinite(pair).tolist() for name, pair in stated.control_limits.items()}
     sizes = [(name, value.size) for name, value in found.items()]
-    rest = structure(formulation, found)
-    parts = (outputs, list(stated.integrated()), stated.margin_names, limits, sizes, rest)
+    rest = [(path, value) for path, value in _leaves(formulation) if path not in found]
+    parts = (outputs, list(stated.integrated()), stated.limit_names, sizes, rest)
     return type(formulation), repr(parts)
 
 
-def _make(
-    stated: CheckedFormulation, samples: Samples, expected: Mapping[str, Array], names: list[str]
-) -> Trace:
+def _make(stated: CheckedFormulation, expected: Expected, names: list[str]) -> Trace:
     """Trace; numbers that cannot be symbols (`if` or math on a parameter) are kept as numbers."""
 
     def attempt(symbolic: list[str]) -> Trace | InvalidProblem:
         try:
             trace = Trace(stated, symbolic)
-            _compare(trace, stated, samples, expected)
+            _compare(trace, stated, expected)
             return trace
         except InvalidProblem as error:
             return error
@@ -330,60 +336,32 @@ def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
     return np.array(which(values, on, 1, True), dtype=bool)
 
 
-def _expected(stated: CheckedFormulation, samples: Samples) -> dict[str, Array]:
-    """Return what numpy gives of every function at the samples, (K, m) each."""
-    t = samples.times
-    x, u = stated.invert(samples.outputs, samples.integrated)
-
-    def columns(values: Any) -> Array:
-        return np.array([np.asarray(v, dtype=float) for v in values]).reshape(-1, t.size).T
-
-    return {
-        'invert': np.hstack([x, u]).astype(float),
-        'derivative': np.asarray(stated.derivative(x, u), dtype=float),
-        'margins': columns(stated.margins(t, x, u).values()),
-        'running_cost': columns([stated.running_cost(t, x, u)]),
-        'final_cost': columns([stated.final_cost(t, x)]),
-        'start_conditions': columns(stated.start_conditions(t, x)),
-        'end_conditions': columns(stated.end_conditions(t, x)),
-    }
-
-
-def _compare(
-    trace: Trace, stated: CheckedFormulation, samples: Samples, expected: Mapping[str, Array]
-) -> None:
-    """Compare every function with numpy's."""
-    t, nx = samples.times[:, None], len(stated.state_names)
-    p = np.tile(trace.values(stated.formulation), (t.size, 1))
-    y = np.stack([value for jet in samples.outputs.values() for value in jet], axis=-1)
-    z = np.array(list(samples.integrated.values())).reshape(-1, t.size).T
-    x, u = expected['invert'][:, :nx], expected['invert'][:, nx:]
-    for function, traced, given in (
-        ('invert', trace.invert, (y, z)),
-        ('derivative', trace.rates, (x, u)),
-        ('margins', trace.margins, (t, x, u)),
-        ('running_cost', trace.running, (t, x, u)),
-        ('final_cost', trace.final, (t, x)),
-        ('start_conditions', trace.start_conditions, (t, x)),
-        ('end_conditions', trace.end_conditions, (t, x)),
+def _compare(trace: Trace, stated: CheckedFormulation, expected: Expected) -> None:
+    """Raise InvalidProblem where the trace gives other numbers than numpy."""
+    p = np.tile(trace.values(stated.formulation), (_SAMPLES, 1))
+    for function, traced in (
+        ('invert', trace.invert),
+        ('derivative', trace.rates),
+        ('margins', trace.margins),
+        ('running_cost', trace.running),
+        ('final_cost', trace.final),
+        ('start_conditions', trace.start_conditions),
+        ('end_conditions', trace.end_conditions),
     ):
-        (found,) = Call(traced, t.size)(*given, p)
-        wanted, (share, least) = expected[function], _SAME
+        (found,) = Call(traced, _SAMPLES)(*expected.given[function], p)
+        wanted, (share, least) = expected.values[function], _SAME
         same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
         if not same.all():
             node, column = np.argwhere(~same)[0]
+            number = float(wanted[node, column])
+            reason = 'write a formula that gives numbers there'
+            if np.isfinite(number):
+                reason = suspect(stated.formulation, function)
             raise InvalidProblem(
                 f'{function} of {type(stated.formulation).__name__} gives '
                 f'{_part(stated, function, column)} = {found[node, column]:g} when it is traced, '
-                f'but {wanted[node, column]:g} with numpy: '
-                f'{_reason(stated, function, float(wanted[node, column]))}'
+                f'but {number:g} with numpy: {reason}'
             )
-
-
-def _reason(stated: CheckedFormulation, function: str, wanted: float) -> str:
-    if not np.isfinite(wanted):
-        return 'write a formula that gives numbers there'
-    return suspect(stated.formulation, function)
 
 
 def _part(stated: CheckedFormulation, function: str, column: int) -> str:

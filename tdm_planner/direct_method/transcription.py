@@ -56,12 +56,8 @@ class Transcription(NonlinearProgram):
     the formulation reserves. Group 0 of the constraints are equalities (ends of integrated states,
     conditions at both ends), group 1 margins. `trace` is that of the formulation, if known.
 
-    Raises
-    ------
-    InvalidProblem
-        For boundary conditions that contradict each other, components that do not match the
-        names, or what cannot be traced.
-
+    Boundary conditions that contradict each other, components that do not match the names, and
+    what cannot be traced raise InvalidProblem.
     """
 
     def __init__(
@@ -104,12 +100,12 @@ class Transcription(NonlinearProgram):
         xi = np.zeros(self.size)
         xi[: self.basis.timing] = 1.0
         wanted = self._stated.guess(self.nodes)
-        w = self._w(self.basis, xi)
+        w = self.basis.values(xi)
         basis, row, first = self.basis, self.basis.layout.rates + 1, self.basis.timing
         for name, order in zip(basis.layout.names, basis.layout.orders, strict=True):
             last = first + basis.free[name]
             if name in wanted and last > first:
-                shapes = basis.scales[name] * basis.bases[name].varied(self.nodes)
+                shapes = basis.scales[name] * basis.bases[name].varied(self.nodes, 0)
                 missing = wanted[name] - w[:: self._stride, row]
                 xi[first:last] = np.linalg.lstsq(shapes, missing, rcond=None)[0]
             row, first = row + order + 1, last
@@ -119,12 +115,8 @@ class Transcription(NonlinearProgram):
         """
         Scale the cost at a first point (n,).
 
-        Raises
-        ------
-        InvalidProblem
-            Naming function, node and value, if something is not a finite number there, or differs
-            from what is integrated.
-
+        Raise InvalidProblem, naming function, node and value, if something is not a finite number
+        there, or differs from what is integrated.
         """
         with np.errstate(all='ignore'):
             motion, z = self._motion(xi)
@@ -146,7 +138,7 @@ class Transcription(NonlinearProgram):
 
     def _motion(self, xi: Array) -> tuple[ArcMotion, Array]:
         """Return the motion, and the integrated states (K, nz)."""
-        wz, _ = self._nodes(self._w(self.basis, xi))
+        wz, _ = self._nodes(self.basis.values(xi))
         (both,) = Call(self._graphs.motion, len(wz))(wz, self._numbers)
         rates, nx = self.basis.layout.rates, len(self._stated.state_names)
         motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:])
@@ -178,7 +170,7 @@ class Transcription(NonlinearProgram):
             for name, output in self._stated.outputs().items()
         }
         basis = ArcBasis(outputs, self.basis.duration, self.nodes)
-        _, _, jets = basis.layout.read(self._w(basis, xi).T)
+        _, _, jets = basis.layout.read(basis.values(xi).T)
         y = np.stack([value for jet in jets.values() for value in jet], axis=-1)
         _, z = self._motion(xi)
         by_inverse, rates = Call(self.trace.flow, len(z))(y, z, self._numbers)
@@ -187,7 +179,7 @@ class Transcription(NonlinearProgram):
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled J and the violations of equalities and margins."""
         self.evaluations += 1
-        wz, steps = self._nodes(self._w(self.basis, xi))
+        wz, steps = self._nodes(self.basis.values(xi))
         rows = self._call('node', 'value', len(wz))(wz, self._numbers)[0]
         start = self._call('start', 'value')(wz[0], self._numbers)[0]
         end = self._call('end', 'value')(wz[-1], self._numbers)[0]
@@ -235,7 +227,7 @@ class Transcription(NonlinearProgram):
         """Jacobian (1 + ne + ni, n) of all rows, and Hessian (n, n) of the Lagrangian."""
         (_, wz, steps), p = point.cache, self._numbers
         nw, n, count = self.basis.layout.size, point.xi.size, len(wz)
-        every, by_timing = self._slopes(point.xi)
+        every = self.basis.slopes(point.xi)
         slopes = every[:: self._stride]
         chain = np.zeros((0, 0, 0))
         if self.integrated:
@@ -291,27 +283,10 @@ class Transcription(NonlinearProgram):
             by_w[:-1:2] += begin
             by_w[1::2] += middle
             by_w[2::2] += end_
-        if by_timing:
+        if not self.basis.is_linear:
             nc = self.basis.nc
-            of_b = np.einsum('kw,kwb->b', by_w, self.basis.of_boundary)
-            c, guess = self.basis.coefficients(point.xi), self.basis.duration.guess
-            bent = Call(self.basis.boundary.second)(c, self.basis.given, of_b)[0]
-            hessian[:nc, :nc] += guess**2 * bent.reshape(nc, nc)
+            hessian[:nc, :nc] += self.basis.curvature(point.xi, by_w)
         return jacobian, hessian
-
-    def _slopes(self, xi: Array) -> tuple[Array, bool]:
-        """Return the derivatives (P, nw, n) of w by Xi, and if boundary values depend on it."""
-        basis, timing = self.basis, self.basis.timing
-        nc, nb, guess = basis.nc, basis.nb, basis.duration.guess
-        table = basis.table
-        free = np.split(table, [nc + nb], axis=2)[1]
-        slopes = np.concatenate([guess * table[:, :, :timing], free], axis=2)
-        by_timing = bool(timing and nb)
-        if by_timing:
-            c = basis.coefficients(xi)
-            _, slope = Call(basis.boundary.linear)(c, basis.given)
-            slopes[:, :, :nc] += basis.of_boundary @ (guess * slope.reshape(nb, nc))
-        return slopes, by_timing
 
     def _node_multipliers(
         self, multipliers: Multipliers | None, count: int
@@ -332,14 +307,6 @@ class Transcription(NonlinearProgram):
             every[multipliers.tags] = -multipliers.inequalities
             nodes[:, 1:] = every.reshape(limits, count).T
         return nodes, start, end, at_z
-
-    @staticmethod
-    def _w(basis: ArcBasis, xi: Array) -> Array:
-        """Return w at the points of a basis (P, nw)."""
-        c = basis.coefficients(xi)
-        b = basis.boundary_call(c, basis.given)[0] if basis.nb else np.zeros(0)
-        free = np.split(xi, [basis.timing])[1]
-        return np.asarray(basis.table @ np.concatenate([c, b, free]))
 
     def _nodes(self, w: Array) -> tuple[Array, Array | None]:
         """Return w and z at the nodes (K, nw + nz), and the arguments of the steps between."""

@@ -84,11 +84,6 @@ class _Step:
     slacks: Array
     multipliers: Multipliers
 
-    @property
-    def slack(self) -> float:
-        """Return the largest slack."""
-        return float(self.slacks.max(initial=0.0))
-
 
 def minimise(
     program: NonlinearProgram,
@@ -198,7 +193,7 @@ class _Search:
         assert self.at is not None
         xi = _within(program, point.xi + step.change)
         trial = program.evaluate(xi)
-        if self.options.corrections and step.slack < 1e-4:
+        if self.options.corrections and step.slacks.max(initial=0.0) < 1e-4:
             trial = _correct(self, self.at, step, trial)
         gained = self.merit(point) - self.merit(trial)
         length = float(np.abs(step.change).max())
@@ -250,8 +245,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     solution = solve_quadratic_program(hessian, gradient, rows, least, lower, upper)
     if solution is None:
         return None
-    first = n + na
-    change, slacks = solution.step[:n], np.maximum(solution.step[first:], 0.0)
+    (found, dual), first = solution, n + na
+    change, slacks = found[:n], np.maximum(found[first:], 0.0)
     terms = np.abs(at.terms + at.terms_jacobian @ change) if na else at.terms
     model = (
         at.gradient @ change
@@ -260,7 +255,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
         + search.penalties @ slacks
     )
     now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
-    dual, both = solution.multipliers, 2 * ne
+    both = 2 * ne
     last = both + at.inequalities.size
     multipliers = Multipliers(
         equalities=dual[ne:both] - dual[:ne], inequalities=dual[both:last], tags=at.tags
@@ -316,21 +311,14 @@ def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> P
     return trial
 
 
-@dataclass(frozen=True)
-class QuadraticSolution:
-    """The minimiser d (n,) and the multipliers (>= 0) of the rows A d >= b, (m,)."""
-
-    step: Array
-    multipliers: Array
-
-
 def solve_quadratic_program(
     hessian: Array, gradient: Array, rows: Array, least: Array, lower: Array, upper: Array
-) -> QuadraticSolution | None:
+) -> tuple[Array, Array] | None:
     """
     Minimise d'H d / 2 + g'd subject to A d >= b, lower <= d <= upper, H positive definite.
 
-    By the library DAQP; None if the program is infeasible or ill conditioned.
+    Return d and the multipliers (>= 0) of the rows A d >= b, (m,), by the library DAQP; None if
+    the program is infeasible or ill conditioned.
 
     Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
     """
@@ -350,4 +338,4 @@ def solve_quadratic_program(
     if flag < 1 or not np.isfinite(step).all():
         return None
     multipliers = np.abs(np.asarray(info['lam'])[n:])
-    return QuadraticSolution(np.asarray(step), multipliers)
+    return np.asarray(step), multipliers

@@ -24,26 +24,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
-from scipy.interpolate import CubicSpline
-from tdm_planner.direct_method.checks import whole
+from scipy.interpolate import BPoly, CubicSpline
 
 Array = NDArray[np.float64]
 
-_MOST_NODES = 100_000
-
 
 def chebyshev_nodes(count: int) -> Array:
-    """
-    Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3.
-
-    Raises
-    ------
-    InvalidProblem
-        If `count` is not allowed.
-
-    """
-    last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
+    """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)))
 
 
 def quadrature_weights(nodes: Array) -> Array:
@@ -64,49 +52,17 @@ def quadrature_weights(nodes: Array) -> Array:
 
 
 def bernstein_basis(degree: int, s: ArrayLike, derivative: int = 0) -> Array:
-    """Return the `derivative`-th derivative of B_0..B_degree at s (...), (..., degree + 1)."""
-    at = np.asarray(s, dtype=float)
-    if derivative > degree:
-        return np.zeros((*at.shape, degree + 1))
-    return _products(degree - derivative, at) @ _derivatives(degree, derivative)
+    """
+    Return the `derivative`-th derivative of B_0..B_degree at s (...), (..., degree + 1).
 
-
-def bernstein_integral(degree: int, s: ArrayLike) -> Array:
-    """Return the integral of B_0..B_degree from 0 to s (...), (..., degree + 1)."""
-    return _products(degree + 1, np.asarray(s, dtype=float)) @ _integrals(degree)
-
-
-def _products(degree: int, s: Array) -> Array:
-    """Return s^i (1 - s)^(degree - i), i = 0..degree: B_i without its coefficient."""
-    powers = np.empty((2, degree + 1, s.size))
-    powers[:, 0] = 1.0
-    powers[0, 1:], powers[1, 1:] = s.ravel(), 1.0 - s.ravel()
-    np.multiply.accumulate(powers, axis=1, out=powers)
-    products: Array = powers[0] * powers[1, ::-1]
-    return products.T.reshape(*s.shape, degree + 1)
+    That of order -1 is the integral from 0 to s.
+    """
+    return np.asarray(_bernstein(degree, derivative)(np.array(s, dtype=float)))
 
 
 @lru_cache(maxsize=64)
-def _derivatives(degree: int, derivative: int) -> Array:
-    """Return derivatives of B_0..B_degree, one a column, in the reduced degree's products."""
-    steps = np.diff(np.eye(degree + 1), n=derivative, axis=0)
-    return _constant(math.perm(degree, derivative) * _binomials(degree - derivative) * steps)
-
-
-@lru_cache(maxsize=64)
-def _integrals(degree: int) -> Array:
-    """Integrals of B_0..B_degree, one a column, in the products of the next degree."""
-    tails = np.tri(degree + 2, degree + 1, -1)
-    return _constant(_binomials(degree + 1) * tails / (degree + 1))
-
-
-def _binomials(degree: int) -> Array:
-    return np.array([[float(math.comb(degree, i))] for i in range(degree + 1)])
-
-
-def _constant(matrix: Array) -> Array:
-    matrix.flags.writeable = False
-    return matrix
+def _bernstein(degree: int, derivative: int) -> BPoly:
+    return BPoly(np.eye(degree + 1)[:, None], [0.0, 1.0]).derivative(derivative)
 
 
 def time_derivatives(jet: Sequence[Any], factor: Sequence[Any]) -> list[Any]:

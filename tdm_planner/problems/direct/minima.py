@@ -49,13 +49,8 @@ class DirectMinima:
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
     `parts` times as many nodes as usual.
 
-    Raises
-    ------
-    NotFinite
-        If the initial guess and its changes give numbers that are not finite.
-    InvalidProblem
-        If what is stated contradicts itself along them.
-
+    Making them raises NotFinite if the initial guess and its changes give numbers that are not
+    finite, InvalidProblem if what is stated contradicts itself along them.
     """
 
     def __init__(
@@ -147,23 +142,22 @@ class DirectMinima:
         ends, margins = minimum.point.violations
         motion = program.motion(minimum.point.xi)
         if ends > margins:
+            names, integrated = self._stated.state_names, self._stated.integrated()
             missed = {
-                name: (abs(motion.states[-1, index] - end) / state.scale, index)
-                for name, state in self._stated.integrated().items()
-                if (end := state.end) is not None and name in self._problem.state_names
-                for index in [self._problem.state_names.index(name)]
+                name: abs(float(motion.states[-1, names.index(name)]) - state.end)
+                for name, state in integrated.items()
+                if state.end is not None
             }
-            share, index = max(missed.values(), default=(0.0, 0))
-            if share < 0.5 * ends:
+            shares = {name: miss / integrated[name].scale for name, miss in missed.items()}
+            name = max(shares, key=lambda key: shares[key], default='')
+            if shares.get(name, 0.0) < 0.5 * ends:
                 return f'the conditions at the end by {ends:.2g}'
-            name, unit = self._problem.state_names[index], self._problem.state_units[index]
-            miss = share * self._stated.integrated()[name].scale
-            return f'the condition at the end on {name} by {miss:.2g} {unit}'.rstrip()
-        margins = self._stated.margins(motion.times, motion.states, motion.controls)
-        kept = dict(zip(margins, program.kept.T, strict=True))
-        least = {name: float(np.min(value - kept[name])) for name, value in margins.items()}
-        name = min(least, key=lambda key: least[key])
-        return f'{name} by {-least[name]:.2g}'
+            unit = self._problem.state_units[names.index(name)]
+            return f'the condition at the end on {name} by {missed[name]:.2g} {unit}'.rstrip()
+        stated = self._stated.margins(motion.times, motion.states, motion.controls)
+        least = (np.array(list(stated.values())) - program.kept.T).min(axis=1)
+        index = int(np.argmin(least))
+        return f'{list(stated)[index]} by {-least[index]:.2g}'
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """

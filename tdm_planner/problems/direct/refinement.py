@@ -30,8 +30,7 @@ from tdm_planner.direct_method.collocation import (
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.problems.direct.correction import corrected
-from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.plant import corrected, DirectPlant
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 

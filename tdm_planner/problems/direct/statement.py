@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -36,46 +36,36 @@ def check_statement(problem: Formulation) -> None:
     """
     Check performance index, units, tolerance and the numbers of nodes and starts.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming what is missing or not allowed.
-
+    Raise InvalidProblem, naming what is missing or not allowed.
     """
-    stated = {name: getattr(type(problem), name) for name in ('final_cost', 'running_cost')}
-    if all(found is getattr(Formulation, name) for name, found in stated.items()):
+    costs = 'final_cost', 'running_cost'
+    if all(getattr(type(problem), cost) is getattr(Formulation, cost) for cost in costs):
         raise InvalidProblem(
             f'{problem.name} states no performance index: define final_cost or running_cost'
         )
-    for kind in ('state', 'control'):
-        _check_units(problem, kind)
+    stated = CheckedFormulation(problem)
+    for kind, names, example in (
+        ('state', stated.state_names, "('m', 'm/s')"),
+        ('control', stated.control_names, "('N',)"),
+    ):
+        units = stated.strings(f'{kind}_units', 'units', example)
+        if len(names) != len(units):
+            raise InvalidProblem(
+                f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
+            )
     whole(problem.nodes, 'nodes', *_NODES)
     whole(problem.starts, 'starts', *_STARTS)
     if problem.terminal_tolerance is not None:
         _check_tolerance(problem.terminal_tolerance, len(problem.state_names))
     given = problem.feedback_weights()
     if given is not None:
-        names = problem.state_names, problem.control_names
-        for what, weights, count in zip('QR', given, map(len, names), strict=True):
+        sizes = len(stated.state_names), len(stated.control_names)
+        for what, weights, count in zip('QR', given, sizes, strict=True):
             shape = np.shape(np.atleast_2d(weights))
             if shape != (count, count):
                 raise InvalidProblem(
                     f'feedback_weights gives {what} of shape {shape}, expected {(count, count)}'
                 )
-
-
-def _check_units(problem: Formulation, kind: str) -> None:
-    names = getattr(problem, f'{kind}_names', ())
-    units = getattr(problem, f'{kind}_units', None)
-    if not isinstance(units, tuple | list) or not all(isinstance(unit, str) for unit in units):
-        raise InvalidProblem(
-            f'{kind}_units = {shown(units)} must be a tuple of units, such as '
-            + ("('m', 'm/s')" if kind == 'state' else "('N',)")
-        )
-    if len(names) != len(units):
-        raise InvalidProblem(
-            f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
-        )
 
 
 def _check_tolerance(tolerance: Any, count: int) -> None:
@@ -108,11 +98,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
     """
     Check that `invert` and `derivative` state the same motion along a candidate.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming the first state whose rates differ.
-
+    Raise InvalidProblem, naming the first state whose rates differ.
     """
     by_inverse, rates, wrong = rates_of(program, xi)
     for index in np.flatnonzero(wrong):
@@ -126,15 +112,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
 
 
 def check_limits(trace: Trace) -> None:
-    """
-    Check that every limit depends on the motion.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the one that does not.
-
-    """
+    """Raise InvalidProblem, naming the limit, if one does not depend on the motion."""
     for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
         raise InvalidProblem(
             f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
@@ -143,24 +121,15 @@ def check_limits(trace: Trace) -> None:
 
 
 def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
-    """
-    Check that the performance index has no jumps along a motion.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming the function that has one.
-
-    """
+    """Raise InvalidProblem, naming the function, if a cost has a jump along a motion."""
     points = np.column_stack([motion.times, motion.states, motion.controls])
     steps = np.linspace(0.0, points.shape[0] - 1.0, 8 * points.shape[0] + 1)
     nx = motion.states.shape[1]
 
     def cost(function: Any, places: Array) -> Array:
-        low = np.minimum(places.astype(int), len(points) - 2)
-        share = (places - low)[:, None]
-        w = points[low] * (1.0 - share) + points[low + 1] * share
-        parts = np.split(w, [1, 1 + nx], axis=1)
+        nodes = np.arange(len(points))
+        along = np.stack([np.interp(places, nodes, column) for column in points.T], axis=1)
+        parts = np.split(along, [1, 1 + nx], axis=1)
         found = Call(function, places.size)(*parts[: function.n_in() - 1], numbers)[0]
         return np.array(found[:, 0])
 
@@ -192,11 +161,7 @@ def check_ends(
     """
     Return what is left to every limit at the start, None where that depends on what is free.
 
-    Raises
-    ------
-    InvalidProblem
-        If asked to `refuse`, naming the limit that every motion violates at an end.
-
+    Raise InvalidProblem, if asked to `refuse`, for a limit that every motion violates at an end.
     """
     rng, duration = np.random.default_rng(2), stated.duration()
     found: dict[str, float | None] = {}
@@ -248,20 +213,19 @@ def constraints_of(
 ) -> tuple[Constraint, ...]:
     """Return what a plan is checked for: its limits, and the conditions at both ends."""
 
-    def missed(side: int, index: int, times: Array, states: Array, controls: Array) -> Array:
-        conditions = stated.end_conditions if side else stated.start_conditions
-        at = slice(-1, None) if side else slice(0, 1)
+    def missed(
+        function: str, at: slice, index: int, times: Array, states: Array, controls: Array
+    ) -> Array:
         left = np.full(times.size, _END_TOLERANCE)
-        left[at] -= np.abs(conditions(times[at], states[at])[index])
+        left[at] -= np.abs(stated.conditions(function, times[at], states[at])[index])
         return left
 
     found = list(limits_of(stated, trajectory, tolerances))
-    for side, function in enumerate(('start_conditions', 'end_conditions')):
-        conditions: Sequence[Any] = getattr(stated, function)(
-            trajectory.times[:1], trajectory.states[:1]
-        )
-        found += [
-            Constraint(f'{function} {index}', partial(missed, side, index))
-            for index in range(len(conditions))
-        ]
+    first = trajectory.times[:1], trajectory.states[:1]
+    for function, at in (
+        ('start_conditions', slice(0, 1)),
+        ('end_conditions', slice(-1, None)),
+    ):
+        for index in range(len(stated.conditions(function, *first))):
+            found.append(Constraint(f'{function} {index}', partial(missed, function, at, index)))
     return tuple(found)

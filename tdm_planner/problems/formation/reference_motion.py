@@ -29,8 +29,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bases import PolynomialBasis
-from tdm_planner.direct_method.output_basis import OrthonormalBasis, VariedPolynomials
+from tdm_planner.direct_method.bases import orthonormal, PolynomialBasis
 from tdm_planner.direct_method.virtual_arc import bernstein_basis
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.problems.formation.task import FormationTask
@@ -69,12 +68,13 @@ class EndDerivatives:
 def end_derivatives(order: int, vary_curvature: bool) -> EndDerivatives:
     """Make the polynomials of odd order >= 5; `vary_curvature`: X_ss is varied at both ends."""
     given = (0, 1) if vary_curvature else (0, 1, 2)
-    polynomials = VariedPolynomials.of(given, given, order + 1 - 2 * len(given))
-    basis = polynomials.basis
+    basis = PolynomialBasis.raised(given, given, order + 1 - 2 * len(given))
     varied = [k not in given for k in (*basis.start, *basis.end)]
     free = np.zeros((order + 1, sum(varied)))
-    orthonormal = OrthonormalBasis.of(polynomials, (2,)).transformation
-    free[varied] = orthonormal * np.sign(np.diag(orthonormal))  # whichever signs LAPACK chose
+    shapes = orthonormal(
+        lambda s, derivative: basis.values(s, derivative)[..., varied], 2 * len(given), (2,)
+    )
+    free[varied] = shapes * np.sign(np.diag(shapes))  # whichever signs LAPACK chose
     free.flags.writeable = False
     return EndDerivatives(basis, free)
 

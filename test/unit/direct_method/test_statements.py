@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from stated import Cart, changed, refused
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
+from tdm_planner.direct_method.arc_basis import output_basis
 from tdm_planner.direct_method.bases import PolynomialBasis, symmetric_powers
 from tdm_planner.direct_method.graphs import Rounded, Unfolded
-from tdm_planner.direct_method.output_basis import output_basis
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
@@ -214,7 +214,7 @@ NAMES = [
     ('x', 'must be a tuple of names'),
     ((), 'must be a tuple of names'),
     (('x', 'v', 'x'), 'the same name twice'),
-    (('x', 3, 'v'), 'must be strings'),
+    (('x', 3, 'v'), 'must be a tuple of names'),
 ]
 NUMBER = count()
 COSTS = [
@@ -236,17 +236,17 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         (((0.0, 0.0, 0.0),), 'expected a pair'),
         (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
         (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
-        (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a real number'),
-        (((0.0, [1.0, [2.0]], 0.0), (0.0,)), 'expected a sequence of 3 components'),
-        (((0.0, np.zeros(6), 0.0), (0.0,)), 'components of shapes (), (6,), (), expected'),
-        (((0.0, 1.0j, 0.0), (0.0,)), 'component 1 = ... not a real number'),
+        (((0.0, None, 0.0), (0.0,)), "states: 'v' = None, which is not a real number"),
+        (((0.0, [1.0, [2.0]], 0.0), (0.0,)), "'v' = [1.0, [2.0]], which is not a real number"),
+        (((0.0, np.zeros(6), 0.0), (0.0,)), "states: 'v' of shape (6,), expected"),
+        (((0.0, 1.0j, 0.0), (0.0,)), "'v' = 1j, which is not a real number"),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
         (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
     ],
     'derivative': [
         ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
-        ((0.0, 0.0, np.zeros(4)), 'what derivative returns has components of shapes (), (), (4,)'),
-        ((0.0, 0.0, 1.0j), 'what derivative returns has component 2 = ... not a real number'),
+        ((0.0, 0.0, np.zeros(4)), "what derivative returns: 'angle' of shape (4,)"),
+        ((0.0, 0.0, 1.0j), "what derivative returns: 'angle' = 1j, which is not"),
         (NAN_BEHIND, "derivative gives the rate of 'angle' = nan at node 11 of 21"),
     ],
     'margins': [
