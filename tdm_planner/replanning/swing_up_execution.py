@@ -22,7 +22,7 @@ from tdm_planner.replanning.execution import (
     Outlook,
     Predicted,
 )
-from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
@@ -152,7 +152,7 @@ class SwingUpExecution(Execution):
             after = elapsed >= plan.solution.duration
             references = law.trajectory.sample(elapsed).state
             references[after, 2:] = 0.0
-            torques = law.feedforward.means(edges)[:, 0]
+            torques = mean_controls(law.trajectory, edges)[:, 0]
             along = law.gains[law.places(elapsed), 0, :4]
             gains = np.where(after[:, None], self._tracker.upright.gain, along)
         return FeedbackTable(references, torques, gains, step, self._limit)

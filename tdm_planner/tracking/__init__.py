@@ -8,7 +8,6 @@ from tdm_planner.tracking.linear_quadratic import (
     discretise,
     Regulator,
     time_varying_regulator,
-    TimeVaryingRegulator,
 )
 from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
@@ -25,7 +24,6 @@ __all__ = [
     'Regulator',
     'RobotTracker',
     'RobotTrackerParameters',
-    'TimeVaryingRegulator',
     'TrackerParameters',
     'TrajectoryRejected',
     'TrajectoryTracker',

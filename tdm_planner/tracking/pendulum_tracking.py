@@ -37,8 +37,7 @@ from tdm_planner.tracking.estimator import (
     longest_step,
     pendulum_estimator,
 )
-from tdm_planner.tracking.feedforward import PlanLaw
-from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
 from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -165,7 +164,7 @@ class PendulumTracker(TrajectoryTracker):
         law: PlanLaw = motion.law
         elapsed = motion.elapsed(time)
         first, step = law.trajectory.times[0] + elapsed, motion.pace * self.parameters.interval
-        planned = motion.pace**2 * law.feedforward.mean(first, first + step)
+        planned = motion.pace**2 * mean_controls(law.trajectory, [first, first + step])[0]
         reference = law.trajectory.sample(first).state * self._scale(motion.pace)
         gain, off = law.gain(elapsed), self._off(state, motion.pace)
         return self._action(planned - gain[:, 4:] @ off, gain[:, :4], state, reference)

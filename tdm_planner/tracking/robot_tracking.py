@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.tracking.estimator import actuator_gains, robot_estimator
-from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.linear_quadratic import mean_controls
 from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
@@ -66,7 +66,6 @@ class RobotLaw:
     thruster's angle at the start.
     """
 
-    feedforward: Feedforward
     lower: Array = field(repr=False)
     upper: Array = field(repr=False)
     burns: Array | None = field(repr=False)
@@ -157,7 +156,7 @@ class RobotTracker(TrajectoryTracker):
         turned = self.parameters.limits.thruster_rate * t
         upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
         lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
-        return RobotLaw(Feedforward(trajectory), lower, upper, burns)
+        return RobotLaw(lower, upper, burns)
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (7,); angles the shorter way round."""
@@ -188,7 +187,7 @@ class RobotTracker(TrajectoryTracker):
         interval = self.parameters.interval
         instants = at + interval * np.array([0.0, 0.5, 1.0])
         reference, middle, after = motion.trajectory.sample(instants).state
-        thrust, _, torque = law.feedforward.mean(at, at + interval)
+        thrust, _, torque = mean_controls(motion.trajectory, [at, at + interval])[0]
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart

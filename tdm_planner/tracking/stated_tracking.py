@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
-from tdm_planner.tracking.feedforward import PlanLaw
-from tdm_planner.tracking.linear_quadratic import discrete_regulator
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
 from tdm_planner.tracking.motion import Action, Motion, Phase
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -175,7 +174,7 @@ class StatedTracker(TrajectoryTracker):
         until = min(elapsed + self.parameters.interval, law.trajectory.duration)
         planned = law.trajectory.controls[-1]
         if until > elapsed:
-            planned = law.feedforward.mean(first + elapsed, first + until)
+            planned = mean_controls(law.trajectory, [first + elapsed, first + until])[0]
         reference = law.trajectory.sample(first + elapsed).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 

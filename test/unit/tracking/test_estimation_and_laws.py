@@ -219,8 +219,8 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> N
     n = 500 + int(np.log(1e-9) / (2.0 * np.log(slowest)))  # the end is forgotten to 1e-9
     many = np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1))
     along = linear_quadratic.time_varying_regulator(*many, Q, R, Q, step)
-    assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
-    assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
+    assert np.allclose(along.cost_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+    assert np.allclose(along.gain[0], steady.gain, rtol=1e-4, atol=1e-4)
 
 
 def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
