@@ -42,9 +42,12 @@ from tdm_planner.replanning import (
     SwingUpExecution,
 )
 from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
-from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 from tdm_planner.tracking.tracked_plants import tracked_problem
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from tdm_planner.replanning.execution import (
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
 from tdm_planner.tracking.motion import wrapped
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
+from tdm_planner.tracking.tracker_parameters import PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,6 @@ class SwingUpExecution(Execution):
         self._interval = parameters.interval
         self._limit = parameters.limits.torque
         self._tracker = PendulumTracker(parameters)
-        self._tracker.prepare_hold()
         self._law: _Law | None = None
         self._late = self._seen = 0.0  # of the plan [s], and the instant at which that was seen
 

@@ -10,10 +10,14 @@ from tdm_planner.tracking.linear_quadratic import (
     time_varying_regulator,
 )
 from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 
 __all__ = [
     'Action',

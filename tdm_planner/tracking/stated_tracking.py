@@ -72,7 +72,6 @@ class StatedTracker(TrajectoryTracker):
             measurement=np.full(nx, measured),
             model=model,
             rate_floor=np.ones(nx),
-            driven=np.ones(nx, dtype=bool),
         )
         continuous = np.zeros(nx, dtype=bool)
         estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)

@@ -20,10 +20,14 @@ from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.tracking import TrajectoryTracker
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 
@@ -103,14 +107,8 @@ class TrackedPlant:
     make_tracker: Callable[[Any], TrajectoryTracker]
 
 
-def _pendulum_tracker(parameters: PendulumTrackerParameters) -> PendulumTracker:
-    tracker = PendulumTracker(parameters)
-    tracker.prepare_hold()
-    return tracker
-
-
 _BUILT_IN: Mapping[str, TrackedPlant] = {
-    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
+    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, PendulumTracker),
     'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
 }
 

@@ -14,16 +14,19 @@ from scipy.linalg import expm, solve_discrete_are
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking import linear_quadratic
-from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import (
+    CommandHistory,
+    EstimatorNoise,
+    RepetitionWatch,
+    StateEstimator,
+)
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, discretise
-from tdm_planner.tracking.repetition import RepetitionWatch
 
 PLANT = RotaryPendulum()
 NOISE = EstimatorNoise(
     measurement=np.array([0.0015, 0.0015, 0.1, 0.1]),
     model=0.1,
-    rate_floor=np.full(4, 10.0),
-    driven=np.array([False, False, True, True]),
+    rate_floor=np.array([0.0, 0.0, 10.0, 10.0]),
 )
 TICK = 0.005
 SETTINGS = settings(max_examples=12)
