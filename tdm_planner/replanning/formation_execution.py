@@ -74,7 +74,7 @@ class FormationExecution(Execution):
         self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
         self._adopted: ActivePlan | None = None
 
-    def adopt(self, plan: ActivePlan) -> None:
+    def _adopt(self, plan: ActivePlan) -> None:
         """Prepare every robot's feedback along its motion."""
         self._motions = {}
         for name, trajectory in plan.solution.trajectories.items():
@@ -89,7 +89,7 @@ class FormationExecution(Execution):
     ) -> dict[str, Predicted]:
         """Step every robot under its feedback from the measured state to the instant `at`."""
         if self._adopted is not plan:
-            self.adopt(plan)
+            self._adopt(plan)
         task = self._problem(plan).task
         found = {}
         for i, name in enumerate(task.names):
@@ -213,31 +213,15 @@ class FormationExecution(Execution):
         for i, name in enumerate(task.names):
             robot = predicted[name]
             goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
-            x, y, u, v, yaw, omega, alpha = robot.state.tolist()
-            torque, thrust = float(robot.control[2]), float(robot.control[0])
+            state, control = robot.state, robot.control
             if robot.planned is not None and self._leads_to(name, goal):
-                x, y, u, v, yaw, omega, alpha = robot.planned.state.tolist()
-                thrust, _, torque = robot.planned.control.tolist()
+                state, control = robot.planned
             if self._at_goal(goal, robot.state):
-                x, y, u, v, yaw, omega, alpha = goal.tolist()
-                torque = thrust = 0.0
-            starts[name] = RobotStart(
-                x=x,
-                y=y,
-                u=u,
-                v=v,
-                yaw=yaw,
-                omega=omega,
-                alpha=alpha,
-                thrust=thrust,
-                torque=torque,
-                arrived=robot.arrived,
-            )
+                state, control = goal, np.zeros(3)
+            now = dict(zip(task.plant.state_names, state.tolist(), strict=True))
+            thrust, _, torque = control.tolist()
+            starts[name] = RobotStart(**now, thrust=thrust, torque=torque, arrived=robot.arrived)
         return replace(problem, starts=starts)
-
-    def same_question(self, problem: RobotFormation, other: RobotFormation) -> bool:
-        """Whether two manoeuvres differ in nothing but starts and solver."""
-        return replace(problem, starts=other.starts, solver=other.solver) == other
 
     def _leads_to(self, name: str, goal: Array) -> bool:
         """Whether the active plan takes a robot to a goal (7,)."""
