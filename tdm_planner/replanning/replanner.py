@@ -155,7 +155,8 @@ class Replanner:
         newest = self.plan
         if newest is None or newest.start > now:
             return Review(None, 'no plan is under way', Outlook(settled=True))
-        if now < newest.start + _TAKEN_OVER and self._kept(newest, observations):
+        kept = any(keeping(plan, newest, observations) for plan in self._earlier)
+        if kept and now < newest.start + _TAKEN_OVER:
             return Review(None, 'the newest plan is not followed yet', Outlook(settled=True))
         rejected = self._rejected(newest, observations)
         plan = self.plan or newest
@@ -166,9 +167,6 @@ class Replanner:
             failure = f"'{rejected[0]}' has kept the plan before the active one"
         review = self._reviewed(plan, problem, observations, now, failure)
         return replace(review, rejected=tuple(rejected))
-
-    def _kept(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> bool:
-        return any(keeping(plan, newest, observations) for plan in self._earlier)
 
     def _rejected(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
         """Vehicles whose trackers keep an earlier plan; where all do, it is active again."""

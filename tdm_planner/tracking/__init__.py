@@ -3,12 +3,6 @@
 
 """Feedback laws that keep a plant on its plan and hold it at the goal; no ROS."""
 
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    discretise,
-    Regulator,
-    time_varying_regulator,
-)
 from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
@@ -25,13 +19,9 @@ __all__ = [
     'PendulumTracker',
     'PendulumTrackerParameters',
     'Phase',
-    'Regulator',
     'RobotTracker',
     'RobotTrackerParameters',
     'TrackerParameters',
     'TrajectoryRejected',
     'TrajectoryTracker',
-    'discrete_regulator',
-    'discretise',
-    'time_varying_regulator',
 ]

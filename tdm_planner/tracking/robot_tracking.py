@@ -60,7 +60,7 @@ _FREE = Reach(-math.inf, math.inf)
 @dataclass(frozen=True, eq=False)
 class RobotLaw:
     """
-    What is prepared before the start: `lower` and `upper` hold the reach every `step` s.
+    What is prepared before the start: `lower` and `upper` hold the reach every 0.02 s.
 
     `burns` (n, 3) are the burns of a plan that burns and coasts: start and end [s], and the
     thruster's angle at the start.
@@ -69,11 +69,10 @@ class RobotLaw:
     lower: Array = field(repr=False)
     upper: Array = field(repr=False)
     burns: Array | None = field(repr=False)
-    step: float = _REACH_STEP
 
     def reach(self, elapsed: float) -> Reach:
         """Return the range of the thruster's angle at `elapsed` s after the start."""
-        k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
+        k = min(max(math.ceil(elapsed / _REACH_STEP), 0), len(self.lower) - 1)
         return Reach(float(self.lower[k]), float(self.upper[k]))
 
     def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
@@ -211,7 +210,8 @@ class RobotTracker(TrajectoryTracker):
         control = self._drive(
             state, replace(desired, acceleration=driven[2:4] + desired.acceleration)
         )
-        return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
+        feedback = control - [thrust, 0.0, torque]
+        return Action(control, feedback, error, reference)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Keep station at the end of the trajectory."""
@@ -223,7 +223,7 @@ class RobotTracker(TrajectoryTracker):
             np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE
         )
         control = self._drive(state, self._coasting(desired, error, self._station))
-        return self._action(control, np.zeros(3), error, goal)
+        return Action(control, control, error, goal)
 
     def recover(self, state: Array) -> Array:
         """Brake."""
@@ -298,16 +298,8 @@ class RobotTracker(TrajectoryTracker):
         if abs(off) < desired.aligned:
             thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
         torque = desired.torque / actuator_gains(state)[1]
-        return np.array(
-            [
-                min(thrust, limits.thrust),
-                rate,
-                min(max(torque, -limits.torque), limits.torque),
-            ]
-        )
-
-    def _action(self, control: Array, planned: Array, error: Array, reference: Array) -> Action:
-        return Action(control, control - planned, error, reference)
+        torque = min(max(torque, -limits.torque), limits.torque)
+        return np.array([min(thrust, limits.thrust), rate, torque])
 
 
 def _burns(trajectory: Trajectory) -> Array:

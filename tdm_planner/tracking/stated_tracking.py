@@ -134,6 +134,7 @@ class StatedTracker(TrajectoryTracker):
     ) -> tuple[Hold | None, Array]:
         """Return how an end is held, if it can be, and the weight of a deviation there."""
         plant, state = self._plant, trajectory.states[end]
+        not_held = None, trajectory.duration * 10.0 * q
         control = np.clip(self.nothing, self._lower, self._upper)
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
@@ -142,19 +143,18 @@ class StatedTracker(TrajectoryTracker):
                 control = trajectory.controls[end]
                 _, b = plant.jacobians(state, control)
             if not np.isfinite(b).all():
-                return None, trajectory.duration * 10.0 * q
+                return not_held
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
         assert trajectory.rates is not None
         largest = np.abs(trajectory.rates).max(axis=(0, 1))
         still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
-        nowhere = trajectory.duration * 10.0 * q
         if not still.all():
-            return None, nowhere
+            return not_held
         a, b = plant.jacobians(state, control)
         try:
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
-            return None, nowhere
+            return not_held
         return Hold(state, control, found.gain), found.cost_to_go
 
     def error(self, state: Array, reference: Array) -> Array:

@@ -107,16 +107,14 @@ class TrackedPlant:
     make_tracker: Callable[[Any], TrajectoryTracker]
 
 
-_BUILT_IN: Mapping[str, TrackedPlant] = {
-    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, PendulumTracker),
-    'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
-}
-
-
+_PENDULUM = TrackedPlant(PENDULUM, PendulumTrackerParameters, PendulumTracker)
+_ROBOT = TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker)
 # A problem's plant may be named by the problem, as planner and plant name it.
-_OF_PROBLEM: Mapping[str, str] = {
-    'pendulum_swing_up': 'pendulum',
-    'robot_formation': 'robot',
+_BUILT_IN: Mapping[str, TrackedPlant] = {
+    'pendulum': _PENDULUM,
+    'robot': _ROBOT,
+    'pendulum_swing_up': _PENDULUM,
+    'robot_formation': _ROBOT,
 }
 
 
@@ -139,12 +137,11 @@ def tracked_plant(kind: str) -> TrackedPlant:
         If there is none of that name.
 
     """
-    kind = _OF_PROBLEM.get(kind, kind)
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]
     if ':' not in kind and kind not in problem_names():
         raise InvalidProblem(
-            f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of "
-            f'{", ".join(_BUILT_IN)}, or a stated problem such as my_module:MyProblem'
+            f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of pendulum, "
+            'robot, or a stated problem such as my_module:MyProblem'
         )
     return tracked_problem(stated_problem(kind))
