@@ -60,7 +60,7 @@ _FREE = Reach(-math.inf, math.inf)
 @dataclass(frozen=True, eq=False)
 class RobotLaw:
     """
-    What is prepared before the start: `lower` and `upper` hold the reach every 0.02 s.
+    What is prepared before the start: `lower` and `upper` hold the reach every `step` s.
 
     `burns` (n, 3) are the burns of a plan that burns and coasts: start and end [s], and the
     thruster's angle at the start.
@@ -69,10 +69,11 @@ class RobotLaw:
     lower: Array = field(repr=False)
     upper: Array = field(repr=False)
     burns: Array | None = field(repr=False)
+    step: float = _REACH_STEP
 
     def reach(self, elapsed: float) -> Reach:
         """Return the range of the thruster's angle at `elapsed` s after the start."""
-        k = min(max(math.ceil(elapsed / _REACH_STEP), 0), len(self.lower) - 1)
+        k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
         return Reach(float(self.lower[k]), float(self.upper[k]))
 
     def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
