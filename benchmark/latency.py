@@ -81,7 +81,6 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
         plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(problem))
-        executions[-1].adopt(plans[-1])
 
     def case(seed: int) -> Case:
         rng = np.random.default_rng(seed)

@@ -53,8 +53,6 @@ def live_through(history: dict[str, Any]) -> bool:
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
     try:
         tracker = MADE[plant](build(parameters, flat))
-        if plant == 'pendulum':
-            tracker.prepare_hold()
     except InvalidProblem:
         return False
     limits = [getattr(tracker.parameters.limits, name) for name in kind.control_names]

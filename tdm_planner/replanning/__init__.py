@@ -9,14 +9,13 @@ No ROS, no clock: instants are seconds of one clock, which the caller reads.
 
 from tdm_planner.replanning.execution import (
     ActivePlan,
-    decide,
     Execution,
+    GenericExecution,
     Mode,
     Observation,
     Outlook,
 )
 from tdm_planner.replanning.formation_execution import FormationExecution
-from tdm_planner.replanning.generic_execution import GenericExecution
 from tdm_planner.replanning.replanner import Replanner, Review
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 
@@ -31,5 +30,4 @@ __all__ = [
     'Replanner',
     'Review',
     'SwingUpExecution',
-    'decide',
 ]

@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How plans are executed: the active one, and whether a new one supersedes it.
+How plans are executed: what is known of the active one, and what becomes of it.
 
-An `Execution` predicts the plant's state under the trackers at a plan's start.
+An `Execution` predicts the plant's state under the trackers at a plan's start. That of a problem
+which brings no model of its tracker knows plans that are followed, and plans that were left.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 import math
@@ -18,14 +19,18 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import Sample, TimedTrajectory
+from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
+from tdm_planner.verification import replay
 
-LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
-_SHORTEST = 1e-3  # s; a shorter rest gives no initial guess
 Array = NDArray[np.float64]
-_SAME_START = 1e-6  # s; instants are told in nanoseconds
+
+VEHICLE: Final = 'plant'  # the name of the only observation
+START: Final = 'start.'
+_SHORTEST = 1e-3  # s; a shorter rest gives no initial guess
 
 
 @dataclass(frozen=True)
@@ -41,46 +46,6 @@ class Outlook:
     cost: float = math.inf
     failure: str = ''
     settled: bool = False
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Whether the new plan supersedes the active one, and why, or why not."""
-
-    take_over: bool
-    reason: str
-
-
-def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
-    """
-    Whether a plan that would do has so much cost still to come that a better one may matter.
-
-    `whole` is the cost of the whole way. Near the goal the little that is left is no reason for a
-    plan: noise makes it more or less.
-    """
-    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * whole
-
-
-def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: float) -> Decision:
-    """
-    Keep the active plan unless a verified one is necessary, or cheaper by a margin.
-
-    `changed` says that another goal or other limits are asked for than those of the active plan;
-    `new` is the verified plan found, if any; `improvement` the share of the cost still to come
-    that it must save where the old plan would do.
-    """
-    if new is None:
-        return Decision(False, outlook.failure or 'no better plan was found')
-    if not new.verification.ok:
-        return Decision(False, 'the new plan did not pass its check')
-    if changed:
-        return Decision(True, 'the problem has changed')
-    if outlook.failure:
-        return Decision(True, outlook.failure)
-    saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
-    if saved > improvement:
-        return Decision(True, f'it saves {saved:.0%} of the cost still to come')
-    return Decision(False, 'the active plan does')
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,10 +150,6 @@ class Execution(ABC):
     holds_goal: ClassVar[bool] = True
 
     @abstractmethod
-    def adopt(self, plan: ActivePlan) -> None:
-        """Prepare the execution of a plan (compute its gains)."""
-
-    @abstractmethod
     def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Predicted]:
@@ -197,21 +158,6 @@ class Execution(ABC):
     @abstractmethod
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Return what becomes of the active plan if it is carried on from the instant `at`."""
-
-    def keeping(
-        self, earlier: ActivePlan, newer: ActivePlan, observations: Mapping[str, Observation]
-    ) -> list[str]:
-        """
-        Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
-
-        Trackers reject plans that begin too far from where the plant is.
-        """
-        return [
-            name
-            for name, seen in observations.items()
-            if seen.followed is not None
-            and abs(seen.followed - earlier.start) < _SAME_START < newer.start - earlier.start
-        ]
 
     @abstractmethod
     def problem_from(self, problem: Any, predicted: Mapping[str, Predicted]) -> Problem:
@@ -225,6 +171,88 @@ class Execution(ABC):
 
         """
 
-    @abstractmethod
-    def same_question(self, problem: Any, other: Any) -> bool:
-        """Whether two problems differ in nothing but their start (and how they are solved)."""
+
+class GenericExecution(Execution):
+    """
+    A controller of which nothing is known follows the plan; after its end nothing does.
+
+    An observation's state holds the numbers measured: those of the problem's parameters `start.X`
+    for the `names` X, in their order. Where X is a state of the plan, it is compared with it:
+    beyond `tolerance`, a share of the largest range that states of its unit run through, the plan
+    was left and a new one is necessary.
+    """
+
+    holds_goal: ClassVar[bool] = False
+
+    def __init__(self, names: Sequence[str], tolerance: float) -> None:
+        self._names = tuple(names)
+        self.tolerance = tolerance
+
+    def predict(
+        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
+    ) -> dict[str, Predicted]:
+        """Fly on under the planned controls, or carry the deviation from the plan along."""
+        seen = observations[VEHICLE]
+        motion = plan.solution.trajectory
+        flown = self._flown(plan, seen, at)
+        if flown is None:
+            flown = seen.state.copy()
+            now, then = (motion.sample(plan.elapsed(t)).state for t in (seen.stamp, at))
+            for number, state in self._compared(motion):
+                flown[number] += then[state] - now[state]
+        control = motion.sample(plan.elapsed(at)).control
+        return {VEHICLE: Predicted(flown, control, seen.mode)}
+
+    def _flown(self, plan: ActivePlan, seen: Observation, at: float) -> Array | None:
+        """Measured numbers at the instant `at` by the equations of motion, where all are known."""
+        motion, problem = plan.solution.trajectory, plan.problem
+        since, wait = plan.elapsed(seen.stamp), at - seen.stamp
+        order = [self._names.index(name) for name in motion.state_names if name in self._names]
+        complete = len(order) == len(motion.state_names) == len(self._names)
+        inside = since >= 0.0 and since + wait < motion.duration and wait > 0.0
+        if not (complete and inside and isinstance(problem, DirectProblem)):
+            return None
+        rest = motion.after(since)
+        states = rest.states.copy()
+        states[0] = seen.state[order]
+        # As smooth as the whole: a spline through the few samples left is another one.
+        flight = replace(rest, states=states)
+        found = np.empty_like(seen.state)
+        found[order] = replay(DirectPlant(problem), flight, np.array([wait]))[-1]
+        return found if np.isfinite(found).all() else None
+
+    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
+        """Compare the state with the plan; its cost to go is the problem's to say."""
+        motion, now = plan.solution.trajectory, predicted[VEHICLE]
+        elapsed = plan.elapsed(at)
+        cost = plan.problem.cost_to_go(plan.solution, elapsed)
+        # Where it is not known, no plan can be said to be cheaper.
+        outlook = Outlook(0.0 if cost is None else cost, settled=elapsed >= motion.duration)
+        reference, ranges = motion.sample(elapsed).state, ranges_of(motion)
+        for number, state in self._compared(motion):
+            away = float(now.state[number] - reference[state])
+            if abs(away) > self.tolerance * ranges[state] > 0.0:
+                unit = motion.units.get(motion.state_names[state], '')
+                size = f'{abs(away):.3g} {unit}'.rstrip()
+                name = motion.state_names[state]
+                return replace(outlook, failure=f"'{name}' is {size} away from the active plan")
+        return outlook
+
+    def _compared(self, motion: Trajectory) -> list[tuple[int, int]]:
+        """Where a measured number is, and which state of the plan it is."""
+        states = motion.state_names
+        return [(i, states.index(name)) for i, name in enumerate(self._names) if name in states]
+
+    def problem_from(self, problem: Problem, predicted: Mapping[str, Predicted]) -> Problem:
+        """Return the same problem, with the predicted state as its start."""
+        numbers = zip(self._names, predicted[VEHICLE].state.tolist(), strict=True)
+        starts = {START + name: value for name, value in numbers}
+        return type(problem).from_parameters({**problem.to_parameters(), **starts})
+
+
+def ranges_of(motion: Trajectory) -> Array:
+    """Return the largest range of a state of the same unit, for every state (nx,)."""
+    ranges = np.ptp(motion.states, axis=0)
+    units = [motion.units.get(name) for name in motion.state_names]
+    alike = [[k for k, other in enumerate(units) if other == unit and unit] for unit in units]
+    return np.array([ranges[same or [i]].max() for i, same in enumerate(alike)])

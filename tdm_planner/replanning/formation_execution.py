@@ -74,7 +74,7 @@ class FormationExecution(Execution):
         self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
         self._adopted: ActivePlan | None = None
 
-    def adopt(self, plan: ActivePlan) -> None:
+    def _adopt(self, plan: ActivePlan) -> None:
         """Prepare every robot's feedback along its motion."""
         self._motions = {}
         for name, trajectory in plan.solution.trajectories.items():
@@ -89,18 +89,20 @@ class FormationExecution(Execution):
     ) -> dict[str, Predicted]:
         """Step every robot under its feedback from the measured state to the instant `at`."""
         if self._adopted is not plan:
-            self.adopt(plan)
+            self._adopt(plan)
         task = self._problem(plan).task
         found = {}
         for i, name in enumerate(task.names):
             arrived = float(task.arrived[i]) if task.staying[i] else 0.0
             duration = 0.0 if arrived else plan.solution.trajectories[name].duration
             arrived = max(arrived + plan.elapsed(at) - duration, 0.0)
-            robot = replace(self._predict(name, observations[name], at), arrived=arrived)
-            found[name] = replace(robot, planned=self._planned(plan, name, robot, at))
+            state, control = self._moved(name, observations[name], at)
+            mode = observations[name].mode
+            planned = self._planned(plan, name, state, at) if mode is Mode.FOLLOWING else None
+            found[name] = Predicted(state, control, mode, arrived, planned)
         return found
 
-    def _planned(self, plan: ActivePlan, name: str, robot: Predicted, at: float) -> Sample | None:
+    def _planned(self, plan: ActivePlan, name: str, state: Array, at: float) -> Sample | None:
         """
         Return what the plan has for a robot late on its way and well on it, else None.
 
@@ -109,12 +111,11 @@ class FormationExecution(Execution):
         motion = plan.motion(name)
         left = motion.end - at
         late = LATE * turning_time(self._problem(plan).limits.thruster_rate)
-        if robot.mode is not Mode.FOLLOWING or not 0.0 < left < late:
-            return None
         planned = motion.sample(at)
-        return planned if self._near(planned.state, robot.state, _ON_PLAN) else None
+        return planned if 0.0 < left < late and _near(planned.state, state, _ON_PLAN) else None
 
-    def _predict(self, name: str, seen: Observation, at: float) -> Predicted:
+    def _moved(self, name: str, seen: Observation, at: float) -> tuple[Array, Array]:
+        """Return a robot's state (7,) at the instant `at`, and the controls (3,) there."""
         tracker, motion = self._motions[name]
         state, time = np.concatenate([seen.state, np.ones(2)]), seen.stamp
         control = np.zeros(3)
@@ -127,7 +128,7 @@ class FormationExecution(Execution):
                 control = tracker.recover(state)
             state[:7] = integrate(self._plant, state[:7], control, step, LARGEST_STEP)
             time += step
-        return Predicted(state[:7], control, seen.mode)
+        return state[:7], control
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Carry the deviations on and look at the distances they leave."""
@@ -146,7 +147,7 @@ class FormationExecution(Execution):
             places[name] = plan.motion(name).sample(times).state[:, :2] + away
         failure = self._nearness(problem, places)
         settled = not failure and all(
-            self._at_goal(plan.solution.trajectories[name].states[-1], robot.state)
+            _near(plan.solution.trajectories[name].states[-1], robot.state, _AT_GOAL)
             for name, robot in predicted.items()
         )
         return Outlook(self._cost(plan, predicted, at), failure, settled)
@@ -213,44 +214,21 @@ class FormationExecution(Execution):
         for i, name in enumerate(task.names):
             robot = predicted[name]
             goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
-            x, y, u, v, yaw, omega, alpha = robot.state.tolist()
-            torque, thrust = float(robot.control[2]), float(robot.control[0])
-            if robot.planned is not None and self._leads_to(name, goal):
-                x, y, u, v, yaw, omega, alpha = robot.planned.state.tolist()
-                thrust, _, torque = robot.planned.control.tolist()
-            if self._at_goal(goal, robot.state):
-                x, y, u, v, yaw, omega, alpha = goal.tolist()
-                torque = thrust = 0.0
-            starts[name] = RobotStart(
-                x=x,
-                y=y,
-                u=u,
-                v=v,
-                yaw=yaw,
-                omega=omega,
-                alpha=alpha,
-                thrust=thrust,
-                torque=torque,
-                arrived=robot.arrived,
-            )
+            state, control = robot.state, robot.control
+            planned_end = self._motions[name][1].trajectory.states[-1]
+            if robot.planned is not None and _near(goal, planned_end, _AT_GOAL):
+                state, control = robot.planned
+            if _near(goal, robot.state, _AT_GOAL):
+                state, control = goal, np.zeros(3)
+            now = dict(zip(task.plant.state_names, state.tolist(), strict=True))
+            thrust, _, torque = control.tolist()
+            starts[name] = RobotStart(**now, thrust=thrust, torque=torque, arrived=robot.arrived)
         return replace(problem, starts=starts)
 
-    def same_question(self, problem: RobotFormation, other: RobotFormation) -> bool:
-        """Whether two manoeuvres differ in nothing but starts and solver."""
-        return replace(problem, starts=other.starts, solver=other.solver) == other
 
-    def _leads_to(self, name: str, goal: Array) -> bool:
-        """Whether the active plan takes a robot to a goal (7,)."""
-        assert self._adopted is not None
-        return self._at_goal(goal, self._adopted.solution.trajectories[name].states[-1])
-
-    @classmethod
-    def _at_goal(cls, goal: Array, state: Array) -> bool:
-        return cls._near(goal, state, _AT_GOAL)
-
-    @staticmethod
-    def _near(planned: Array, state: Array, allowed: Array) -> bool:
-        away = state - planned
-        turn = math.remainder(away[4], math.tau)
-        sizes = [math.hypot(*away[:2]), math.hypot(*away[2:4]), abs(turn), abs(away[5])]
-        return bool((np.array(sizes) < allowed).all())
+def _near(planned: Array, state: Array, allowed: Array) -> bool:
+    """Whether place, velocity, yaw and its rate differ by less than `allowed` (4,)."""
+    away = state - planned
+    turn = math.remainder(away[4], math.tau)
+    sizes = [math.hypot(*away[:2]), math.hypot(*away[2:4]), abs(turn), abs(away[5])]
+    return bool((np.array(sizes) < allowed).all())

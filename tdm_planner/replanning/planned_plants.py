@@ -41,16 +41,18 @@ from tdm_planner.replanning import (
     GenericExecution,
     SwingUpExecution,
 )
-from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
-from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
+from tdm_planner.replanning.execution import ranges_of, START, VEHICLE
 from tdm_planner.tracking.tracked_plants import tracked_problem
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
-_START = 'start.'
 _OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
 _FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
 _PREDICTABLE = 2000.0  # rad of swinging at the natural frequency
@@ -232,9 +234,9 @@ def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
     if issubclass(problem, RobotFormation):
         return PlannedRobots(problem, ROBOT, RobotTrackerParameters)
     wanted = [
-        name.removeprefix(_START)
+        name.removeprefix(START)
         for name, value in values.items()
-        if name.startswith(_START) and name not in _OF_THE_NODE and isinstance(value, float)
+        if name.startswith(START) and name not in _OF_THE_NODE and isinstance(value, float)
     ]
     if not issubclass(problem, DirectProblem):
         return PlannedPlant(problem, named_kind(wanted), None)

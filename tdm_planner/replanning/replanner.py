@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 import time
+from typing import Any, Final
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.problem import Problem
@@ -22,20 +23,84 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.execution import (
     ActivePlan,
-    decide,
     Execution,
     Mode,
     Observation,
     Outlook,
     Predicted,
-    worth_improving,
 )
 
+LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
+_SAME_START = 1e-6  # s; instants are told in nanoseconds
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of that, where the active plan would do
 _TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told that they follow it
 _REMEMBERED = 3  # earlier plans that trackers may have kept
+
+
+def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
+    """
+    Whether a plan that would do has so much cost still to come that a better one may matter.
+
+    `whole` is the cost of the whole way. Near the goal the little that is left is no reason for a
+    plan: noise makes it more or less.
+    """
+    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * whole
+
+
+def decide(
+    outlook: Outlook, changed: bool, new: Solution | None, improvement: float
+) -> tuple[bool, str]:
+    """
+    Keep the active plan unless a verified one is necessary, or cheaper by a margin.
+
+    `changed` says that another goal or other limits are asked for than those of the active plan;
+    `new` is the verified plan found, if any; `improvement` the share of the cost still to come
+    that it must save where the old plan would do. Returns whether it supersedes, and why.
+    """
+    if new is None:
+        return False, outlook.failure or 'no better plan was found'
+    if not new.verification.ok:
+        return False, 'the new plan did not pass its check'
+    if changed:
+        return True, 'the problem has changed'
+    if outlook.failure:
+        return True, outlook.failure
+    saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
+    if saved > improvement:
+        return True, f'it saves {saved:.0%} of the cost still to come'
+    return False, 'the active plan does'
+
+
+def same_question(problem: Problem, other: Problem) -> bool:
+    """Whether two problems differ in nothing but their start and how they are solved."""
+    return type(problem) is type(other) and _asked(problem) == _asked(other)
+
+
+def _asked(problem: Problem) -> dict[str, Any]:
+    parameters = problem.to_parameters()
+    return {
+        name: value
+        for name, value in parameters.items()
+        if '.start.' not in f'.{name}' and not name.startswith('solver.')
+    }
+
+
+def keeping(
+    earlier: ActivePlan, newer: ActivePlan, observations: Mapping[str, Observation]
+) -> list[str]:
+    """
+    Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
+
+    Trackers reject plans that begin too far from where the plant is.
+    """
+    return [
+        name
+        for name, seen in observations.items()
+        if seen.followed is not None
+        and abs(seen.followed - earlier.start) < _SAME_START < newer.start - earlier.start
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +140,6 @@ class Replanner:
         active still: a plan that begins too far from the plant is rejected.
         """
         before = self._earlier if self.plan is None else (*self._earlier, self.plan)
-        self.execution.adopt(plan)
         self.plan, self._earlier = plan, before[-_REMEMBERED:]
         self._improved_at = -math.inf
 
@@ -91,7 +155,8 @@ class Replanner:
         newest = self.plan
         if newest is None or newest.start > now:
             return Review(None, 'no plan is under way', Outlook(settled=True))
-        if now < newest.start + _TAKEN_OVER and self._kept(newest, observations):
+        kept = any(keeping(plan, newest, observations) for plan in self._earlier)
+        if kept and now < newest.start + _TAKEN_OVER:
             return Review(None, 'the newest plan is not followed yet', Outlook(settled=True))
         rejected = self._rejected(newest, observations)
         plan = self.plan or newest
@@ -103,15 +168,11 @@ class Replanner:
         review = self._reviewed(plan, problem, observations, now, failure)
         return replace(review, rejected=tuple(rejected))
 
-    def _kept(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> bool:
-        return any(self.execution.keeping(plan, newest, observations) for plan in self._earlier)
-
     def _rejected(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
         """Vehicles whose trackers keep an earlier plan; where all do, it is active again."""
         for count, earlier in reversed(list(enumerate(self._earlier))):
-            rejected = self.execution.keeping(earlier, newest, observations)
+            rejected = keeping(earlier, newest, observations)
             if rejected and len(rejected) == len(observations):
-                self.execution.adopt(earlier)
                 self.plan, self._earlier = earlier, self._earlier[:count]
             if rejected:
                 return rejected
@@ -132,7 +193,7 @@ class Replanner:
         outlook = self.execution.outlook(plan, predicted, at)
         if failure:
             outlook = replace(outlook, failure=failure, settled=False)
-        changed = not self.execution.same_question(problem, plan.problem)
+        changed = not same_question(problem, plan.problem)
         necessary = changed or bool(outlook.failure)
         if not (necessary or self._may_improve(plan, outlook, now)):
             return Review(None, 'the active plan does', outlook)
@@ -142,14 +203,15 @@ class Replanner:
             new_problem = self.execution.problem_from(problem, predicted)
             new = self._solve(new_problem, plan, predicted, at, allowed)
         except TdmError as error:
-            return Review(None, f'{error.code}: {error}', outlook, necessary, self._spent(began))
-        decision = decide(outlook, changed, new, self.parameters.improvement)
+            spent = time.perf_counter() - began
+            return Review(None, f'{error.code}: {error}', outlook, necessary, spent)
+        supersedes, reason = decide(outlook, changed, new, self.parameters.improvement)
         taking_over = None
-        if decision.take_over:
+        if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
             taking_over = ActivePlan(new_problem, new, at, whole, plan.own)
-        return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
+        return Review(taking_over, reason, outlook, necessary, time.perf_counter() - began)
 
     def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:
         """Whether to look for a better plan though the old one does: not often, it costs time."""
@@ -176,6 +238,3 @@ class Replanner:
             seed=problem.solver.seed + self._reviews,
             warm_start=plan.remainder(at) if followed else None,
         )
-
-    def _spent(self, began: float) -> float:
-        return time.perf_counter() - began

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -22,21 +22,16 @@ from tdm_planner.replanning.execution import (
     Outlook,
     Predicted,
 )
-from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
 from tdm_planner.tracking.motion import wrapped
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
+from tdm_planner.tracking.tracker_parameters import PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
 _SLIP = 0.1  # of the time that passes, by which a plan may come to be late or early
 _DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond a planned limit
-
-
-@dataclass(frozen=True, eq=False)
-class _Law:
-    plan: ActivePlan
-    law: PlanLaw
 
 
 class SwingUpExecution(Execution):
@@ -56,14 +51,8 @@ class SwingUpExecution(Execution):
         self._interval = parameters.interval
         self._limit = parameters.limits.torque
         self._tracker = PendulumTracker(parameters)
-        self._tracker.prepare_hold()
-        self._law: _Law | None = None
+        self._law: tuple[ActivePlan, PlanLaw] | None = None
         self._late = self._seen = 0.0  # of the plan [s], and the instant at which that was seen
-
-    def adopt(self, plan: ActivePlan) -> None:
-        """Compute the gains along the plan."""
-        self._law = _Law(plan, self._tracker.prepare(plan.solution.trajectory))
-        self._late, self._seen = 0.0, plan.start
 
     def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
@@ -110,10 +99,6 @@ class SwingUpExecution(Execution):
         theta, psi, theta_dot, psi_dot = now.state.tolist()
         return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))
 
-    def same_question(self, problem: PendulumSwingUp, other: PendulumSwingUp) -> bool:
-        """Whether two swing-ups differ in nothing but start and solver."""
-        return replace(problem, start=other.start, solver=other.solver) == other
-
     def _look(self, plan: ActivePlan, state: Array, at: float) -> None:
         """Look how late the plan is for its tracker, which lets it wait for the pendulum."""
         law, elapsed = self._law_of(plan), plan.elapsed(at) - self._late
@@ -133,10 +118,10 @@ class SwingUpExecution(Execution):
             self._late, self._seen = plan.elapsed(at) - float(times[nearest]) - ahead, at
 
     def _law_of(self, plan: ActivePlan) -> PlanLaw:
-        if self._law is None or self._law.plan is not plan:
-            self.adopt(plan)
-        assert self._law is not None
-        return self._law.law
+        if self._law is None or self._law[0] is not plan:
+            self._law = plan, self._tracker.prepare(plan.solution.trajectory)
+            self._late, self._seen = 0.0, plan.start
+        return self._law[1]
 
     def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
@@ -152,7 +137,7 @@ class SwingUpExecution(Execution):
             after = elapsed >= plan.solution.duration
             references = law.trajectory.sample(elapsed).state
             references[after, 2:] = 0.0
-            torques = law.feedforward.means(edges)[:, 0]
+            torques = mean_controls(law.trajectory, edges)[:, 0]
             along = law.gains[law.places(elapsed), 0, :4]
             gains = np.where(after[:, None], self._tracker.upright.gain, along)
         return FeedbackTable(references, torques, gains, step, self._limit)

@@ -3,18 +3,15 @@
 
 """Feedback laws that keep a plant on its plan and hold it at the goal; no ROS."""
 
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    discretise,
-    Regulator,
-    time_varying_regulator,
-    TimeVaryingRegulator,
-)
 from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 
 __all__ = [
     'Action',
@@ -22,14 +19,9 @@ __all__ = [
     'PendulumTracker',
     'PendulumTrackerParameters',
     'Phase',
-    'Regulator',
     'RobotTracker',
     'RobotTrackerParameters',
-    'TimeVaryingRegulator',
     'TrackerParameters',
     'TrajectoryRejected',
     'TrajectoryTracker',
-    'discrete_regulator',
-    'discretise',
-    'time_varying_regulator',
 ]

@@ -4,8 +4,8 @@
 """
 The state at any instant, from late and noisy samples and the commands sent meanwhile.
 
-With it come what a robot's actuators deliver, and what the pendulum's constants are against those
-of the model.
+With it come what a robot's actuators deliver, what the pendulum's constants are against those of
+the model, and whether a sensor repeats itself.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.parameters import parameter, Validated
 from tdm_planner.plants.base import integrate, Plant, StatedPlant
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
-from tdm_planner.tracking.tracker_parameters import NOISE, RobotTrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumEstimatorParameters,
+    RobotTrackerParameters,
+)
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,9 @@ _RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
 # Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
 _RATE_FLOOR = 0.1
 _LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
+_UNMISTAKABLE = 20.0  # standard deviations of the measurement
+_ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
+_LONGEST = 4  # windows without a change that are looked at together
 _GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
 
 
@@ -108,16 +113,14 @@ class EstimatorNoise:
     What the samples and the model are worth.
 
     `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
-    error of the plant's rates, of which `rate_floor` (nx,) is the least magnitude assumed.
-    `driven` (nx,) marks the states whose rates carry that error (velocities, not positions), which
-    stays about the same for `lasting` s.
+    error of the plant's rates, which stays about the same for `lasting` s. `rate_floor` (nx,) is
+    the least magnitude of a rate that is assumed; 0 where rates are exact (of positions).
     `prior` (nx,), by default `measurement`, are the standard deviations after the first sample.
     """
 
     measurement: Array
     model: float
     rate_floor: Array
-    driven: NDArray[np.bool_]
     prior: Array | None = None
     lasting: float = 0.0
 
@@ -147,6 +150,7 @@ class StateEstimator:
         self._angles, self.size = angles, angles.size
         self.history = CommandHistory(len(plant.control_names))
         self._longest_gap, self._longest_step = longest_gap, longest_step
+        self._driven = noise.rate_floor > 0.0
         self._measurement_covariance = np.diag(noise.measurement**2)
         prior = noise.measurement if noise.prior is None else noise.prior
         self._prior_covariance = np.diag(prior**2)
@@ -191,7 +195,7 @@ class StateEstimator:
         for duration, control in self.history.between(self.stamp, until):
             slope, _ = self._plant.jacobians(self._state, control)
             rates = self._plant.derivative(self._state, control)
-            spread = noise.model * np.maximum(np.abs(rates), noise.rate_floor) * noise.driven
+            spread = noise.model * np.maximum(np.abs(rates), noise.rate_floor) * self._driven
             step = slope * duration
             transition = np.eye(step.shape[0]) + step + 0.5 * step @ step
             self._covariance = transition @ self._covariance @ transition.T
@@ -213,6 +217,65 @@ class StateEstimator:
         self._state = self._state + gain @ innovation
         covariance = self._covariance - gain @ self._covariance
         self._covariance = 0.5 * (covariance + covariance.T)
+
+
+class RepetitionWatch:
+    """
+    Notices a driver that goes on publishing, with fresh stamps, what it measured long ago.
+
+    Samples that stay the same to the last bit for `window` s, twice or four times as long are
+    compared with the motion that the commands sent since must have caused. If that is far beyond
+    the noise, the sensor is `stuck`, until it shows another number or the plant should rest. The
+    last commands may be on their way still: they are ignored. What happens in gaps of more than
+    `window` s between samples is not judged.
+    """
+
+    def __init__(self, estimator: StateEstimator, window: float) -> None:
+        self._estimator = estimator
+        self._window = window
+        self._sample: Array | None = None
+        self._since = self._last = 0.0
+        self._next = 1
+        self.stuck = False
+
+    def observe(self, state: Array, stamp: float) -> None:
+        """Take a sample (nx,) of the instant `stamp` [s], later than that of the one before."""
+        sample, before, self._last = self._sample, self._last, stamp
+        if sample is None or not np.array_equal(state, sample) or stamp <= self._since:
+            self._sample, self.stuck = state.copy(), False
+            self._begin(stamp)
+        elif stamp - before > self._window:
+            self._begin(stamp)
+        elif stamp - self._since >= self._next * self._window:
+            self._judge(sample, stamp)
+
+    def adopt(self, other: RepetitionWatch) -> None:
+        """Go on with what another watch of the same sensor has seen."""
+        self._sample, self.stuck = other._sample, other.stuck
+        self._since, self._last, self._next = other._since, other._last, other._next
+
+    def _begin(self, stamp: float) -> None:
+        self._since, self._next = stamp, 1
+
+    def _judge(self, sample: Array, stamp: float) -> None:
+        """Compare with what the model makes of the commands sent while nothing changed."""
+        estimator = self._estimator
+        state, driven = sample, False
+        seen = stamp - _ON_ITS_WAY * self._window
+        for duration, control in estimator.history.between(self._since, seen):
+            state = estimator.move(state, control, duration)
+            driven = driven or bool(control.any())
+        far = _UNMISTAKABLE * estimator.noise.measurement
+        moves = not bool((np.abs(state - sample) <= far).all())
+        # A plant without commands may rest where the model does not.
+        self.stuck = moves and (driven or self.stuck)
+        if self.stuck:
+            self._begin(stamp)
+            self._next = _LONGEST  # about upright it takes that long to tell falling from resting
+        elif self._next >= _LONGEST:
+            self._begin(stamp)
+        else:
+            self._next *= 2
 
 
 class EstimatedRobot(PlantWithGains):
@@ -251,30 +314,11 @@ def robot_estimator(parameters: RobotTrackerParameters) -> StateEstimator:
         measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
         model=assumed.model_error,
         rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
-        driven=np.array([False, False, True, True, False, True, False, False, False]),
         prior=np.array(measured + [_ACTUATORS_SPREAD] * 2),
     )
     angles = np.zeros(9, dtype=bool)
     angles[[_YAW, _ALPHA]] = True
     return StateEstimator(EstimatedRobot(plant), noise, angles, parameters.state_timeout)
-
-
-@dataclass(frozen=True)
-class EstimatorParameters(Validated):
-    """What the state estimator assumes."""
-
-    angle_noise: float = parameter(
-        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
-    )
-    rate_noise: float | None = parameter(
-        None,
-        "standard deviation of measured rates; unset: in proportion to the rig's speed",
-        unit='rad/s',
-        allowed=NOISE,
-    )
-    model_error: float = parameter(
-        0.1, "relative error of the model's accelerations", allowed=NOISE
-    )
 
 
 class EstimatedPendulum(PlantWithGains):
@@ -313,7 +357,7 @@ def longest_step(plant: RotaryPendulum) -> float:
 
 
 def pendulum_estimator(
-    plant: RotaryPendulum, assumed: EstimatorParameters, longest_gap: float
+    plant: RotaryPendulum, assumed: PendulumEstimatorParameters, longest_gap: float
 ) -> StateEstimator:
     """Return the estimator of the pendulum's states and of the gains (9,)."""
     frequency, rate_noise = plant.natural_frequency, assumed.rate_noise
@@ -323,8 +367,7 @@ def pendulum_estimator(
     noise = EstimatorNoise(
         measurement=np.array(measured + [GAIN_UNKNOWN] * gains),
         model=assumed.model_error,
-        rate_floor=np.full(4 + gains, _RATE_FLOOR * frequency**2),
-        driven=np.array([False, False, True, True] + [False] * gains),
+        rate_floor=_RATE_FLOOR * frequency**2 * np.array([0.0, 0.0, 1.0, 1.0] + [0.0] * gains),
         lasting=_LASTING / frequency,
         prior=np.array(measured + [_GAIN_SPREAD] * gains),
     )

@@ -11,16 +11,24 @@ discrete Riccati recursion (Anderson and Moore, "Optimal Control: Linear Quadrat
     K_k = (h R + B'P_{k+1} B)^-1 B'P_{k+1} A,   P_k = h Q + A'P_{k+1} (A - B K_k),
 
 with A, B of the step (`discretise`); dx'P_k dx is the cost still to come.
+
+The control of a plan is u(t)'s mean over the command interval: switches do not fall on the ticks
+of a tracker, and the mean gives the plant the same impulse as the plan, whereas the value at the
+tick would shift every switch by up to an interval.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_discrete_are
+from tdm_planner.tracking.estimator import DifferentiablePlant
+from tdm_planner.tracking.motion import TrajectoryRejected
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -28,22 +36,18 @@ Array = NDArray[np.float64]
 _SERIES_NORM = 0.25
 _SERIES_TERMS = 10
 _LARGEST_NORM = 1e6  # beyond it the squarings leave few digits
+_MOST_GAINS = 12_000  # along a plan; a longer one has them further apart
 
 
-@dataclass(frozen=True, eq=False)
-class Regulator:
-    """Feedback u = -gain x, gain (nu, nx), with cost to go x' cost_to_go x, (nx, nx)."""
+class Regulator(NamedTuple):
+    """
+    Feedback u = -gain x, gain (nu, nx), with cost to go x' cost_to_go x, (nx, nx).
+
+    Along a trajectory, of every step: (n, nu, nx), and (n+1, nx, nx), the last given.
+    """
 
     gain: Array
     cost_to_go: Array
-
-
-@dataclass(frozen=True, eq=False)
-class TimeVaryingRegulator:
-    """Feedback of every step: `gains` (n, nu, nx); `costs_to_go` (n+1, nx, nx), the last given."""
-
-    gains: Array
-    costs_to_go: Array
 
 
 def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> Regulator:
@@ -108,7 +112,7 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
 
 def time_varying_regulator(
     a: Array, b: Array, q: Array, r: Array, terminal: Array, step: float
-) -> TimeVaryingRegulator:
+) -> Regulator:
     """
     Regulate along a trajectory whose deviation obeys dx' = a_k dx + b_k du in step k.
 
@@ -128,4 +132,87 @@ def time_varying_regulator(
         cost = q + a_k.T @ cost @ (a_k - b_k @ gains[k])
         # Rounding must not make the symmetric matrix drift off symmetry.
         costs_to_go[k] = cost = 0.5 * (cost + cost.T)
-    return TimeVaryingRegulator(gains, costs_to_go)
+    return Regulator(gains, costs_to_go)
+
+
+def mean_controls(trajectory: Trajectory, edges: ArrayLike) -> Array:
+    """Mean controls (n, nu) between neighbouring `edges` (n + 1,) [s]; zero outside its times."""
+    means: Array = np.diff(trajectory.control_integral(edges), axis=0) / np.diff(edges)[:, None]
+    return means
+
+
+@dataclass(frozen=True, eq=False)
+class PlanLaw:
+    """
+    What is prepared of a plan: gains (n, nu, nx), one every `step` s.
+
+    `costs` (n, nx, nx) are those that a deviation has still to come, as quadratic forms.
+    """
+
+    trajectory: Trajectory = field(repr=False)
+    gains: Array = field(repr=False)
+    costs: Array = field(repr=False)
+    step: float
+
+    @classmethod
+    def along(
+        cls,
+        plant: DifferentiablePlant,
+        trajectory: Trajectory,
+        weights: tuple[Array, Array],
+        terminal: Array,
+        spacing: float,
+    ) -> PlanLaw:
+        """
+        Return the law of a plan, with gains about every `spacing` s.
+
+        `weights` are Q (nx, nx) and R (nu, nu), `terminal` (nx, nx) weighs the deviation at the
+        end. States that the plant has beyond the trajectory's are gains of its model, 1 along the
+        plan.
+
+        Raises
+        ------
+        TrajectoryRejected
+            If there is no feedback along the plan.
+
+        """
+        nx = len(trajectory.state_names)
+
+        def with_gains(states: Array) -> Array:
+            return np.pad(states, ((0, 0), (0, len(plant.state_names) - nx)), constant_values=1.0)
+
+        if trajectory.rates is None:
+            trajectory = trajectory.with_rates(
+                lambda state, control: plant.derivative(with_gains(state), control)[:, :nx]
+            )
+        steps = min(max(1, round(trajectory.duration / spacing)), _MOST_GAINS)
+        step = trajectory.duration / steps
+        sample = trajectory.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
+        a, b = plant.jacobians(with_gains(sample.state), sample.control)
+        try:
+            regulator = time_varying_regulator(a, b, *weights, terminal, step)
+        except np.linalg.LinAlgError as error:
+            raise TrajectoryRejected(
+                f'there is no feedback along the trajectory: {error}'
+            ) from None
+        if not np.isfinite(regulator.gain).all():
+            raise TrajectoryRejected('there is no finite feedback along the trajectory')
+        return cls(trajectory, regulator.gain, regulator.cost_to_go[:-1], step)
+
+    def places(self, elapsed: Array) -> NDArray[np.intp]:
+        """Places of the gains at instants (n,) [s] after the start; the ends are held."""
+        return np.clip(np.round(elapsed / self.step), 0, len(self.gains) - 1).astype(np.intp)
+
+    def gain(self, elapsed: float) -> Array:
+        """Gain (nu, nx) at `elapsed` s after the start."""
+        return np.asarray(self.gains[self.places(np.asarray(elapsed))])
+
+    def ahead(self, elapsed: float, rates: Array, error: Array) -> float:
+        """
+        Time [s] by which a state is ahead of the plan, by its deviation `error` (nx,) from it.
+
+        That is how far along the plan, which changes at `rates` (nx,), the deviation is cheapest.
+        """
+        size = rates.size
+        weighed = self.costs[self.places(np.asarray(elapsed)), :size, :size] @ rates
+        return float(weighed @ error) / max(float(weighed @ rates), 1e-300)

@@ -21,27 +21,21 @@ x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
-from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.tracking.estimator import (
     EstimatedPendulum,
-    EstimatorParameters,
     GAINS,
     longest_step,
     pendulum_estimator,
 )
-from tdm_planner.tracking.feedforward import PlanLaw
-from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
 from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.tracking.tracker_parameters import PendulumTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -57,34 +51,19 @@ _PACES = 0.85, 1.15  # at which a plan may be played
 _TOLD_APART = 3.0  # standard deviations of measured angles
 
 
-@dataclass(frozen=True)
-class FeedbackWeights(Validated):
-    """
-    Weights of the quadratic cost on dimensionless deviations.
-
-    Angles count in rad, rates in units of the pendulum's natural frequency, torque in units of
-    limits.torque.
-    """
-
-    theta: float = parameter(1.0, "weight of the pendulum's angle", allowed=POSITIVE)
-    psi: float = parameter(0.1, "weight of the disk's angle", allowed=POSITIVE)
-    theta_dot: float = parameter(1.0, "weight of the pendulum's rate", allowed=POSITIVE)
-    psi_dot: float = parameter(0.1, "weight of the disk's rate", allowed=POSITIVE)
-    torque: float = parameter(2.0, 'weight of the feedback torque', allowed=POSITIVE)
-
-
-@dataclass(frozen=True)
-class PendulumTrackerParameters(TrackerParameters):
-    """Parameters of the pendulum's tracker."""
-
-    plant: RotaryPendulum = group(RotaryPendulum)
-    limits: PendulumLimits = group(PendulumLimits)
-    weights: FeedbackWeights = group(FeedbackWeights)
-    estimator: EstimatorParameters = group(EstimatorParameters)
-
-
 class PendulumTracker(TrajectoryTracker):
-    """Tracker of the rotary pendulum; states theta, psi, theta_dot, psi_dot, control torque."""
+    """
+    Tracker of the rotary pendulum; states theta, psi, theta_dot, psi_dot, control torque.
+
+    `upright` is the regulator about upright for torques held over a command interval;
+    `recovery_gain` (4,) that of the spring and damper by which the disk is brought to rest.
+
+    Raises
+    ------
+    InvalidProblem
+        If there is no feedback about upright.
+
+    """
 
     parameters: PendulumTrackerParameters
 
@@ -100,6 +79,20 @@ class PendulumTracker(TrajectoryTracker):
         self._r = np.array([[weights.torque / limit / limit]])
         disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
         self.quickest = max(frequency * plant.quickness, disk)
+        try:
+            a, b = plant.linearise('upright')
+            self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)
+        except np.linalg.LinAlgError as error:
+            raise InvalidProblem(
+                "parameters 'plant.*', 'weights.*' and 'limits.torque' allow no feedback about "
+                f'upright: {error}'
+            ) from None
+        gain, cost = self.upright
+        spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
+        self._capture_level = float(limit**2 / spread)
+        spring = _RECOVERY_STIFFNESS * plant.coefficients.disk * frequency**2
+        damper = 2.0 * _RECOVERY_DAMPING * plant.coefficients.disk * frequency
+        self.recovery_gain = np.array([0.0, spring, 0.0, damper])
 
     @property
     def warning(self) -> str:
@@ -114,33 +107,10 @@ class PendulumTracker(TrajectoryTracker):
         told = [super().warning, weak if leaning < _TOLD_APART * noise else '']
         return '; '.join(filter(None, told))
 
-    @cached_property
-    def upright(self) -> Regulator:
-        """Regulator about upright for torques held over a command interval."""
-        a, b = self.parameters.plant.linearise('upright')
-        try:
-            return discrete_regulator(a, b, self._q, self._r, self.parameters.interval)
-        except np.linalg.LinAlgError as error:
-            raise InvalidProblem(
-                "parameters 'plant.*', 'weights.*' and 'limits.torque' allow no feedback about "
-                f'upright: {error}'
-            ) from None
-
-    @cached_property
-    def capture_level(self) -> float:
-        """Cost to go about upright below which its regulator does not saturate."""
-        gain, cost = self.upright.gain, self.upright.cost_to_go
-        spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
-        return float(self.parameters.limits.torque**2 / spread)
-
     def level(self, state: Array, goal: Array) -> float:
         """Cost to go about upright, as a share of what its regulator takes without saturating."""
         error = self.error(state, goal)
-        return float(error @ self.upright.cost_to_go @ error) / self.capture_level
-
-    def prepare_hold(self) -> None:
-        """Compute the gains about upright now rather than when they are first needed."""
-        _ = self.capture_level
+        return float(error @ self.upright.cost_to_go @ error) / self._capture_level
 
     def prepare(self, trajectory: Trajectory) -> PlanLaw:
         """Compute the gains along the plan."""
@@ -165,7 +135,7 @@ class PendulumTracker(TrajectoryTracker):
         law: PlanLaw = motion.law
         elapsed = motion.elapsed(time)
         first, step = law.trajectory.times[0] + elapsed, motion.pace * self.parameters.interval
-        planned = motion.pace**2 * law.feedforward.mean(first, first + step)
+        planned = motion.pace**2 * mean_controls(law.trajectory, [first, first + step])[0]
         reference = law.trajectory.sample(first).state * self._scale(motion.pace)
         gain, off = law.gain(elapsed), self._off(state, motion.pace)
         return self._action(planned - gain[:, 4:] @ off, gain[:, :4], state, reference)
@@ -206,15 +176,6 @@ class PendulumTracker(TrajectoryTracker):
         away = self.deviation(self.error(state, motion.reference(time)))
         goal = motion.trajectory.states[-1]
         return away > self.parameters.tolerance.path and self.level(state, goal) < 1.0
-
-    @cached_property
-    def recovery_gain(self) -> Array:
-        """Gain (4,) of the spring and damper on the disk with which it is brought to rest."""
-        plant = self.parameters.plant
-        frequency, inertia = plant.natural_frequency, plant.coefficients.disk
-        spring = _RECOVERY_STIFFNESS * inertia * frequency**2
-        damper = 2.0 * _RECOVERY_DAMPING * inertia * frequency
-        return np.array([0.0, spring, 0.0, damper])
 
     def recover(self, state: Array) -> Array:
         """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.tracking.estimator import actuator_gains, robot_estimator
-from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.linear_quadratic import mean_controls
 from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
@@ -66,7 +66,6 @@ class RobotLaw:
     thruster's angle at the start.
     """
 
-    feedforward: Feedforward
     lower: Array = field(repr=False)
     upper: Array = field(repr=False)
     burns: Array | None = field(repr=False)
@@ -157,7 +156,7 @@ class RobotTracker(TrajectoryTracker):
         turned = self.parameters.limits.thruster_rate * t
         upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
         lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
-        return RobotLaw(Feedforward(trajectory), lower, upper, burns)
+        return RobotLaw(lower, upper, burns)
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (7,); angles the shorter way round."""
@@ -188,7 +187,7 @@ class RobotTracker(TrajectoryTracker):
         interval = self.parameters.interval
         instants = at + interval * np.array([0.0, 0.5, 1.0])
         reference, middle, after = motion.trajectory.sample(instants).state
-        thrust, _, torque = law.feedforward.mean(at, at + interval)
+        thrust, _, torque = mean_controls(motion.trajectory, [at, at + interval])[0]
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
@@ -212,7 +211,8 @@ class RobotTracker(TrajectoryTracker):
         control = self._drive(
             state, replace(desired, acceleration=driven[2:4] + desired.acceleration)
         )
-        return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
+        feedback = control - [thrust, 0.0, torque]
+        return Action(control, feedback, error, reference)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Keep station at the end of the trajectory."""
@@ -224,7 +224,7 @@ class RobotTracker(TrajectoryTracker):
             np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE
         )
         control = self._drive(state, self._coasting(desired, error, self._station))
-        return self._action(control, np.zeros(3), error, goal)
+        return Action(control, control, error, goal)
 
     def recover(self, state: Array) -> Array:
         """Brake."""
@@ -299,16 +299,8 @@ class RobotTracker(TrajectoryTracker):
         if abs(off) < desired.aligned:
             thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
         torque = desired.torque / actuator_gains(state)[1]
-        return np.array(
-            [
-                min(thrust, limits.thrust),
-                rate,
-                min(max(torque, -limits.torque), limits.torque),
-            ]
-        )
-
-    def _action(self, control: Array, planned: Array, error: Array, reference: Array) -> Action:
-        return Action(control, control - planned, error, reference)
+        torque = min(max(torque, -limits.torque), limits.torque)
+        return np.array([min(thrust, limits.thrust), rate, torque])
 
 
 def _burns(trajectory: Trajectory) -> Array:

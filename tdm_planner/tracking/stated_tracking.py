@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
-from tdm_planner.tracking.feedforward import PlanLaw
-from tdm_planner.tracking.linear_quadratic import discrete_regulator
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
 from tdm_planner.tracking.motion import Action, Motion, Phase
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -73,7 +72,6 @@ class StatedTracker(TrajectoryTracker):
             measurement=np.full(nx, measured),
             model=model,
             rate_floor=np.ones(nx),
-            driven=np.ones(nx, dtype=bool),
         )
         continuous = np.zeros(nx, dtype=bool)
         estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
@@ -136,6 +134,7 @@ class StatedTracker(TrajectoryTracker):
     ) -> tuple[Hold | None, Array]:
         """Return how an end is held, if it can be, and the weight of a deviation there."""
         plant, state = self._plant, trajectory.states[end]
+        not_held = None, trajectory.duration * 10.0 * q
         control = np.clip(self.nothing, self._lower, self._upper)
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
@@ -144,19 +143,18 @@ class StatedTracker(TrajectoryTracker):
                 control = trajectory.controls[end]
                 _, b = plant.jacobians(state, control)
             if not np.isfinite(b).all():
-                return None, trajectory.duration * 10.0 * q
+                return not_held
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
         assert trajectory.rates is not None
         largest = np.abs(trajectory.rates).max(axis=(0, 1))
         still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
-        nowhere = trajectory.duration * 10.0 * q
         if not still.all():
-            return None, nowhere
+            return not_held
         a, b = plant.jacobians(state, control)
         try:
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
-            return None, nowhere
+            return not_held
         return Hold(state, control, found.gain), found.cost_to_go
 
     def error(self, state: Array, reference: Array) -> Array:
@@ -175,7 +173,7 @@ class StatedTracker(TrajectoryTracker):
         until = min(elapsed + self.parameters.interval, law.trajectory.duration)
         planned = law.trajectory.controls[-1]
         if until > elapsed:
-            planned = law.feedforward.mean(first + elapsed, first + until)
+            planned = mean_controls(law.trajectory, [first + elapsed, first + until])[0]
         reference = law.trajectory.sample(first + elapsed).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 

@@ -20,10 +20,14 @@ from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.tracking import TrajectoryTracker
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import (
+    PendulumTrackerParameters,
+    RobotTrackerParameters,
+    TrackerParameters,
+)
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 
@@ -103,22 +107,14 @@ class TrackedPlant:
     make_tracker: Callable[[Any], TrajectoryTracker]
 
 
-def _pendulum_tracker(parameters: PendulumTrackerParameters) -> PendulumTracker:
-    tracker = PendulumTracker(parameters)
-    tracker.prepare_hold()
-    return tracker
-
-
-_BUILT_IN: Mapping[str, TrackedPlant] = {
-    'pendulum': TrackedPlant(PENDULUM, PendulumTrackerParameters, _pendulum_tracker),
-    'robot': TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker),
-}
-
-
+_PENDULUM = TrackedPlant(PENDULUM, PendulumTrackerParameters, PendulumTracker)
+_ROBOT = TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker)
 # A problem's plant may be named by the problem, as planner and plant name it.
-_OF_PROBLEM: Mapping[str, str] = {
-    'pendulum_swing_up': 'pendulum',
-    'robot_formation': 'robot',
+_BUILT_IN: Mapping[str, TrackedPlant] = {
+    'pendulum': _PENDULUM,
+    'robot': _ROBOT,
+    'pendulum_swing_up': _PENDULUM,
+    'robot_formation': _ROBOT,
 }
 
 
@@ -141,12 +137,11 @@ def tracked_plant(kind: str) -> TrackedPlant:
         If there is none of that name.
 
     """
-    kind = _OF_PROBLEM.get(kind, kind)
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]
     if ':' not in kind and kind not in problem_names():
         raise InvalidProblem(
-            f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of "
-            f'{", ".join(_BUILT_IN)}, or a stated problem such as my_module:MyProblem'
+            f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of pendulum, "
+            'robot, or a stated problem such as my_module:MyProblem'
         )
     return tracked_problem(stated_problem(kind))

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import Named
-from tdm_planner.tracking.estimator import StateEstimator
+from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator
 from tdm_planner.tracking.motion import (
     Action,
     check_trajectory,
@@ -35,7 +35,6 @@ from tdm_planner.tracking.motion import (
     TrajectoryMissed,
     TrajectoryRejected,
 )
-from tdm_planner.tracking.repetition import RepetitionWatch
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 

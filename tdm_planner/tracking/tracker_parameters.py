@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parameters that every tracker has, and those of a robot's."""
+"""Parameters that every tracker has, and those of the pendulum's and of a robot's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import math
 
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
+from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
 
@@ -70,6 +71,50 @@ class TrackerParameters(Validated):
     def interval(self) -> float:
         """Time for which a command acts [s]."""
         return 1.0 / self.rate
+
+
+@dataclass(frozen=True)
+class FeedbackWeights(Validated):
+    """
+    Weights of the quadratic cost on dimensionless deviations.
+
+    Angles count in rad, rates in units of the pendulum's natural frequency, torque in units of
+    limits.torque.
+    """
+
+    theta: float = parameter(1.0, "weight of the pendulum's angle", allowed=POSITIVE)
+    psi: float = parameter(0.1, "weight of the disk's angle", allowed=POSITIVE)
+    theta_dot: float = parameter(1.0, "weight of the pendulum's rate", allowed=POSITIVE)
+    psi_dot: float = parameter(0.1, "weight of the disk's rate", allowed=POSITIVE)
+    torque: float = parameter(2.0, 'weight of the feedback torque', allowed=POSITIVE)
+
+
+@dataclass(frozen=True)
+class PendulumEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    angle_noise: float = parameter(
+        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
+    )
+    rate_noise: float | None = parameter(
+        None,
+        "standard deviation of measured rates; unset: in proportion to the rig's speed",
+        unit='rad/s',
+        allowed=NOISE,
+    )
+    model_error: float = parameter(
+        0.1, "relative error of the model's accelerations", allowed=NOISE
+    )
+
+
+@dataclass(frozen=True)
+class PendulumTrackerParameters(TrackerParameters):
+    """Parameters of the pendulum's tracker."""
+
+    plant: RotaryPendulum = group(RotaryPendulum)
+    limits: PendulumLimits = group(PendulumLimits)
+    weights: FeedbackWeights = group(FeedbackWeights)
+    estimator: PendulumEstimatorParameters = group(PendulumEstimatorParameters)
 
 
 @dataclass(frozen=True)

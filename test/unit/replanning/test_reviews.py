@@ -20,9 +20,15 @@ from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation, Replanner
-from tdm_planner.replanning.execution import decide, LEAST_LEFT, Outlook, worth_improving
-from tdm_planner.replanning.generic_execution import GenericExecution
-from tdm_planner.replanning.generic_execution import VEHICLE as PLANT
+from tdm_planner.replanning.execution import GenericExecution, Outlook
+from tdm_planner.replanning.execution import VEHICLE as PLANT
+from tdm_planner.replanning.replanner import (
+    decide,
+    keeping,
+    LEAST_LEFT,
+    same_question,
+    worth_improving,
+)
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.verification import Verification
 
@@ -39,15 +45,15 @@ def test_a_plan_takes_over_if_needed_or_cheaper(outlook, changed, improvement, v
     if verified is not None:
         check = Verification(ok=verified, terminal_error=np.zeros(4))
         new = Solution({}, check, cost, np.zeros(1), 0.0, problem='test')
-    decision = decide(outlook, changed, new, improvement)
-    assert decision.reason
+    supersedes, reason = decide(outlook, changed, new, improvement)
+    assert reason
     if not verified:
-        assert not decision.take_over
+        assert not supersedes
     elif changed or outlook.failure:
-        assert decision.take_over
+        assert supersedes
     elif abs(ratio - (1.0 - improvement)) > 1e-9:
         saves = outlook.cost > 0.0 and ratio < 1.0 - improvement
-        assert decision.take_over == saves
+        assert supersedes == saves
 
 
 @settings(max_examples=100)
@@ -91,10 +97,10 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
 
 
 def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
-    execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
-    assert execution.keeping(swing, later, following(swing, 0.9)) == [VEHICLE]
-    assert not execution.keeping(swing, later, following(later, 0.9))
-    assert not execution.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
+    later = replace(swing, start=0.5)
+    assert keeping(swing, later, following(swing, 0.9)) == [VEHICLE]
+    assert not keeping(swing, later, following(later, 0.9))
+    assert not keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
 
 
 def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing, replanner):
@@ -237,11 +243,10 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
 
 
 def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
-    execution = GenericExecution(('x', 'v'), 0.05)
     solver = DirectSolverParameters(deadline=1.0, seed=3)
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
-    assert execution.same_question(plan.problem, other)
-    assert not execution.same_question(plan.problem, replace(CART, limit=2.0))
+    assert same_question(plan.problem, other)
+    assert not same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):

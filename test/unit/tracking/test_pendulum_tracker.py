@@ -256,7 +256,6 @@ OTHERWISE = [(0.3, False, Phase.IDLE), *((s, True, Phase.IDLE) for s in (86400.0
 def test_a_restarted_tracker_recovers_if_a_plan_began_lately(plan, since, on_deviation, phase):
     """A plan that it refuses, and that began `since` s ago or begins later on."""
     tracker = seeing(at=100.0, replan__on_deviation=on_deviation)
-    tracker.prepare_hold()
     if since < 0.0:
         plan = replace(plan, states=moved(plan.states, 1.0, 0.0, 0.0, 0.0))
     with pytest.raises(TrajectoryRejected):
