@@ -11,35 +11,20 @@ chained with those of the end derivatives, in which the polynomials are linear.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.virtual_arc import (
-    bernstein_basis,
-    chebyshev_nodes,
-    quadrature_weights,
-)
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_curvature, with_slopes
-from tdm_planner.problems.formation.approaches import approach_rows, approaches
-from tdm_planner.problems.formation.reference_motion import (
-    acceleration,
-    arc_at,
-    end_derivatives,
-    MotionForm,
-    MotionTables,
-    passing,
-    powers_at,
-    unpacked,
-)
+from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
+from tdm_planner.problems.formation.reference_motion import acceleration, arc_at, Grid, powers_at
 
 Array = NDArray[np.float64]
 Numbers = Sequence[Any]
 
-GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
-THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
+_GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
+_THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
 _ROUNDED = 1e-6  # of F_max, by which the margin of thrust is rounded off at zero
 ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
 _IRRELEVANT = 2.0  # a margin that makes no row
@@ -53,8 +38,8 @@ def push(local: Numbers, thrust: Any) -> tuple[Any, ...]:
     """
     mu, mu_s = local[:2]
     square = acceleration(mu, mu_s, *local[2:4]) ** 2 + acceleration(mu, mu_s, *local[4:6]) ** 2
-    limit = THRUST_SHARE * thrust
-    gas = np.sqrt(square + (GAS_SMOOTHING * thrust) ** 2) * mu
+    limit = _THRUST_SHARE * thrust
+    gas = np.sqrt(square + (_GAS_SMOOTHING * thrust) ** 2) * mu
     return gas, 1.0 - np.sqrt(square + (_ROUNDED * limit) ** 2) / limit
 
 
@@ -73,61 +58,21 @@ _turn = inlined(with_slopes(turn, (), local=TURN))
 _turn_with_slopes = inlined(with_slopes(turn, ('local',), local=TURN))
 
 
-class Grid(NamedTuple):
-    """
-    What depends on the form of the references alone, at K nodes and W arcs for walls.
-
-    `rates` (2, K, q + 1) are mu and mu_s by b; `paths` (2, K, m) and `turns` (2, K, my) the first
-    two derivatives by the end derivatives, `..._free` by the varied shapes; `places` (W, m).
-    `taylor` (2, m, m): expansions about s = 0 and 1; `passing` (q + 1, q + 2): powers of s in the
-    time at s, by b. `weights` (K,) of the quadrature.
-    """
-
-    weights: Array
-    rates: Array
-    paths: Array
-    paths_free: Array
-    turns: Array
-    turns_free: Array
-    places: Array
-    places_free: Array
-    taylor: Array
-    passing: Array
-
-
-@lru_cache(maxsize=32)
-def grid_of(form: MotionForm) -> Grid:
-    """Tabulate what depends on the form alone."""
-    s = chebyshev_nodes(form.points)
-    ends = end_derivatives(form.order, form.vary_ends)
-    yaws = end_derivatives(form.yaw_order, False)
-    arcs = 2 * form.order - 1
-    paths, turns = (np.stack([of.basis.values(s, d) for d in (1, 2)]) for of in (ends, yaws))
-    places = ends.basis.values(np.arange(1, arcs + 1) / (arcs + 1))
-    return Grid(
-        weights=quadrature_weights(s),
-        rates=np.stack([bernstein_basis(form.degree, s, d) for d in range(2)]),
-        paths=paths,
-        paths_free=paths @ ends.free,
-        turns=turns,
-        turns_free=turns @ yaws.free,
-        places=places,
-        places_free=places @ ends.free,
-        taylor=np.stack([ends.basis.about_start, ends.basis.about_end]),
-        passing=passing(form.degree),
-    )
-
-
 class Manoeuvre(NamedTuple):
     """
     One manoeuvre, as the kernels take it.
 
-    Walls are at `low` and `high` (n, 2); clearances (N, N) as `FormationProgram` has them, of
-    robots and of what stands still at the `centres` (c, 2). `kept` (n,) are not `varied`.
+    `fixed` (n, 2, m) and `fixed_yaw` (n, my) are what is given of the end derivatives. The start's
+    `velocity` and `acceleration` (n, 3) are those of x, y and yaw. Walls are at `low` and `high`
+    (n, 2); clearances (N, N) as `FormationProgram` has them, of robots and of what stands still at
+    the `centres` (c, 2). `kept` (n,) are not `varied`.
     """
 
     grid: Grid
-    motion: MotionTables
+    fixed: Array
+    fixed_yaw: Array
+    velocity: Array
+    acceleration: Array
     coast: Array
     thrust: float
     torque: float
@@ -145,13 +90,15 @@ class Values(NamedTuple):
     """
     What is known at one x (n, P); margins are relative to their limits, negative if violated.
 
-    `gas` (n,) m/s; `thrust`, `torque` (n, K) at the nodes, `walls` (n, 2, 2, W) [robot, axis,
-    side, arc]; `approaches` (r, 6); end derivatives `position` (n, 2, m) and `yaw` (n, my), powers
-    of s in the time `times` (n, q + 2), Taylor coefficients about both ends (n, 2, 2, m).
+    All `gas` [m/s] and the `worst` margin; `thrust`, `torque` (n, K) at the nodes, `walls`
+    (n, 2, 2, W) [robot, axis, side, arc]; `approaches` (r, 6); end derivatives `position`
+    (n, 2, m) and `yaw` (n, my), powers of s in the time `times` (n, q + 2), Taylor coefficients
+    about both ends (n, 2, 2, m).
     """
 
     x: Array
-    gas: Array
+    gas: float
+    worst: float
     thrust: Array
     torque: Array
     walls: Array
@@ -160,6 +107,28 @@ class Values(NamedTuple):
     yaw: Array
     times: Array
     expansions: Array
+
+
+@compiled
+def unpacked(t: Manoeuvre, x: Array) -> tuple[Array, Array]:
+    """End derivatives by s, (n, 2, m) and (n, my), at the varied parameters x (n, P)."""
+    g, position, yaw = t.grid, t.fixed.copy(), t.fixed_yaw.copy()
+    nb = g.slope.size
+    for i in range(len(x)):
+        mu, slope = x[i, 0], 0.0
+        for k in range(nb):
+            slope += g.slope[k] * x[i, k]
+        first = nb
+        for axis in range(3):
+            end, shapes = (position[i, axis], g.shapes) if axis < 2 else (yaw[i], g.shapes_yaw)
+            end[1] += mu * t.velocity[i, axis]
+            departing = mu**2 * t.acceleration[i, axis] + slope * t.velocity[i, axis]
+            end[2] += g.given[axis] * departing
+            for j in range(end.size):
+                for q in range(shapes.shape[1]):
+                    end[j] += shapes[j, q] * x[i, first + q]
+            first += shapes.shape[1]
+    return position, yaw
 
 
 @compiled
@@ -179,8 +148,8 @@ def _set_locals(g: Grid, x: Array, ends: Array, yaw: Array, k: int, at: Array) -
 @compiled
 def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
     """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
-    g, n, nb = t.grid, len(x), t.motion.slope.size
-    position, yaw = unpacked(t.motion, x)
+    g, n, nb = t.grid, len(x), t.grid.slope.size
+    position, yaw = unpacked(t, x)
     count, m = g.weights.size, position.shape[2]
     gas, at = np.zeros(n), np.zeros(PUSH + 2)
     thrust, torque = np.full((n, count), _IRRELEVANT), np.full((n, count), _IRRELEVANT)
@@ -206,8 +175,11 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
                 walls[i, axis, 1, k] = (t.high[i, axis] - place) / t.separation
     motion = t, times, expansions
     near = approaches(_place, motion, t.clearances, last, t.interval, found)
+    worst = min(1.0, thrust.min(), torque.min(), walls.min())
+    for r in range(near):
+        worst = min(worst, found[r, CLOSENESS])
     return Values(
-        x, gas, thrust, torque, walls, found[:near], position, yaw, times, expansions
+        x, gas.sum(), worst, thrust, torque, walls, found[:near], position, yaw, times, expansions
     )  # fmt: skip
 
 
@@ -228,20 +200,20 @@ def _place(motion: tuple[Manoeuvre, Array, Array], i: int, time: float, at: Arra
         place, first, second = powers_at(expansions[i, side, axis], s - side)
         at[axis], at[2 + axis] = place, first / mu
         if since < 0.0:
-            at[axis] += since * t.motion.velocity[i, axis]
+            at[axis] += since * t.velocity[i, axis]
         elif since < duration:
             at[4 + axis] = acceleration(mu, mu_s, first, second)
 
 
 @inlined
 def _add_departure(
-    t: MotionTables, x: Array, i: int, axis: int, first: float, second: float, row: Array
+    t: Manoeuvre, x: Array, i: int, axis: int, first: float, second: float, row: Array
 ) -> None:
     """Add to `row` the slopes by b of what the start gives, by its first two derivatives."""
-    v, a = t.velocity[i, axis], t.given[axis] * t.acceleration[i, axis]
+    v, a = t.velocity[i, axis], t.grid.given[axis] * t.acceleration[i, axis]
     row[0] += first * v + 2.0 * second * x[0] * a
-    for j in range(t.slope.size):
-        row[j] += second * t.given[axis] * t.slope[j] * v
+    for j in range(t.grid.slope.size):
+        row[j] += second * t.grid.given[axis] * t.grid.slope[j] * v
 
 
 @compiled
@@ -250,19 +222,17 @@ def _add_slope(
 ) -> None:
     """Add to `row` (P,) the slopes of `along` (2,) times robot i's position at an instant."""
     t, at = motion
-    (m, nf), nb, times = t.motion.shapes.shape, t.motion.slope.size, at.times[i]
+    (m, nf), nb, times = t.grid.shapes.shape, t.grid.slope.size, at.times[i]
     s = arc_at(times, times.sum(), time - t.coast[i])
     side, speed = int(s > 0.5), 0.0
     values = np.empty(m)
     for j in range(m):
         values[j] = powers_at(t.grid.taylor[side, :, j], s - side)[0]
     for axis in range(2):
-        _add_departure(
-            t.motion, at.x[i], i, axis, along[axis] * values[1], along[axis] * values[2], row
-        )
+        _add_departure(t, at.x[i], i, axis, along[axis] * values[1], along[axis] * values[2], row)
         for q in range(nf):
             for j in range(m):
-                row[nb + axis * nf + q] += along[axis] * values[j] * t.motion.shapes[j, q]
+                row[nb + axis * nf + q] += along[axis] * values[j] * t.grid.shapes[j, q]
         speed += along[axis] * powers_at(at.expansions[i, side, axis], s - side)[1]
     if 0.0 < s < 1.0:  # at a fixed instant the arc changes with the speed
         speed /= powers_at(times, s)[1]
@@ -273,7 +243,8 @@ def _add_slope(
 @compiled
 def _set_slopes(t: Manoeuvre, x: Array, i: int, k: int, by: Array) -> None:
     """Fill in the slopes (8, P) of what `_set_locals` gives."""
-    g, nb, nf = t.grid, t.motion.slope.size, t.motion.shapes.shape[1]
+    g = t.grid
+    nb, nf = g.slope.size, g.shapes.shape[1]
     by[:] = 0.0
     for d in range(2):
         by[d, :nb] = g.rates[d, k]
@@ -286,7 +257,7 @@ def _set_slopes(t: Manoeuvre, x: Array, i: int, k: int, by: Array) -> None:
             else:
                 row[first:] = g.turns_free[d, k]
                 begin, bend = g.turns[d, k, 1], g.turns[d, k, 2]
-            _add_departure(t.motion, x, i, axis, begin, bend, row)
+            _add_departure(t, x, i, axis, begin, bend, row)
 
 
 @compiled
@@ -301,7 +272,7 @@ def derivatives(
     (r, n, P).
     """
     g, (n, size), near = t.grid, at.x.shape, at.approaches
-    nb, nf = t.motion.slope.size, t.motion.shapes.shape[1]
+    nb, nf = t.grid.slope.size, t.grid.shapes.shape[1]
     most = (at.thrust < ACTIVE_THRUST).sum() + (at.torque < ACTIVE_TORQUE).sum()
     most += (at.walls < ACTIVE_WALL).sum() + len(near)
     margins, rows, r = np.empty(most), np.zeros((most, n, size)), 0
@@ -321,7 +292,7 @@ def derivatives(
             bent[:] = 0.0
             for j in range(PUSH):
                 for other in range(PUSH):
-                    for p in range(size - t.motion.turns.shape[1]):
+                    for p in range(size - t.grid.shapes_yaw.shape[1]):
                         bent[j, p] += curvature[j, other] * by[other, p]
             for j in range(PUSH):
                 for p in range(size):
@@ -331,7 +302,7 @@ def derivatives(
                         for q in range(size):
                             hessian[i, p, q] += slope * bent[j, q]
             for axis in range(2):  # the start's acceleration comes with the square of mu
-                a = 2.0 * t.motion.given[axis] * t.motion.acceleration[i, axis]
+                a = 2.0 * t.grid.given[axis] * t.acceleration[i, axis]
                 for d in range(2):
                     one, other = slopes[2 + 2 * axis + d]
                     steep = weights[0] * one + weights[1] * other
@@ -362,7 +333,7 @@ def derivatives(
                     if at.walls[i, axis, side, k] < ACTIVE_WALL:
                         rows[r, i, first:last] = sign * g.places_free[k]
                         begin, bend = sign * g.places[k, 1], sign * g.places[k, 2]
-                        _add_departure(t.motion, at.x[i], i, axis, begin, bend, rows[r, i])
+                        _add_departure(t, at.x[i], i, axis, begin, bend, rows[r, i])
                         margins[r] = at.walls[i, axis, side, k]
                         r += 1
     approach_rows(_add_slope, (t, at), t.varied, t.clearances, near, rows[r:], margins[r:])

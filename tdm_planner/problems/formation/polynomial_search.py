@@ -1,38 +1,58 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The search for formations' plans by polynomials: first guesses simply, the best in full."""
+"""
+The search for formations' plans by polynomials of the virtual arc: program, guesses, minima.
+
+First guesses are minimised simply, the best of them in full.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 import itertools
-from typing import Any, TypeAlias
+import math
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
-from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.problems.formation.polynomial_plan import initial_misalignment, trajectory
-from tdm_planner.problems.formation.program import PolynomialProgram
-from tdm_planner.problems.formation.reference_motion import (
-    FormationMotion,
-    MotionForm,
-    ReferenceMotion,
+from tdm_planner.problems.formation.polynomial_kernels import (
+    ACTIVE_THRUST,
+    derivatives,
+    evaluate,
+    Manoeuvre,
+    unpacked,
+    Values,
 )
-from tdm_planner.problems.formation.search import Candidate, FormationSearch
-from tdm_planner.problems.formation.seeds import INSTANTS, screened
-from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.warm_start import kept_motions, LATE, warm_parameters
+from tdm_planner.problems.formation.polynomial_plan import initial_misalignment, trajectory
+from tdm_planner.problems.formation.program import FormationProgram
+from tdm_planner.problems.formation.reference_motion import end_derivatives, grid_of, MotionForm
+from tdm_planner.problems.formation.search import (
+    Candidate,
+    FormationSearch,
+    INSTANTS,
+    kept_motions,
+    LATE,
+    screened,
+)
+from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Polynomials: TypeAlias = Candidate[PolynomialProgram]
+Polynomials: TypeAlias = Candidate['PolynomialProgram']
 
-BOWS = np.array([0.1, -0.1, 0.22, -0.22])
+DEFAULT_FORM: Final = MotionForm()
+_USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
+_YAW_SCALE = 10.0
+_NODES = 24  # of the quadrature of a fit
+_ENDED = 0.02  # of the longest motion that is left: robots with less have arrived
+_BOWS = np.array([0.1, -0.1, 0.22, -0.22])
 _LONGER = 0.75  # what a bow costs, in separations
 _WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
@@ -46,6 +66,156 @@ _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a pla
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _NEARLY = 4.0  # times the accuracy of the end aimed at
+
+
+class PolynomialProgram(FormationProgram):
+    """
+    The program of one manoeuvre by reference motions of a `form`.
+
+    The varied parameters x (n, P) of one robot are b (q + 1) s, q of x (nf), of y (nf), of yaw
+    (ny). Staying robots have only their times (and attitudes) varied. `held` (n, P) holds the
+    parameters of robots whose motion is not varied but avoided by the others, NaN for those of
+    the others.
+    """
+
+    curvature = 1e-6, 1e-3
+
+    def __init__(
+        self, task: FormationTask, form: MotionForm = DEFAULT_FORM, held: Array | None = None
+    ) -> None:
+        self.form, grid = form, grid_of(form)
+        self.basis, free = end_derivatives(form.order, form.vary_ends)
+        self.yaw_basis, free_yaw = end_derivatives(form.yaw_order, False)
+        self.nb, self.nf, self.ny = form.degree + 1, free.shape[1], free_yaw.shape[1]
+        number = np.arange(self.nb + 2 * self.nf + self.ny)
+        self.turning = number >= number.size - self.ny  # parameters of the yaw
+        self.held = np.full((task.n, number.size), np.nan) if held is None else held
+        way = np.linalg.norm(task.goal - task.departure, axis=1)
+        speed = float(np.linalg.norm(task.velocity, axis=1).max())
+        longest = max(float(way.max()), task.separation)
+        self.time = max(2.4 * math.sqrt(longest / task.thrust), speed / task.thrust)
+        units = np.repeat([self.time, 10.0 * longest, _YAW_SCALE], [self.nb, 2 * self.nf, self.ny])
+        turn = least_time(task.goal_yaw - task.departure_yaw, task.yaw_rate, task.torque)
+        super().__init__(
+            task,
+            first_arrival(task, turn, _USED * task.thrust),
+            np.tile(units, (task.n, 1)),
+            np.where(number < self.nb, 1.0 / self.nb, 0.0),
+            (number < self.nb) | self.turning,
+            ~np.isnan(self.held[:, 0]),
+        )
+        self._set_bounds()
+        fixed = np.zeros((task.n, 2, form.order + 1))
+        fixed[..., 0], fixed[..., len(self.basis.start)] = task.departure, task.goal
+        fixed_yaw = np.zeros((task.n, form.yaw_order + 1))
+        fixed_yaw[:, 0], fixed_yaw[:, len(self.yaw_basis.start)] = (
+            task.departure_yaw,
+            task.goal_yaw,
+        )
+        walls, (centres, _) = task.wall_clearances(), task.circles()
+        self.manoeuvre = Manoeuvre(
+            grid=grid,
+            fixed=fixed,
+            fixed_yaw=fixed_yaw,
+            velocity=np.column_stack([task.velocity, task.yaw_rate]),
+            acceleration=np.column_stack([task.acceleration, task.yaw_acceleration]),
+            coast=np.ascontiguousarray(task.coast),
+            thrust=float(task.thrust),
+            torque=float(task.torque),
+            low=np.ascontiguousarray(walls[..., 0]),
+            high=np.ascontiguousarray(task.sides - walls[..., 1]),
+            separation=float(task.separation),
+            clearances=self.clearances,
+            centres=np.ascontiguousarray(centres),
+            interval=self.interval,
+            kept=self.kept,
+            varied=self.varied,
+        )
+
+    def _set_bounds(self) -> None:
+        task, nb = self.task, self.nb
+        lower, upper = (np.full(self.units.shape, sign * np.inf) for sign in (-1.0, 1.0))
+        # The speed factor's coefficients must stay positive, and well so.
+        lower[:, :nb] = (0.05 if nb == 1 else 0.4) * self.time
+        lower[task.staying, :nb] = 0.02 * self.time
+        upper[:, :nb] = np.maximum(task.longest - task.coast, 0.1)[:, None]
+        upper[task.staying & (task.arrived > 0.0), :nb] = 0.03 * self.time  # there already
+        lower = np.minimum(lower, 0.9 * upper)
+        self.bound(lower, upper, np.nan_to_num(self.held))
+
+    def with_task(self, task: FormationTask) -> PolynomialProgram:
+        """Return the program of another manoeuvre by the same reference functions."""
+        return PolynomialProgram(task, self.form, self.held)
+
+    def fly(self, x: Array, found: Array) -> Values:
+        """Return gas and margins."""
+        return evaluate(self.manoeuvre, x, found)
+
+    def derive(
+        self, flown: Values, multipliers: Multipliers | None
+    ) -> tuple[Array, Array, Array, Array, tuple[NDArray[np.intp], ...]]:
+        """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
+        dual = np.zeros(flown.thrust.shape)
+        if multipliers is not None:
+            robots, nodes = multipliers.tags
+            dual[robots, nodes] = multipliers.inequalities[: robots.size]
+        found = derivatives(self.manoeuvre, flown, self.weights[2], dual)
+        return *found, np.nonzero(flown.thrust < ACTIVE_THRUST)
+
+    def own_margins(self, flown: Values) -> dict[str, Array]:
+        """Margins of thrust, torque and walls."""
+        return {
+            "limits.thrust of '{}'": flown.thrust,
+            "limits.torque of '{}'": flown.torque,
+            "the distance of '{}' from the walls": flown.walls,
+        }
+
+    def fit(self, b: Array, bend: Callable[[Array], Array]) -> Array:
+        """
+        Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as wanted.
+
+        `bend` gives the second derivatives (n, 2, K) at arcs s (K,). The yaw is at rest.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        s = (nodes + 1) / 2
+        x = np.zeros(self.units.shape)
+        x[:, : self.nb] = b
+        curvature = self.basis.values(s, 2)
+        missed = (bend(s) - unpacked(self.manoeuvre, x)[0] @ curvature.T) * (weights / 2)
+        shape = missed @ (curvature @ self.manoeuvre.grid.shapes)
+        x[:, self.nb : x.shape[1] - self.ny] = shape.reshape(len(b), -1)
+        return x
+
+    def raise_order(self, low: PolynomialProgram, x: Array) -> Array:
+        """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""
+        position, _ = unpacked(low.manoeuvre, x)
+        raised = self.fit(x[:, : low.nb], lambda s: position @ low.basis.values(s, 2).T)
+        raised[:, self.turning] = x[:, low.turning]
+        return raised
+
+    def warm_guess(self, rest: Mapping[str, Trajectory]) -> Array:
+        """
+        Varied parameters (n, P) that bend as the `rest` of a plan does.
+
+        Robots whose motion has ended take the usual durations, and go straight.
+        """
+        plans = [rest[name] for name in self.task.names]
+        durations = np.array([plan.duration for plan in plans])
+        ended = durations < _ENDED * durations.max()
+        durations[ended] = self.usual_durations()[ended]
+
+        def bend(s: Array) -> Array:
+            found = np.zeros((len(plans), 2, s.size))
+            for i, plan in enumerate(plans):
+                state, control = plan.sample(plan.times[0] + plan.duration * s)
+                heading = state[:, 4] + state[:, 6]
+                push = control[:, 0] / self.task.plant.mass * durations[i] ** 2
+                found[i] = push * np.stack([np.cos(heading), np.sin(heading)])
+            return found
+
+        x = self.fit(np.repeat(durations[:, None], self.nb, axis=1), bend)
+        x[ended, self.nb :] = 0.0
+        return x
 
 
 class PolynomialSearch(FormationSearch[Polynomials]):
@@ -81,7 +251,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     def _minima(self) -> Iterator[Polynomials]:
         """Yield minima from further guesses; then with more distance kept."""
         if self._guesses is None or self._guesses[0] is not self.task:
-            program = PolynomialProgram(ReferenceMotion(self.task, self._simple))
+            program = PolynomialProgram(self.task, self._simple)
             self._guesses = self.task, program, guesses(program, self.rng)
         _, program, further = self._guesses
         first = map(program.reduce, itertools.islice(further, self.starts))
@@ -95,17 +265,17 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         Robots about to arrive keep theirs, more of them where that does not do; the turning that
         the guess needs is reckoned with from the outset.
         """
-        model = ReferenceMotion(self.task, form)
-        x = warm_parameters(model, PolynomialProgram(model).usual_durations(), self.rest)
-        coast = self._needed_coast(model, model.unpack(x))
+        program = PolynomialProgram(self.task, form)
+        x = program.warm_guess(self.rest)
+        coast = self._needed_coast(program, x)
         few, more = (kept_motions(self.task, self.rest, turns) for turns in (1.0, LATE))
         # With higher polynomials, and where no more robots can keep theirs, this is the last try.
         for last in (False, True) if form is self.form and len(more) > len(few) else (True,):
             self.kept, self._careful = more if last else few, last
             kept = np.array([name in self.kept for name in self.task.names])
-            task = self.task.with_coast(np.where(kept, 0.0, 1.03 * coast))
+            task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
             held = np.where(kept[:, None], x, np.nan)
-            program = PolynomialProgram(ReferenceMotion(task, form), held)
+            program = PolynomialProgram(task, form, held)
             options = self._options(_RADIUS, _WARM_ITERATIONS)
             found = self.minimised(program, program.reduce(x), options)
             yield from self._completed([] if found is None else [found])
@@ -119,11 +289,11 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         if self._careful:
             yield from filter(None, map(self._apart, turned))
 
-    def _needed_coast(self, model: ReferenceMotion, motion: FormationMotion) -> Array:
+    def _needed_coast(self, program: PolynomialProgram, x: Array) -> Array:
         """Time [s] that every thruster needs to turn before a motion begins (n,)."""
-        angle = initial_misalignment(model, motion)
+        angle = initial_misalignment(program.task, program.manoeuvre, x)
         needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
-        return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
+        return np.where(angle > _ALIGNED, needed + 0.01 * program.durations(x), 0.0)
 
     def plans(self, candidate: Polynomials) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
@@ -131,19 +301,18 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def motions(self, candidate: Polynomials) -> dict[str, Trajectory]:
         """Return the motions that inverse dynamics make of a candidate, but for those kept."""
-        model, motion = candidate.program.model, candidate.program.motion(candidate.point.xi)
+        program, values = candidate.program, candidate.point.cache
+        given = program.task, program.form, values
+        how = self.budget, self._enough, self._careful
         return {
-            name: trajectory(model, motion, i, self.budget, self._enough, self._careful)
+            name: trajectory(*given, i, *how)
             for i, name in enumerate(self.task.names)
             if name not in self.kept
         }
 
     def _apart(self, candidate: Polynomials) -> Polynomials | None:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
-        model = candidate.program.model
-        program = PolynomialProgram(
-            model.with_task(self.farther(model.task)), candidate.program.held
-        )
+        program = candidate.program.with_task(self.farther(candidate.program.task))
         return self.minimised(program, candidate.point.xi, self._options(_REFINING_RADIUS))
 
     def _options(self, radius: float, iterations: int = _ITERATIONS) -> TrustRegionOptions:
@@ -156,11 +325,11 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def _raised(self, candidate: Polynomials) -> Polynomials:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""
-        low = candidate.program.model
+        low = candidate.program
         if low.form.order >= self.form.order or self.budget.spent:
             return candidate
-        program = PolynomialProgram(ReferenceMotion(low.task, self.form))
-        x = program.model.raise_order(low, candidate.program.full(candidate.point.xi))
+        program = PolynomialProgram(low.task, self.form)
+        x = program.raise_order(low, candidate.point.cache.x)
         refining = self._options(_REFINING_RADIUS)
         return self.minimised(program, program.reduce(x), refining) or candidate
 
@@ -172,18 +341,17 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         None if that is not feasible.
         """
         for spare in (1.0, 1.03, 1.1):
-            program, xi = candidate.program, candidate.point.xi
-            needed = self._needed_coast(program.model, program.motion(xi))
+            program, x = candidate.program, candidate.point.cache.x
+            needed = self._needed_coast(program, x)
             needed[program.kept] = 0.0
             # A thruster that is off by little turns on, thrusting, as the shooting reckons with.
             short = needed - _ALIGNED / self.task.thruster_rate
             coast = program.task.coast
             if ((short <= coast) & (coast <= 1.2 * needed + 0.1)).all():
                 return candidate
-            task = program.task.with_coast(spare * needed)
-            later = PolynomialProgram(program.model.with_task(task), program.held)
-            again = later.reduce(program.full(xi))
-            better = self.minimised(later, again, self._options(_REFINING_RADIUS))
+            later = program.with_task(replace(program.task, coast=spare * needed))
+            refining = self._options(_REFINING_RADIUS)
+            better = self.minimised(later, later.reduce(x), refining)
             if better is None:
                 return None
             candidate = better
@@ -196,7 +364,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
 
     Screened ones come first, best first, then random bows without end.
     """
-    task, model = program.task, program.model
+    task, form = program.task, program.form
     durations = program.usual_durations()
 
     def bowed(bows: Array, s: Array, derivative: int = 0) -> Array:
@@ -208,7 +376,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
         straight = conditions @ np.swapaxes(quintic, 1, 2)
         normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
-        power = 2 if model.form.vary_ends or model.form.order < 7 else 3
+        power = 2 if form.vary_ends or form.order < 7 else 3
         # One in the middle of the arc.
         bump = (-4.0) ** power * PowerProducts(((power, power),)).values(s, derivative)[..., 0]
         side = bows[..., None, None] * normal[:, None, :, None] * bump[:, None, None]
@@ -218,16 +386,16 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         def bend(s: Array) -> Array:
             return bowed(bows[:, None], np.broadcast_to(s, (task.n, s.size)), 2)[:, 0]
 
-        return model.fit(np.repeat(durations[:, None], model.nb, axis=1), bend)
+        return program.fit(np.repeat(durations[:, None], program.nb, axis=1), bend)
 
     t = np.linspace(0.0, (durations + task.coast).max(), INSTANTS)
     s = np.clip((t - task.coast[:, None]) / durations[:, None], 0.0, 1.0)
-    paths = bowed(np.broadcast_to(BOWS, (task.n, BOWS.size)), s)
+    paths = bowed(np.broadcast_to(_BOWS, (task.n, _BOWS.size)), s)
     reach = task.separation / 2
     outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
-    single = _LONGER * np.abs(BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
+    single = _LONGER * np.abs(_BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
     paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
-    for chosen in screened(program, paths, single, BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
-        yield fit(BOWS[chosen])
+    for chosen in screened(program, paths, single, _BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
+        yield fit(_BOWS[chosen])
     while True:
         yield fit(rng.uniform(-0.35, 0.35, task.n))

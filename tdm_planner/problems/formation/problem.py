@@ -22,21 +22,19 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
-from tdm_planner.plants.robot_replay import compile_robot_replay
 from tdm_planner.problems.formation.parameters import (
     default_offset,
     default_start,
     formation_specifications,
     FormationParameters,
+    place_in_arena,
     robot_names,
     RobotStart,
 )
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.program import compile_polynomials
 from tdm_planner.problems.formation.reference_motion import MotionForm
 from tdm_planner.problems.formation.task import check_task, FormationTask
-from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch, compile_arcs
-from tdm_planner.problems.formation.thrust_direction import compile_following
+from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
@@ -48,12 +46,10 @@ Array = NDArray[np.float64]
 
 @lru_cache(maxsize=1)
 def _compile() -> None:
-    """Compile the kernels, once in a process: they take arrays of all sizes."""
-    task = RobotFormation().task
-    compile_polynomials(task)
-    compile_following()
-    compile_robot_replay()
-    compile_arcs(task)
+    """Compile the kernels by a small problem, once: they take arrays of all sizes."""
+    for method in ('thrust_arcs', 'polynomials'):
+        problem = RobotFormation(robots=['robot1', 'robot2'], method=method)
+        problem.search(Budget(math.inf), np.random.default_rng(0), None).run()
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,12 @@ class RobotFormation(FormationParameters, Problem):
                     raise InvalidProblem(
                         f"robot '{name}' is not among parameter 'robots': {', '.join(names)}"
                     )
-        self._check_orders()
+        for parameter in ('polynomial_order', 'yaw_order'):
+            if getattr(self, parameter) % 2 == 0:
+                raise InvalidProblem(
+                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
+                    'be an odd integer in [5, 15]'
+                )
         weights = self.weights
         if not weights.time + weights.sequence + weights.gas > 0:
             raise InvalidProblem(
@@ -99,14 +100,6 @@ class RobotFormation(FormationParameters, Problem):
             )
         check_task(self.task)
 
-    def _check_orders(self) -> None:
-        for parameter in ('polynomial_order', 'yaw_order'):
-            if getattr(self, parameter) % 2 == 0:
-                raise InvalidProblem(
-                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
-                    'be an odd integer in [5, 15]'
-                )
-
     @classmethod
     def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
         """Return every parameter by dotted name, for the robots that `values` names."""
@@ -118,12 +111,8 @@ class RobotFormation(FormationParameters, Problem):
         general = build(FormationParameters, values)
         starts, offsets = {}, {}
         for name in general.robots:
-            default = default_start(name)
-            given = {
-                item.name: values.get(f'{name}.start.{item.name}', getattr(default, item.name))
-                for item in fields(RobotStart)
-            }
-            starts[name] = RobotStart(**given)
+            default = to_mapping(default_start(name), f'{name}.start.')
+            starts[name] = build(RobotStart, default | dict(values), f'{name}.start.')
             offset = values.get(f'formation.{name}', default_offset(name))
             if offset is not None:
                 offsets[name] = offset
@@ -139,17 +128,6 @@ class RobotFormation(FormationParameters, Problem):
             values[f'formation.{name}'] = self.offsets.get(name, default_offset(name))
         return values
 
-    @property
-    def form(self) -> MotionForm:
-        """Return the form of the reference functions asked for."""
-        return MotionForm(
-            self.polynomial_order,
-            self.yaw_order,
-            self.speed_factor_order,
-            self.end_accelerations == 'varied',
-            self.nodes,
-        )
-
     @cached_property
     def task(self) -> FormationTask:
         """Boundary conditions and limits as arrays."""
@@ -158,13 +136,12 @@ class RobotFormation(FormationParameters, Problem):
         alpha = np.array([math.nan if s.alpha is None else s.alpha for s in starts])
         thrust = np.array([s.thrust for s in starts]) / self.plant.mass
         heading = state[:, 4] + np.nan_to_num(alpha)
-        x, y, turn = self.formation.anchor
-        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        offset = np.array([self._offset(name) for name in self.robots], dtype=float)
+        places = [self._offset(name) for name in self.robots]
+        goal = np.array([place_in_arena(self.formation.anchor, place) for place in places])
         torque = self.limits.torque / self.plant.inertia
         # The attitude is reached on the turn nearest to where braking alone would end.
         resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
-        goal_yaw = resting + np.angle(np.exp(1j * (turn + offset[:, 2] - resting)))
+        goal_yaw = resting + np.angle(np.exp(1j * (goal[:, 2] - resting)))
         arena, weights = self.arena, self.weights
         return FormationTask(
             names=tuple(self.robots),
@@ -176,7 +153,7 @@ class RobotFormation(FormationParameters, Problem):
             yaw_rate=state[:, 5],
             yaw_acceleration=np.array([s.torque for s in starts]) / self.plant.inertia,
             alpha=alpha,
-            goal=np.array([x, y]) + offset[:, :2] @ rotation.T,
+            goal=goal[:, :2],
             goal_yaw=goal_yaw,
             thrust=self.limits.thrust / self.plant.mass,
             torque=torque,
@@ -237,8 +214,16 @@ class RobotFormation(FormationParameters, Problem):
             'previous': previous,
         }
 
+        form = MotionForm(
+            self.polynomial_order,
+            self.yaw_order,
+            self.speed_factor_order,
+            self.end_accelerations == 'varied',
+            self.nodes,
+        )
+
         def polynomials() -> PolynomialSearch:
-            return PolynomialSearch(self.task, self.form, rng, budget, **shared)
+            return PolynomialSearch(self.task, form, rng, budget, **shared)
 
         if self.method == 'polynomials':
             return polynomials()

@@ -4,38 +4,56 @@
 """
 The search for formations' plans, whatever form their motions have.
 
-Local minima from several first guesses by the shared minimiser, cheapest first; plans of them with
-check and cost.
+First guesses are what every robot may choose, combined so that none comes too near another. Which
+robot passes on which side of another decides which local minimum is found: of every set of sides
+the combination that looks best is tried, the most promising first. The shared minimiser leads to
+local minima; plans of them, with check and cost, are looked at cheapest first.
+
+What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
+is corrected by turning the thruster away and back; where there is no time left for that the rest
+of the plan is as good as any other, and the feedback about it takes such errors away. So robots
+about to arrive keep their motions, and the others plan round them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+import itertools
 import math
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.verification import assessed, keeps_reserve
-from tdm_planner.problems.formation.warm_start import rest_of
+from tdm_planner.problems.formation.verification import assessed, keeps_reserve, start_state
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 C = TypeVar('C')
 P = TypeVar('P', bound=FormationProgram)
 
-NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
+LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrusting, and back
+_NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
+INSTANTS = 60  # at which the ways of choices are compared
+_EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
+_TRIES = 30  # random combinations to begin with, where they are more
+_SWEEPS = 6  # of a coordinate descent, at most
+_SAME = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
+_MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
+_MOMENTS = 400  # of a plan, at which it is compared with where the robots are
+_LEAST = 1e-3  # s that is left of a motion that has ended
 
 
 @dataclass(frozen=True)
@@ -120,7 +138,7 @@ class FormationSearch(Search[C]):
             self.closest = candidate
         # Constants so extreme that a motion has no numbers leave its margins without meaning.
         finite = math.isfinite(minimum.point.cost)
-        return candidate if finite and violation <= NEARLY_FEASIBLE * self.feasible else None
+        return candidate if finite and violation <= _NEARLY_FEASIBLE * self.feasible else None
 
     def minima(
         self, program: P, guesses: Iterable[Array], options: TrustRegionOptions, worse: float
@@ -174,3 +192,168 @@ class FormationSearch(Search[C]):
                 f'one, {binding} was violated'
             )
         return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
+
+
+def screened(
+    program: FormationProgram,
+    paths: Array,
+    single: Array,
+    bows: Array,
+    meeting: float,
+    wanted: float,
+    price: float,
+    rng: np.random.Generator,
+) -> Indices:
+    """
+    Return combinations (m, n) of choices, the best of every set of sides, the best set first.
+
+    `paths` (n, c, K, 2) are the ways of every robot's choices at equal times, `single` (n, c)
+    what they cost. A metre that robots are nearer than `wanted` clearances, or than they may to
+    what stands still, costs `price`. Sides are those of robots that come within `meeting`
+    clearances of one another, and the signs of `bows` (c,).
+    """
+    n, count = single.shape
+    centres, reach = program.task.circles()
+    apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
+    single = single + price * np.maximum(reach[:, None] - apart, 0.0).sum(axis=-1)
+    pair, sides = np.zeros((2, n, n, count, count))
+    couples = list(itertools.combinations(range(n), 2))
+    for i, j in couples:
+        clearance = program.clearances[i, j]
+        if clearance == 0.0:
+            continue
+        nearest = np.zeros((count, count))
+        _encounters(paths[i], paths[j], nearest, sides[i, j])
+        sides[i, j] *= nearest < meeting * clearance
+        pair[i, j] = price * np.maximum(wanted * clearance - nearest, 0.0)
+        pair[j, i] = pair[i, j].T
+    combinations = _combined(single, pair, rng)
+    passed = np.zeros((len(combinations), len(couples)))
+    for q, (i, j) in enumerate(couples):
+        passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
+    turned = np.sign(bows[combinations])[:, program.varied]
+    _, first = np.unique(np.hstack([passed, turned]), axis=0, return_index=True)
+    return combinations[np.sort(first)]
+
+
+@compiled
+def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
+    """Least distances (c, d) of paths (c, K, 2), (d, K, 2), and the sense in which they pass."""
+    for c in range(len(one)):
+        for d in range(len(other)):
+            least, at = np.inf, 0
+            for k in range(one.shape[1]):
+                x, y = one[c, k, 0] - other[d, k, 0], one[c, k, 1] - other[d, k, 1]
+                square = x * x + y * y
+                if square < least:
+                    least, at = square, k
+            nearest[c, d] = np.sqrt(least)
+            k = min(max(at, 1), one.shape[1] - 2)
+            x, y = one[c, k] - other[d, k]
+            u, v = one[c, k + 1] - other[d, k + 1] - one[c, k - 1] + other[d, k - 1]
+            sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
+
+
+def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Indices:
+    """
+    Return combinations (m, n) of what every robot may choose, the cheapest first.
+
+    `single` (n, c) is the cost of each robot's choices, `pair` (n, n, c, c) what a choice of one
+    robot and a choice of another cost together. All of them, where they are not too many; else
+    the first of all choices, and others by coordinate descent from random ones.
+    """
+    n, c = single.shape
+    if c**n <= _EXHAUSTIVE:
+        every = np.array(list(itertools.product(range(c), repeat=n)))
+    else:
+        drawn = (np.asarray(rng.integers(0, c, n), dtype=np.intp) for _ in range(_TRIES))
+        descended = [_descended(single, pair, choice, rng) for choice in drawn]
+        every = np.array([np.zeros(n, dtype=np.intp), *descended])
+    total = single[np.arange(n), every].sum(axis=1)
+    for i, j in itertools.combinations(range(n), 2):
+        total += pair[i, j][every[:, i], every[:, j]]
+    return np.asarray(every[np.argsort(total, kind='stable')])
+
+
+def _descended(single: Array, pair: Array, choice: Indices, rng: np.random.Generator) -> Indices:
+    """Improve what every robot chooses (n,), one robot at a time and in random order."""
+    n = len(choice)
+    for _ in range(_SWEEPS):
+        before = choice.copy()
+        for i in rng.permutation(n):
+            cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
+            choice[i] = int(np.argmin(cost))
+        if (choice == before).all():
+            break
+    return choice
+
+
+def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
+    """
+    Return what is left of a plan by name; nothing of one for other robots.
+
+    How far the plan has been followed is read from the robots' states: the instant at which, all
+    robots together, the plan is nearest to where they are. A plan on which one of them is just
+    beginning has not been followed.
+    """
+    if set(previous.trajectories) != set(task.names):
+        return {}
+    plans = {name: previous.trajectories[name] for name in task.names}
+    begun = [
+        (np.abs(plan.states[0, :6] - start_state(task, i)[:6]) < _SAME[:6]).all()
+        for i, plan in enumerate(plans.values())
+    ]
+    if any(begun):
+        return plans
+    now = _elapsed_on(list(plans.values()), np.concatenate([task.start, task.velocity], axis=1))
+    if now == 0.0:
+        return plans
+    left = {name: max(plan.duration - _LEAST, 0.0) for name, plan in plans.items()}
+    return {name: plan.after(min(now, left[name])) for name, plan in plans.items()}
+
+
+def _elapsed_on(plans: list[Trajectory], now: Array) -> float:
+    """Instant of the plans nearest to positions and velocities `now` (n, 4)."""
+    last = max(plan.duration for plan in plans)
+    times = np.linspace(0.0, last, _MOMENTS)
+    distance = np.zeros(times.size)
+    for plan, state in zip(plans, now, strict=True):
+        planned = plan.sample(times).state[:, :4]
+        scale = np.array([1.0, 1.0, last / 4, last / 4])
+        distance += np.square((planned - state) * scale).sum(axis=1)
+    return float(times[np.argmin(distance)])
+
+
+def kept_motions(
+    task: FormationTask, plans: Mapping[str, Trajectory], half_turns: float
+) -> dict[str, Trajectory]:
+    """
+    Motions of the robots that are to keep what is left of `plans`, by name.
+
+    They start on their plans, end at their goals, and have less time before them than so many
+    `half_turns` of the thruster take.
+    """
+    leg = half_turns * math.pi / task.thruster_rate
+    found = {}
+    for i, name in enumerate(task.names):
+        if task.staying[i] or name not in plans or not plans[name].duration < leg:
+            continue
+        rest = _flown_from(task, i, plans[name])
+        if rest is not None:
+            found[name] = rest
+    return found
+
+
+def _flown_from(task: FormationTask, robot: int, plan: Trajectory) -> Trajectory | None:
+    """Return the plan as flown from the robot's start; None if they differ, or the goals do."""
+    start = start_state(task, robot)
+    if not (np.abs(plan.states[0] - start) < _SAME).all():
+        return None
+    begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
+    states = task.plant.replay(begun, plan.times)
+    if states is None:
+        return None
+    goal = np.array([*task.goal[robot], 0.0, 0.0, task.goal_yaw[robot], 0.0])
+    if not (np.abs(states[-1, :6] - goal) < _MISSED).all():
+        return None
+    return replace(plan, states=states)

@@ -24,10 +24,18 @@ from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.search import Candidate, FormationSearch
-from tdm_planner.problems.formation.seeds import INSTANTS, screened
+from tdm_planner.problems.formation.program import CLOSENESS
+from tdm_planner.problems.formation.search import (
+    Candidate,
+    FormationSearch,
+    INSTANTS,
+    kept_motions,
+    LATE,
+    screened,
+)
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
+    ArcValues,
     CENTRE,
     Fleet,
     HALF,
@@ -36,17 +44,15 @@ from tdm_planner.problems.formation.thrust_arcs_kernels import (
     round_off,
     WEAKEST,
 )
-from tdm_planner.problems.formation.thrust_arcs_motion import (
+from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
+    ArcProgram,
     cleaned,
     fitted,
     remaining,
     resumed,
 )
-from tdm_planner.problems.formation.thrust_arcs_program import ArcPoint, ArcProgram, HeldMotion
-from tdm_planner.problems.formation.warm_start import kept_motions, LATE
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import Trajectory
 
 MANY = 5  # robots from which on choices are richer, and combined by descent
 _BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
@@ -83,22 +89,19 @@ _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the toler
 
 
 @compiled
-def _survey(
-    choices: Array, fleet: Fleet, times: Array, paths: Array, gas: Array, burns: Array
-) -> None:
+def _survey(choices: Array, fleet: Fleet, times: Array) -> tuple[Array, Array]:
     """Paths (n, c, K, 2) and gas (n, c) of every robot's choices (n, c, v)."""
-    n, count, v = choices.shape
+    (n, count, v), burns = choices.shape, fleet.held.copy()
+    paths, gas = np.zeros((n, count, times.size, 2)), np.zeros((n, count))
     slopes = np.zeros((burns.shape[1], 4, v))
     for i in range(n):
         for c in range(count):
             if fleet.varied[i]:
                 round_off(choices[i, c], fleet, i, burns[i], slopes)
-            both = slice(i, i + 1)
-            paths[i, c] = positions(
-                times, fleet.start[both], fleet.velocity[both], burns[both]
-            )[0]  # fmt: skip
+            paths[i, c] = positions(times, fleet, i, burns)
             for k in range(burns.shape[1]):
                 gas[i, c] += np.hypot(burns[i, k, 0], burns[i, k, 1])
+    return paths, gas
 
 
 @compiled
@@ -160,10 +163,8 @@ class ArcSeeds:
         every = np.array(_RICH_CHOICES if rich else _CHOICES)
         x = np.stack([self.guess(*np.tile(c, (n, 1)).T) for c in every], axis=1)
         times = np.linspace(0.0, self.durations.max(), INSTANTS)
-        paths, gas = np.zeros((n, len(every), INSTANTS, 2)), np.zeros((n, len(every)))
-        burns = program.evaluate(program.reduce(x[:, 0])).cache.burns[:n]
-        _survey(x, program.fleet, times, paths, gas, burns)
-        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
+        paths, gas = _survey(x, program.fleet, times)
+        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.fleet.length
         single = self.task.weights[2] * gas
         alike = np.zeros(len(every))  # a detour that avoids no robot gives no other minimum
         for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
@@ -188,14 +189,14 @@ class ArcSeeds:
         return self.guess(share, bow, wait)
 
 
-def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:
+def reseated(program: ArcProgram, point: ArcValues) -> Array | None:
     """
     Parameters (n, 5) with corners of robots that touch another one flying straight put there.
 
     None where there is none: then all have their corners where they need them.
     """
     x, moved = point.x.copy(), False
-    touching = point.approaches[point.closeness < _TOUCHING - 1.0]
+    touching = point.approaches[point.approaches[:, CLOSENESS] < _TOUCHING - 1.0]
     for i in np.flatnonzero(program.varied):
         burns = point.burns[i]
         if np.hypot(*burns[1, :2]) > _STRAIGHT * program.fleet.speed:
@@ -206,37 +207,10 @@ def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:
         times = times[(times > burns[0, 2] + leg) & (times < burns[2, 2] - leg)]
         if not times.size or np.abs(times - x[i, 3]).min() < _SEATED * x[i, 4]:
             continue
-        at = np.array([times[0]])
-        both = slice(i, i + 1)
-        task = program.task
-        x[i, 1:3] = positions(at, task.start[both], task.velocity[both], point.burns[both])[0, 0]
-        x[i, 3] = at[0]
+        x[i, 1:3] = positions(times[:1], program.fleet, i, point.burns)
+        x[i, 3] = times[0]
         moved = True
     return x if moved else None
-
-
-def arc_motions(candidate: Arcs, task: FormationTask) -> dict[str, Trajectory]:
-    """Write the motions of a minimum out, of the robots that are not held."""
-    program, values = candidate.program, candidate.point.cache
-    weakest = WEAKEST * program.fleet.speed
-    found = {}
-    for i, name in enumerate(task.names):
-        if i in program.held:
-            continue
-        duration, burns = float(values.x[i, -1]), np.zeros((0, 4))
-        if program.varied[i]:
-            burns = cleaned(task, i, values.burns[i], duration, weakest)
-        found[name] = arc_trajectory(task, i, burns, duration)
-    return found
-
-
-def compile_arcs(task: FormationTask) -> None:
-    """Compile the kernels or load them from the disk."""
-    program = ArcProgram(task)
-    guess = program.reduce(next(ArcSeeds(program, np.random.default_rng(0)).screened()))
-    point = program.evaluate(guess)
-    program.linearise(point, None)
-    arc_motions(Candidate(program, point), task)
 
 
 class ArcSearch(FormationSearch[Arcs | Solution]):
@@ -318,14 +292,10 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             if half_turns > 1.0 and len(self.kept) == len(fewer):
                 break
             x = resumed(task, self.rest, self.kept)
-            held = {
-                task.names.index(name): HeldMotion(remaining(motion), motion.duration)
-                for name, motion in self.kept.items()
-            }
-            count = max([(x.shape[1] + 4) // 3, *(len(each.burns) for each in held.values())])
-            if count > (x.shape[1] + 4) // 3:
+            count = (x.shape[1] + 4) // 3
+            if any(len(remaining(motion)) > count for motion in self.kept.values()):
                 break
-            program = ArcProgram(task, count, held)
+            program = ArcProgram(task, count, self.kept)
             options = self._options(_POLISHING_RADIUS)
             candidate = self.minimised(program, program.reduce(x), options)
             if candidate is not None:
@@ -358,8 +328,17 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         """Yield the plan of a candidate."""
         if isinstance(candidate, Solution):
             yield candidate
-        else:
-            yield self.assessed(arc_motions(candidate, self.task), candidate.point.xi)
+            return
+        program, values, motions = candidate.program, candidate.point.cache, {}
+        weakest = WEAKEST * program.fleet.speed
+        for i, name in enumerate(self.task.names):
+            if program.kept[i]:
+                continue
+            duration, burns = float(values.x[i, -1]), np.zeros((0, 4))
+            if program.varied[i]:
+                burns = cleaned(self.task, i, values.burns[i], duration, weakest)
+            motions[name] = arc_trajectory(self.task, i, burns, duration)
+        yield self.assessed(motions, candidate.point.xi)
 
     def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
         """Whether a candidate is cheaper than one that is verified."""

@@ -113,15 +113,8 @@ def assessed(
 
 def start_state(task: FormationTask, robot: int) -> Array:
     """State (7,) of a robot to begin in, NaN where the thruster's angle is free."""
-    return np.array(
-        [
-            *task.start[robot],
-            *task.velocity[robot],
-            task.yaw[robot],
-            task.yaw_rate[robot],
-            task.alpha[robot],
-        ]
-    )
+    turned = task.yaw[robot], task.yaw_rate[robot], task.alpha[robot]
+    return np.array([*task.start[robot], *task.velocity[robot], *turned])
 
 
 def flown(
@@ -150,13 +143,9 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
 
     A thruster that turns slowly lets robots deviate from the motions that were planned.
     """
-    i, j = np.triu_indices(task.n, 1)
-    reserved = np.minimum(task.pair_clearances(i, j) - task.separation, task.margin)
-    left = [
-        verification.worst[f'separation {task.names[a]}-{task.names[b]}']
-        for a, b in zip(i, j, strict=True)
-    ]
-    return bool((np.array(left) >= 0.5 * reserved).all())
+    reserved = task.pair_clearances(*np.triu_indices(task.n, 1)) - task.separation
+    left = [verification.worst[pair.name] for pair in separation_constraints(task)]
+    return bool((np.array(left) >= 0.5 * np.minimum(reserved, task.margin)).all())
 
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:
@@ -199,12 +188,8 @@ def separation_constraints(task: FormationTask) -> list[Constraint]:
     """Return the separation of every pair, on the states of all robots side by side."""
 
     def margin(i: int, j: int) -> Callable[[Array, Array, Array], Array]:
-        def of(times: Array, states: Array, controls: Array) -> Array:
-            every = states.reshape(len(states), -1, 7)
-            apart = every[:, i, :2] - every[:, j, :2]
-            return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) - task.separation)
-
-        return of
+        one, other = (slice(7 * k, 7 * k + 2) for k in (i, j))
+        return lambda t, x, u: np.hypot(*(x[:, one] - x[:, other]).T) - task.separation
 
     return [
         Constraint(f'separation {task.names[i]}-{task.names[j]}', margin(i, j), _ROUNDING, 'm')
