@@ -34,7 +34,7 @@ from tdm_planner.problems.request import SolverParameters
 Array = NDArray[np.float64]
 
 DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
-_DEFAULT_STARTS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+_DEFAULT_STARTS: Mapping[str, tuple[float | None, float | None, float]] = MappingProxyType(
     {'robot1': (0.6, 0.7, 0.0), 'robot2': (3.4, 0.8, 2.4), 'robot3': (2.1, 3.4, -1.6)}
 )
 _DEFAULT_OFFSETS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
@@ -263,10 +263,7 @@ def robot_names(names: Sequence[str]) -> tuple[str, ...]:
 
 def default_start(name: str) -> RobotStart:
     """Start of a robot that none is given for; without position unless it is a default robot."""
-    if name not in _DEFAULT_STARTS:
-        return RobotStart()
-    x, y, yaw = _DEFAULT_STARTS[name]
-    return RobotStart(x=x, y=y, yaw=yaw)
+    return RobotStart(*_DEFAULT_STARTS.get(name, (None, None, 0.0)))
 
 
 def default_offset(name: str) -> tuple[float, ...] | None:

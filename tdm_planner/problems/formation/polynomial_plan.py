@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.virtual_arc import bernstein_basis
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.problems.formation.polynomial_kernels import Manoeuvre, unpacked, Values
+from tdm_planner.problems.formation.polynomial_kernels import Values
 from tdm_planner.problems.formation.reference_motion import (
     acceleration as in_time,
 )
@@ -46,30 +46,12 @@ _SAMPLES = 401
 _SHORTEST_STEP = 0.01
 _SHOTS, _CAREFUL_SHOTS = 9, 10
 _STEP = 0.1  # of the error, by which corrections are differenced
-_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _TURNED = 1e-12  # rad, rad/s: what is left of an error of the attitude at the end
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 _ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
 _RATE_SHARE = 0.98  # of the limit used to turn
 _SLACK = 1.2  # over the least error, so that small changes of what is wanted fit in
 _BISECTIONS = 12
-
-
-def initial_misalignment(task: FormationTask, manoeuvre: Manoeuvre, x: Array) -> Array:
-    """
-    Angle [rad] by which each thruster must turn before the manoeuvre at x (n, P) begins (n,).
-
-    Zero where the thruster's angle is free, the robot stays, or the manoeuvre begins with so
-    little thrust that the thruster can turn on the way.
-    """
-    position, _ = unpacked(manoeuvre, x)
-    slope = x[:, : manoeuvre.grid.slope.size] @ manoeuvre.grid.slope
-    acceleration = in_time(x[:, :1], slope[:, None], position[..., 1], position[..., 2])
-    heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
-    away = heading - task.departure_yaw - task.alpha
-    away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-    weak = np.linalg.norm(acceleration, axis=1) < _WEAK * task.thrust
-    return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
 
 
 def trajectory(
@@ -104,7 +86,7 @@ def trajectory(
     if task.staying[robot]:
         return fly(wanted)
     goal = np.array([task.goal[robot, 0], 0.0, task.goal[robot, 1], 0.0])
-    shapes, effects = _corrections(times, _room(wanted, task.thrust))
+    shapes, effects = _corrections(times, wanted, task.thrust)
 
     def shot(sizes: Array) -> Shot:
         added = np.stack([shapes @ sizes[:2], shapes @ sizes[2:]], axis=1)
@@ -126,8 +108,9 @@ def _wanted(
     speed = [bernstein_basis(form.degree, s, d) @ b for d in range(2)]
     basis, _ = end_derivatives(form.order, form.vary_ends)
     yaw_basis, _ = end_derivatives(form.yaw_order, False)
-    path = [values.position[robot] @ basis.values(s, d).T for d in (1, 2)]
-    turn = [values.yaw[robot] @ yaw_basis.values(s, d).T for d in (1, 2)]
+    position, yaw = values.ends[robot, :2, : basis.order + 1], values.ends[robot, 2]
+    path = [position @ basis.values(s, d).T for d in (1, 2)]
+    turn = [yaw[: yaw_basis.order + 1] @ yaw_basis.values(s, d).T for d in (1, 2)]
     acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn)
     acceleration[:, times < coast] = 0.0
     yaw_acceleration[times < coast] = 0.0
@@ -210,20 +193,15 @@ def _shoot(
     for _ in range(careful_shots):
         if done():
             break
-        if share == 1.0:
-            effects = _differenced(fly, best)
+        if share == 1.0:  # by differences
+            step = max(1.0, _STEP * best.miss)
+            beside = np.stack([fly(best.sizes + each).error for each in step * np.eye(4)], axis=1)
+            effects = (beside - best.error[:, None]) / step
         change = -share * np.linalg.lstsq(effects, best.error, rcond=1e-3)[0]
         shot = fly(best.sizes + change)
         nearer = np.linalg.norm(shot.error) < np.linalg.norm(best.error)
         best, share = (shot, 1.0) if nearer else (best, 0.4 * share)
     return best
-
-
-def _differenced(fly: Callable[[Array], Shot], at: Shot) -> Array:
-    """Effects (4, 4) of every correction by differences."""
-    step = max(1.0, _STEP * at.miss)
-    columns = [(fly(at.sizes + step * unit).error - at.error) / step for unit in np.eye(4)]
-    return np.stack(columns, axis=1)
 
 
 def _effects(times: Array, shapes: Array) -> Array:
@@ -234,27 +212,22 @@ def _effects(times: Array, shapes: Array) -> Array:
     return np.stack([weights * (times[-1] - times), weights]) @ shapes
 
 
-def _room(acceleration: Array, thrust: float) -> Array:
-    """Where a correction goes (N,): thrust on, so that its direction is well held, and room."""
-    force = np.hypot(acceleration[:, 0], acceleration[:, 1]) / thrust
+def _corrections(times: Array, wanted: Array, thrust: float) -> tuple[Array, Array]:
+    """
+    Corrections of the accelerations `wanted` (N, 2), and what they do to the final state.
+
+    They go where thrust is on, so that its direction is well held, and where it has room. An axis
+    has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about `_AIM`. The
+    effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.
+    """
+    force = np.hypot(wanted[:, 0], wanted[:, 1]) / thrust
     room = np.minimum(force, 0.3) * np.clip(1.03 - force, 0.02, 0.4) + 1e-6
-    return np.asarray(np.where(force > 0.0, room, 0.0))
-
-
-def _corrections(times: Array, room: Array) -> tuple[Array, Array]:
-    """
-    Corrections of the acceleration, and what they do to the final state.
-
-    An axis has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about
-    `_AIM`. The effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.
-    """
+    room[force == 0.0] = 0.0
     left = times[-1] - times
     shapes = room[:, None] * np.stack([left / left[0], 1.0 - left / left[0]], axis=1)
     effects = _effects(times, shapes) / _AIM[:2, None]
     scale = np.abs(effects).max(axis=0)
-    both = np.zeros((4, 4))
-    both[:2, :2] = both[2:, 2:] = effects / scale
-    return shapes / scale, both
+    return shapes / scale, np.kron(np.eye(2), effects / scale)
 
 
 class ThrustDirection:
@@ -271,7 +244,6 @@ class ThrustDirection:
         self.times, self.yaw = times, yaw
         self.rate, self.thrust, self.alpha = rate, thrust, alpha
         self.steps = np.diff(_RATE_SHARE * rate * times)
-        self.turns = np.zeros(len(wanted))
         self.heading = np.unwrap(self._headings(wanted))
         if not np.isnan(alpha):
             away = self.heading[0] - yaw[0] - alpha
@@ -296,7 +268,7 @@ class ThrustDirection:
         They stay on the branch of the accelerations first asked for, which may differ a little.
         """
         change = np.angle(np.exp(1j * (self._headings(wanted) - self.heading)))
-        return np.asarray(self.heading + change - self.yaw + self.turns)
+        return np.asarray(self.heading + change - self.yaw)
 
     def _envelopes(
         self, wanted: Array, direction: Array, error: float
@@ -334,13 +306,11 @@ class ThrustDirection:
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             after = end + 1
             at = begin + int(np.argmin(force[begin:after])) + 1
-            kept, error = self.turns, self.error
-            turned = kept.copy()
-            turned[at:] -= np.sign(step[begin:end].sum()) * 2 * np.pi
-            self.turns = turned
+            kept, error = self.heading.copy(), self.error
+            self.heading[at:] -= np.sign(step[begin:end].sum()) * 2 * np.pi
             self.error = self._least_error(wanted)
             if self.error >= error:
-                self.turns, self.error = kept, error
+                self.heading, self.error = kept, error
 
     def follow(self, wanted: Array) -> tuple[Array, Array]:
         """
@@ -363,10 +333,7 @@ class ThrustDirection:
         if np.isnan(first):
             first = min(max(float(direction[0]), float(lower[0])), float(upper[0]))
         angles = np.empty(direction.size)
-        _follow(direction, lower, upper, self.steps, first, angles)
-        return self._smoothed(angles)
-
-    def _smoothed(self, angles: Array) -> tuple[Array, Array]:
+        follow(direction, lower, upper, self.steps, first, angles)
         steps = np.diff(self.times)
         slopes = np.diff(angles) / steps
         padded = np.concatenate([slopes[:1], slopes, slopes[-1:]])
@@ -376,7 +343,7 @@ class ThrustDirection:
 
 
 @compiled
-def _follow(
+def follow(
     wished: Array, lower: Array, upper: Array, steps: Array, first: float, angles: Array
 ) -> None:
     """Fill `angles` (n,): as desired within the envelopes, in `steps` (n - 1,) at most."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 import itertools
 import math
-from typing import Any, Final, TypeAlias
+from typing import Final, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,14 @@ from tdm_planner.problems.formation.polynomial_kernels import (
     unpacked,
     Values,
 )
-from tdm_planner.problems.formation.polynomial_plan import initial_misalignment, trajectory
+from tdm_planner.problems.formation.polynomial_plan import trajectory
 from tdm_planner.problems.formation.program import FormationProgram
-from tdm_planner.problems.formation.reference_motion import end_derivatives, grid_of, MotionForm
+from tdm_planner.problems.formation.reference_motion import (
+    acceleration,
+    end_derivatives,
+    grid_of,
+    MotionForm,
+)
 from tdm_planner.problems.formation.search import (
     Candidate,
     FormationSearch,
@@ -43,6 +48,9 @@ from tdm_planner.problems.formation.search import (
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 Polynomials: TypeAlias = Candidate['PolynomialProgram']
@@ -57,6 +65,7 @@ _LONGER = 0.75  # what a bow costs, in separations
 _WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
+_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
@@ -84,39 +93,34 @@ class PolynomialProgram(FormationProgram):
         self, task: FormationTask, form: MotionForm = DEFAULT_FORM, held: Array | None = None
     ) -> None:
         self.form, grid = form, grid_of(form)
-        self.basis, free = end_derivatives(form.order, form.vary_ends)
-        self.yaw_basis, free_yaw = end_derivatives(form.yaw_order, False)
-        self.nb, self.nf, self.ny = form.degree + 1, free.shape[1], free_yaw.shape[1]
-        number = np.arange(self.nb + 2 * self.nf + self.ny)
-        self.turning = number >= number.size - self.ny  # parameters of the yaw
+        self.basis, self._free = end_derivatives(form.order, form.vary_ends)
+        self.nb, number = form.degree + 1, np.arange(grid.shapes.shape[2])
+        self.yaws = slice(self.nb + 2 * self._free.shape[1], None)  # parameters of the yaw
         self.held = np.full((task.n, number.size), np.nan) if held is None else held
         way = np.linalg.norm(task.goal - task.departure, axis=1)
         speed = float(np.linalg.norm(task.velocity, axis=1).max())
         longest = max(float(way.max()), task.separation)
         self.time = max(2.4 * math.sqrt(longest / task.thrust), speed / task.thrust)
-        units = np.repeat([self.time, 10.0 * longest, _YAW_SCALE], [self.nb, 2 * self.nf, self.ny])
+        units = np.full(number.size, 10.0 * longest)
+        units[: self.nb], units[self.yaws] = self.time, _YAW_SCALE
         turn = least_time(task.goal_yaw - task.departure_yaw, task.yaw_rate, task.torque)
         super().__init__(
             task,
             first_arrival(task, turn, _USED * task.thrust),
             np.tile(units, (task.n, 1)),
             np.where(number < self.nb, 1.0 / self.nb, 0.0),
-            (number < self.nb) | self.turning,
+            (number < self.nb) | (number >= self.yaws.start),
             ~np.isnan(self.held[:, 0]),
         )
         self._set_bounds()
-        fixed = np.zeros((task.n, 2, form.order + 1))
-        fixed[..., 0], fixed[..., len(self.basis.start)] = task.departure, task.goal
-        fixed_yaw = np.zeros((task.n, form.yaw_order + 1))
-        fixed_yaw[:, 0], fixed_yaw[:, len(self.yaw_basis.start)] = (
-            task.departure_yaw,
-            task.goal_yaw,
-        )
+        fixed = np.zeros((task.n, *grid.shapes.shape[:2]))
+        fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
+        fixed[:, :2, (form.order + 1) // 2] = task.goal
+        fixed[:, 2, (form.yaw_order + 1) // 2] = task.goal_yaw
         walls, (centres, _) = task.wall_clearances(), task.circles()
         self.manoeuvre = Manoeuvre(
             grid=grid,
             fixed=fixed,
-            fixed_yaw=fixed_yaw,
             velocity=np.column_stack([task.velocity, task.yaw_rate]),
             acceleration=np.column_stack([task.acceleration, task.yaw_acceleration]),
             coast=np.ascontiguousarray(task.coast),
@@ -181,16 +185,19 @@ class PolynomialProgram(FormationProgram):
         x = np.zeros(self.units.shape)
         x[:, : self.nb] = b
         curvature = self.basis.values(s, 2)
-        missed = (bend(s) - unpacked(self.manoeuvre, x)[0] @ curvature.T) * (weights / 2)
-        shape = missed @ (curvature @ self.manoeuvre.grid.shapes)
-        x[:, self.nb : x.shape[1] - self.ny] = shape.reshape(len(b), -1)
+        missed = (bend(s) - self.positions(x) @ curvature.T) * (weights / 2)
+        x[:, self.nb : self.yaws.start] = (missed @ (curvature @ self._free)).reshape(len(b), -1)
         return x
+
+    def positions(self, x: Array) -> Array:
+        """End derivatives (n, 2, order + 1) of x and y."""
+        return unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
 
     def raise_order(self, low: PolynomialProgram, x: Array) -> Array:
         """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""
-        position, _ = unpacked(low.manoeuvre, x)
+        position = low.positions(x)
         raised = self.fit(x[:, : low.nb], lambda s: position @ low.basis.values(s, 2).T)
-        raised[:, self.turning] = x[:, low.turning]
+        raised[:, self.yaws] = x[:, low.yaws]
         return raised
 
     def warm_guess(self, rest: Mapping[str, Trajectory]) -> Array:
@@ -222,24 +229,30 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     """
     Local minima of one manoeuvre from several first guesses, and their plans.
 
-    Initial guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. Of a `previous` plan the remaining motion is the initial guess, with polynomials
+    Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
+    Of a `previous` plan the remaining motion is the initial guess, with polynomials
     of higher order where those of the form do not do, and then one new guess after the other.
     """
 
     def __init__(
         self,
-        task: FormationTask,
-        form: MotionForm,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        **shared: Any,
+        previous: Solution | None,
     ) -> None:
-        super().__init__(task, rng, budget, **shared)
-        self.form = form
+        super().__init__(problem, rng, budget, previous)
+        self.form = form = problem.form
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
         self._guesses: tuple[FormationTask, PolynomialProgram, Iterator[Array]] | None = None
+        self._options = TrustRegionOptions(
+            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
+            feasibility=(self.feasible,),
+            radius=_RADIUS,
+            iterations=_ITERATIONS,
+        )
+        self._refining = self._options._replace(radius=_REFINING_RADIUS)
         self._careful = True  # whether to do all that can be done for a candidate
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = _NEARLY if self.rest else 1.0
@@ -255,7 +268,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             self._guesses = self.task, program, guesses(program, self.rng)
         _, program, further = self._guesses
         first = map(program.reduce, itertools.islice(further, self.starts))
-        found = self.minima(program, first, self._options(_RADIUS), _WORSE)
+        found = self.minima(program, first, self._options, _WORSE)
         return self._completed(map(self._raised, found))
 
     def _resumed(self, form: MotionForm) -> Iterator[Polynomials]:
@@ -276,7 +289,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
             held = np.where(kept[:, None], x, np.nan)
             program = PolynomialProgram(task, form, held)
-            options = self._options(_RADIUS, _WARM_ITERATIONS)
+            options = self._options._replace(iterations=_WARM_ITERATIONS)
             found = self.minimised(program, program.reduce(x), options)
             yield from self._completed([] if found is None else [found])
 
@@ -289,11 +302,23 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         if self._careful:
             yield from filter(None, map(self._apart, turned))
 
-    def _needed_coast(self, program: PolynomialProgram, x: Array) -> Array:
-        """Time [s] that every thruster needs to turn before a motion begins (n,)."""
-        angle = initial_misalignment(program.task, program.manoeuvre, x)
-        needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
-        return np.where(angle > _ALIGNED, needed + 0.01 * program.durations(x), 0.0)
+    @staticmethod
+    def _needed_coast(program: PolynomialProgram, x: Array) -> Array:
+        """
+        Time [s] that every thruster needs to turn before the motion at x (n, P) begins (n,).
+
+        Zero where the thruster's angle is free, the robot stays, or the motion begins with so
+        little thrust that the thruster can turn on the way.
+        """
+        task, ends = program.task, program.positions(x)
+        slope = x[:, : program.nb] @ program.manoeuvre.grid.slope
+        begun = acceleration(x[:, :1], slope[:, None], ends[..., 1], ends[..., 2])
+        away = np.arctan2(begun[:, 1], begun[:, 0]) - task.departure_yaw - task.alpha
+        angle = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
+        weak = np.linalg.norm(begun, axis=1) < _WEAK * task.thrust
+        needed = angle / (_TURNING_SHARE * task.thruster_rate) + 0.01 * program.durations(x)
+        idle = task.staying | weak | np.isnan(task.alpha) | (angle <= _ALIGNED)
+        return np.where(idle, 0.0, needed)
 
     def plans(self, candidate: Polynomials) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
@@ -301,11 +326,9 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def motions(self, candidate: Polynomials) -> dict[str, Trajectory]:
         """Return the motions that inverse dynamics make of a candidate, but for those kept."""
-        program, values = candidate.program, candidate.point.cache
-        given = program.task, program.form, values
-        how = self.budget, self._enough, self._careful
+        program, how = candidate.program, (self.budget, self._enough, self._careful)
         return {
-            name: trajectory(*given, i, *how)
+            name: trajectory(program.task, program.form, candidate.point.cache, i, *how)
             for i, name in enumerate(self.task.names)
             if name not in self.kept
         }
@@ -313,15 +336,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     def _apart(self, candidate: Polynomials) -> Polynomials | None:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
         program = candidate.program.with_task(self.farther(candidate.program.task))
-        return self.minimised(program, candidate.point.xi, self._options(_REFINING_RADIUS))
-
-    def _options(self, radius: float, iterations: int = _ITERATIONS) -> TrustRegionOptions:
-        return TrustRegionOptions(
-            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
-            feasibility=(self.feasible,),
-            radius=radius,
-            iterations=iterations,
-        )
+        return self.minimised(program, candidate.point.xi, self._refining)
 
     def _raised(self, candidate: Polynomials) -> Polynomials:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""
@@ -330,8 +345,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             return candidate
         program = PolynomialProgram(low.task, self.form)
         x = program.raise_order(low, candidate.point.cache.x)
-        refining = self._options(_REFINING_RADIUS)
-        return self.minimised(program, program.reduce(x), refining) or candidate
+        return self.minimised(program, program.reduce(x), self._refining) or candidate
 
     def _turned(self, candidate: Polynomials) -> Polynomials | None:
         """
@@ -350,8 +364,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             if ((short <= coast) & (coast <= 1.2 * needed + 0.1)).all():
                 return candidate
             later = program.with_task(replace(program.task, coast=spare * needed))
-            refining = self._options(_REFINING_RADIUS)
-            better = self.minimised(later, later.reduce(x), refining)
+            better = self.minimised(later, later.reduce(x), self._refining)
             if better is None:
                 return None
             candidate = better

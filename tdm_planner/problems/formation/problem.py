@@ -27,7 +27,6 @@ from tdm_planner.problems.formation.parameters import (
     default_start,
     formation_specifications,
     FormationParameters,
-    place_in_arena,
     robot_names,
     RobotStart,
 )
@@ -128,6 +127,17 @@ class RobotFormation(FormationParameters, Problem):
             values[f'formation.{name}'] = self.offsets.get(name, default_offset(name))
         return values
 
+    @property
+    def form(self) -> MotionForm:
+        """Return the form of the reference functions asked for."""
+        return MotionForm(
+            self.polynomial_order,
+            self.yaw_order,
+            self.speed_factor_order,
+            self.end_accelerations == 'varied',
+            self.nodes,
+        )
+
     @cached_property
     def task(self) -> FormationTask:
         """Boundary conditions and limits as arrays."""
@@ -136,12 +146,13 @@ class RobotFormation(FormationParameters, Problem):
         alpha = np.array([math.nan if s.alpha is None else s.alpha for s in starts])
         thrust = np.array([s.thrust for s in starts]) / self.plant.mass
         heading = state[:, 4] + np.nan_to_num(alpha)
-        places = [self._offset(name) for name in self.robots]
-        goal = np.array([place_in_arena(self.formation.anchor, place) for place in places])
+        x, y, turn = self.formation.anchor
+        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        offset = np.array([self._offset(name) for name in self.robots], dtype=float)
         torque = self.limits.torque / self.plant.inertia
         # The attitude is reached on the turn nearest to where braking alone would end.
         resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
-        goal_yaw = resting + np.angle(np.exp(1j * (goal[:, 2] - resting)))
+        goal_yaw = resting + np.angle(np.exp(1j * (turn + offset[:, 2] - resting)))
         arena, weights = self.arena, self.weights
         return FormationTask(
             names=tuple(self.robots),
@@ -153,7 +164,7 @@ class RobotFormation(FormationParameters, Problem):
             yaw_rate=state[:, 5],
             yaw_acceleration=np.array([s.torque for s in starts]) / self.plant.inertia,
             alpha=alpha,
-            goal=goal[:, :2],
+            goal=np.array([x, y]) + offset[:, :2] @ rotation.T,
             goal_yaw=goal_yaw,
             thrust=self.limits.thrust / self.plant.mass,
             torque=torque,
@@ -207,27 +218,8 @@ class RobotFormation(FormationParameters, Problem):
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> PolynomialSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the initial guess."""
-        shared: dict[str, Any] = {
-            'starts': self.solver.starts,
-            'penalty_weights': np.array(self.weights.penalty),
-            'tolerance': self.solver.tolerance,
-            'previous': previous,
-        }
-
-        form = MotionForm(
-            self.polynomial_order,
-            self.yaw_order,
-            self.speed_factor_order,
-            self.end_accelerations == 'varied',
-            self.nodes,
-        )
-
-        def polynomials() -> PolynomialSearch:
-            return PolynomialSearch(self.task, form, rng, budget, **shared)
-
-        if self.method == 'polynomials':
-            return polynomials()
-        return ArcSearch(self.task, rng, budget, polynomials, self.thrust_reserve, **shared)
+        method = PolynomialSearch if self.method == 'polynomials' else ArcSearch
+        return method(self, rng, budget, previous)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of one robot; separations are between robots."""

@@ -137,28 +137,24 @@ class Grid(NamedTuple):
     """
     What depends on the form of the references alone, at K nodes and W arcs for walls.
 
-    `shapes` (m, nf) and `shapes_yaw` (my, ny) are end derivatives of the varied shapes of x and y
-    and of yaw. `rates` (2, K, q + 1) are mu and mu_s by b, `slope` (q + 1,) is mu_s at the start;
-    `paths` (2, K, m) and `turns` (2, K, my) the first two derivatives by the end derivatives,
-    `..._free` by the varied shapes; `places` (W, m). `taylor` (2, m, m): expansions about s = 0
+    Axes are x, y and yaw, all with m end derivatives: as many as the highest order has. `shapes`
+    (3, m, P) are end derivatives by the varied parameters, but for those by b; the start's
+    accelerations are `given` (3,): 1, or 0 where varied. `rates` (2, K, q + 1) are mu and mu_s by
+    b, `slope` (q + 1,) is mu_s at the start; `paths` (3, 2, K, m) the first two derivatives and
+    `places` (W, m) by the end derivatives. `taylor` (2, m, m): expansions of x or y about s = 0
     and 1; `passing` (q + 1, q + 2): powers of s in the time at s, by b. `weights` (K,) of the
-    quadrature. The start's accelerations of x, y and yaw are `given` (3,): 1, or 0 where varied.
+    quadrature.
     """
 
     weights: Array
     shapes: Array
-    shapes_yaw: Array
+    given: Array
     rates: Array
     slope: Array
     paths: Array
-    paths_free: Array
-    turns: Array
-    turns_free: Array
     places: Array
-    places_free: Array
     taylor: Array
     passing: Array
-    given: Array
 
 
 @lru_cache(maxsize=32)
@@ -166,26 +162,29 @@ def grid_of(form: MotionForm) -> Grid:
     """Tabulate what depends on the form alone."""
     s = chebyshev_nodes(form.nodes or max(21, 5 * form.order - 14))
     basis, free = end_derivatives(form.order, form.vary_ends)
-    yaw_basis, yaw_free = end_derivatives(form.yaw_order, False)
-    arcs = 2 * form.order - 1
-    paths, turns = (np.stack([of.values(s, d) for d in (1, 2)]) for of in (basis, yaw_basis))
-    places = basis.values(np.arange(1, arcs + 1) / (arcs + 1))
-    passing = np.zeros((form.degree + 1, form.degree + 2))
-    for d in range(form.degree + 1):
+    axes = ((basis, free), (basis, free), end_derivatives(form.yaw_order, False))
+    nb, count, arcs = form.degree + 1, form.order + 1, 2 * form.order - 1
+    most = 1 + max(form.order, form.yaw_order)
+    shapes = np.zeros((3, most, nb + sum(varied.shape[1] for _, varied in axes)))
+    paths, first = np.zeros((3, 2, s.size, most)), nb
+    for axis, (of, varied) in enumerate(axes):
+        size, last = len(varied), first + varied.shape[1]
+        shapes[axis, :size, first:last], first = varied, last
+        paths[axis, :, :, :size] = [of.values(s, d) for d in (1, 2)]
+    places, taylor = np.zeros((arcs, most)), np.zeros((2, most, most))
+    places[:, :count] = basis.values(np.arange(1, arcs + 1) / (arcs + 1))
+    taylor[:, :count, :count] = basis.about_start, basis.about_end
+    passing = np.zeros((nb, nb + 1))
+    for d in range(nb):
         passing[:, d + 1] = bernstein_basis(form.degree, 0.0, d) / math.factorial(d + 1)
     return Grid(
         weights=quadrature_weights(s),
-        shapes=free,
-        shapes_yaw=yaw_free,
+        shapes=shapes,
+        given=np.array([1.0 - form.vary_ends, 1.0 - form.vary_ends, 1.0]),
         rates=np.stack([bernstein_basis(form.degree, s, d) for d in range(2)]),
         slope=bernstein_basis(form.degree, 0.0, 1),
         paths=paths,
-        paths_free=paths @ free,
-        turns=turns,
-        turns_free=turns @ yaw_free,
         places=places,
-        places_free=places @ free,
-        taylor=np.stack([basis.about_start, basis.about_end]),
+        taylor=taylor,
         passing=passing,
-        given=np.array([1.0 - form.vary_ends, 1.0 - form.vary_ends, 1.0]),
     )

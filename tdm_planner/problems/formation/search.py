@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import itertools
 import math
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +31,19 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFai
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.verification import assessed, keeps_reserve, start_state
+from tdm_planner.problems.formation.verification import (
+    assessed,
+    goal_state,
+    keeps_reserve,
+    start_state,
+)
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import replay
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -72,36 +81,29 @@ class Candidate(Generic[P]):
 
 class FormationSearch(Search[C]):
     """
-    What the searches for a plan of `task` share.
+    What the searches for a plan of a problem share.
 
     They make candidates in `rounds`, one after the other until there is a plan: first from what is
-    left of the `previous` plan, then from `starts` first guesses. `penalty_weights` (4,) are k1 to
-    k4 of (29), `tolerance` eps of (10). `closest` is the point of the least violation seen, for
-    the reason of a failure.
+    left of the `previous` plan, then from `starts` first guesses. `closest` is the point of the
+    least violation seen, for the reason of a failure.
     """
 
     def __init__(
         self,
-        task: FormationTask,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        *,
-        starts: int,
-        penalty_weights: Array,
-        tolerance: float,
         previous: Solution | None,
     ) -> None:
         super().__init__(budget)
-        self.task, self.starts, self.rng = task, starts, rng
-        self.tried = 0
+        self.problem, self.rng = problem, rng
+        self.task, self.starts, self.tried = problem.task, problem.solver.starts, 0
         self.closest: Candidate[Any] | None = None
-        self.rest = {} if previous is None else rest_of(task, previous)
+        self.rest = {} if previous is None else rest_of(self.task, previous)
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
         self.rounds: list[Callable[[], Iterable[C]]] = []
-        self._required = task
-        self._penalty_weights, self._tolerance = penalty_weights, tolerance
         # The violation, relative to a limit, whose square is worth that penalty.
-        self.feasible = math.sqrt(tolerance / penalty_weights.max())
+        self.feasible = math.sqrt(problem.solver.tolerance / max(problem.weights.penalty))
 
     def candidates(self) -> Iterable[C]:
         """Minima of one round, cheapest first."""
@@ -128,7 +130,7 @@ class FormationSearch(Search[C]):
             return Candidate(program, program.evaluate(np.zeros(0)))
         before = program.evaluations
         # What is left when the search must end is for the check.
-        until = self.budget.leaving(_CHECK_TIME * self._required.n, _CHECK_SHARE)
+        until = self.budget.leaving(_CHECK_TIME * self.task.n, _CHECK_SHARE)
         minimum = minimise(program, guess, options, until)
         self.tried += 1
         self.budget.evaluations += program.evaluations - before
@@ -168,17 +170,13 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        return assessed(
-            self._required,
-            {**motions, **self.kept},
-            self._penalty_weights,
-            self._tolerance,
-            parameters,
-        )
+        weights = np.array(self.problem.weights.penalty)
+        given = self.problem.task, {**motions, **self.kept}
+        return assessed(*given, weights, self.problem.solver.tolerance, parameters)
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
-        return keeps_reserve(self._required, plan.verification)
+        return keeps_reserve(self.problem.task, plan.verification)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -305,23 +303,17 @@ def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
     ]
     if any(begun):
         return plans
-    now = _elapsed_on(list(plans.values()), np.concatenate([task.start, task.velocity], axis=1))
+    last = max(plan.duration for plan in plans.values())
+    times, scale = np.linspace(0.0, last, _MOMENTS), np.array([1.0, 1.0, last / 4, last / 4])
+    distance = np.zeros(times.size)
+    for i, plan in enumerate(plans.values()):
+        away = plan.sample(times).state[:, :4] - start_state(task, i)[:4]
+        distance += np.square(away * scale).sum(axis=1)
+    now = float(times[np.argmin(distance)])
     if now == 0.0:
         return plans
     left = {name: max(plan.duration - _LEAST, 0.0) for name, plan in plans.items()}
     return {name: plan.after(min(now, left[name])) for name, plan in plans.items()}
-
-
-def _elapsed_on(plans: list[Trajectory], now: Array) -> float:
-    """Instant of the plans nearest to positions and velocities `now` (n, 4)."""
-    last = max(plan.duration for plan in plans)
-    times = np.linspace(0.0, last, _MOMENTS)
-    distance = np.zeros(times.size)
-    for plan, state in zip(plans, now, strict=True):
-        planned = plan.sample(times).state[:, :4]
-        scale = np.array([1.0, 1.0, last / 4, last / 4])
-        distance += np.square((planned - state) * scale).sum(axis=1)
-    return float(times[np.argmin(distance)])
 
 
 def kept_motions(
@@ -338,22 +330,10 @@ def kept_motions(
     for i, name in enumerate(task.names):
         if task.staying[i] or name not in plans or not plans[name].duration < leg:
             continue
-        rest = _flown_from(task, i, plans[name])
-        if rest is not None:
-            found[name] = rest
+        plan, start = plans[name], start_state(task, i)
+        if (np.abs(plan.states[0] - start) < _SAME).all():
+            begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
+            states = replay(task.plant, begun, plan.times)
+            if (np.abs(states[-1] - goal_state(task, i))[:6] < _MISSED).all():
+                found[name] = replace(plan, states=states)
     return found
-
-
-def _flown_from(task: FormationTask, robot: int, plan: Trajectory) -> Trajectory | None:
-    """Return the plan as flown from the robot's start; None if they differ, or the goals do."""
-    start = start_state(task, robot)
-    if not (np.abs(plan.states[0] - start) < _SAME).all():
-        return None
-    begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
-    states = task.plant.replay(begun, plan.times)
-    if states is None:
-        return None
-    goal = np.array([*task.goal[robot], 0.0, 0.0, task.goal_yaw[robot], 0.0])
-    if not (np.abs(states[-1, :6] - goal) < _MISSED).all():
-        return None
-    return replace(plan, states=states)

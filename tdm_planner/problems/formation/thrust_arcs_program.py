@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.problems.formation.polynomial_plan import follow
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
@@ -193,7 +194,9 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
         edges.append(switch)
     times = np.unique(to_nanoseconds(np.array(edges)))
     times = times[np.concatenate([[True], np.diff(times) > _SAME])]
-    alpha = _turned(times, np.interp(times, *path), task.thruster_rate)
+    alpha, unlimited = np.interp(times, *path), np.full(times.size, np.inf)
+    reach = _FULL * task.thruster_rate * np.diff(times)
+    follow(alpha, -unlimited, unlimited, reach, alpha[0], alpha)
     middle = 0.5 * (times[1:] + times[:-1])
     burning = ((middle[:, None] > on[:, 0]) & (middle[:, None] < on[:, 1])).any(axis=1)
     controls = np.zeros((times.size, 3))
@@ -239,39 +242,56 @@ def _thruster_path(
     return np.array(times), np.array(angles)
 
 
-def _turned(times: Array, wanted: Array, most: float) -> Array:
-    """Angles of a thruster that follows `wanted` (N,) as far as its rate allows."""
-    reach = _FULL * most * np.diff(times)
-    found = wanted.copy()
-    if (np.abs(np.diff(wanted)) <= reach).all():
-        return found
-    for k in range(reach.size):
-        found[k + 1] = found[k] + min(max(wanted[k + 1] - found[k], -reach[k]), reach[k])
-    return found
-
-
 def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
     """Parameters (n, v) whose motions are nearest to planned ones at equal times, as long."""
-    task, size = program.task, program.size
     lower, upper = program.full(program.lower), program.full(program.upper)
-    found = np.zeros((task.n, size))
-    for i, name in enumerate(task.names):
-        plan = plans[name]
-        found[i, -1] = duration = float(np.clip(plan.duration, lower[i, -1], upper[i, -1]))
-        if not program.varied[i]:
-            continue
-        corners = np.arange(1, size - 1, 3)
-        share = np.arange(1, corners.size + 1) / (corners.size + 1)
-        low, high = lower[i, :-1].copy(), upper[i, :-1].copy()
-        high[0] = 0.2 * duration
-        low[corners + 2] = (share - 0.65 / (corners.size + 1)) * duration
-        high[corners + 2] = (share + 0.65 / (corners.size + 1)) * duration
-        start = plan.sample(share * plan.duration).state
-        first = np.zeros(size - 1)
-        first[corners], first[corners + 1] = start[:, 0], start[:, 1]
-        first[corners + 2] = share * duration
-        found[i, :-1] = _nearest(program, i, plan, duration, first, low, high)
-    return found
+    found = [
+        _nearest(program, i, plans[name], lower[i], upper[i])
+        for i, name in enumerate(program.task.names)
+    ]
+    return np.stack(found)
+
+
+def _nearest(program: ArcProgram, i: int, plan: Trajectory, lower: Array, upper: Array) -> Array:
+    """Parameters (v,) of robot i, within bounds, that fit its plan."""
+    duration = float(np.clip(plan.duration, lower[-1], upper[-1]))
+    if not program.varied[i]:
+        return np.append(np.zeros(program.size - 1), duration)
+    times = np.linspace(0.0, duration, _INSTANTS)
+    wanted = plan.sample(times).state[:, :2]
+    every = program.fleet.held.copy()
+    burns, slopes = every[i], np.zeros((*every.shape[1:], program.size))
+
+    def missed(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
+        return np.asarray((positions(times, program.fleet, i, every) - wanted).ravel())
+
+    def missed_slope(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
+        change, (centre, half) = burns[:, :2], burns[:, 2:].T
+        twice = np.maximum(2.0 * half, 1e-300)
+        burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)
+        way = 0.5 * burnt**2 / twice + np.maximum(times[:, None] - centre - half, 0.0)
+        later, longer = -burnt / twice, burnt / twice - (burnt / twice) ** 2
+        by = np.einsum('km,mav->kav', way, slopes[:, :2])
+        for each, shift in ((later, slopes[:, 2]), (longer, slopes[:, 3])):
+            by += np.einsum('km,ma,mv->kav', each, change, shift)
+        return np.asarray(by.reshape(wanted.size, -1)[:, :-1])
+
+    corners = np.arange(1, program.size - 1, 3)
+    share = np.arange(1, corners.size + 1) / (corners.size + 1)
+    low, high = lower[:-1].copy(), upper[:-1].copy()
+    high[0] = 0.2 * duration
+    low[corners + 2] = (share - 0.65 / (corners.size + 1)) * duration
+    high[corners + 2] = (share + 0.65 / (corners.size + 1)) * duration
+    first = np.zeros(program.size - 1)
+    start = plan.sample(share * plan.duration).state
+    first[corners], first[corners + 1] = start[:, 0], start[:, 1]
+    first[corners + 2] = share * duration
+    room = 1e-6 * (high - low)
+    first = np.clip(first, low + room, high - room)
+    best = least_squares(missed, first, missed_slope, bounds=(low, high), max_nfev=_EVALUATIONS)
+    return np.append(best.x, duration)
 
 
 def remaining(plan: Trajectory) -> Array:
@@ -321,40 +341,3 @@ def resumed(
             place = task.goal[i] + left @ rest[:, :2]
             found[i, np.arange(3) + 1 + 3 * k] = [*place, instant]
     return found
-
-
-def _nearest(
-    program: ArcProgram,
-    i: int,
-    plan: Trajectory,
-    duration: float,
-    first: Array,
-    low: Array,
-    high: Array,
-) -> Array:
-    """Parameters (v - 1,) of robot i but for the arrival, within bounds, that fit its plan."""
-    times = np.linspace(0.0, duration, _INSTANTS)
-    wanted = plan.sample(times).state[:, :2]
-    every = program.fleet.held.copy()
-    burns, slopes = every[i], np.zeros((*every.shape[1:], program.size))
-
-    def missed(z: Array) -> Array:
-        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
-        return np.asarray((positions(times, program.fleet, i, every) - wanted).ravel())
-
-    def missed_slope(z: Array) -> Array:
-        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
-        change, (centre, half) = burns[:, :2], burns[:, 2:].T
-        twice = np.maximum(2.0 * half, 1e-300)
-        burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)
-        way = 0.5 * burnt**2 / twice + np.maximum(times[:, None] - centre - half, 0.0)
-        later, longer = -burnt / twice, burnt / twice - (burnt / twice) ** 2
-        by = np.einsum('km,mav->kav', way, slopes[:, :2])
-        for each, shift in ((later, slopes[:, 2]), (longer, slopes[:, 3])):
-            by += np.einsum('km,ma,mv->kav', each, change, shift)
-        return np.asarray(by.reshape(wanted.size, -1)[:, :-1])
-
-    room = 1e-6 * (high - low)
-    first = np.clip(first, low + room, high - room)
-    best = least_squares(missed, first, missed_slope, bounds=(low, high), max_nfev=_EVALUATIONS)
-    return np.asarray(best.x)

@@ -11,17 +11,16 @@ guess that looks best is tried, the most promising first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, partial
 import itertools
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
 from tdm_planner.problems.formation.program import CLOSENESS
@@ -33,7 +32,6 @@ from tdm_planner.problems.formation.search import (
     LATE,
     screened,
 )
-from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
     ArcValues,
     CENTRE,
@@ -53,6 +51,9 @@ from tdm_planner.problems.formation.thrust_arcs_program import (
     resumed,
 )
 from tdm_planner.problems.solution import Solution
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 MANY = 5  # robots from which on choices are richer, and combined by descent
 _BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
@@ -172,21 +173,14 @@ class ArcSeeds:
 
     def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
         """Guess with every corner where the robot comes nearest to another on its way."""
-        share, bow, wait = choice.T.copy()
-        n = self.task.n
-        for i in range(n):
-            apart = (
-                np.linalg.norm(paths[i] - paths, axis=2)
-                - self.program.fleet.clearances[i, :n, None]
-            )
-            apart[i] = np.inf
-            along = times / self.durations[i]
-            under_way = (along > 0.15) & (along < 0.85)
-            nearest = np.where(under_way, apart.min(axis=0), np.inf)
-            k = int(np.argmin(nearest))
-            if nearest[k] < 0.3 * self.program.fleet.length:
-                share[i] = along[k]
-        return self.guess(share, bow, wait)
+        (share, bow, wait), fleet, robot = choice.T, self.program.fleet, np.arange(self.task.n)
+        apart = np.linalg.norm(paths[:, None] - paths, axis=3)
+        apart -= fleet.clearances[: robot.size, : robot.size, None]
+        apart[robot, robot] = np.inf
+        along = times / self.durations[:, None]
+        nearest = np.where((along > 0.15) & (along < 0.85), apart.min(axis=1), np.inf)
+        at = robot, np.argmin(nearest, axis=1)
+        return self.guess(np.where(nearest[at] < 0.3 * fleet.length, along[at], share), bow, wait)
 
 
 def reseated(program: ArcProgram, point: ArcValues) -> Array | None:
@@ -217,26 +211,30 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
     """
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
-    `polynomials` makes a search by the other method, whose minima are the guesses where robots are
-    many, and whose plans the last resort. `reserve` is the share of the thrust that burns leave to
-    the feedback. Of a `previous` plan with thrust arcs the rest is the initial guess; robots about
-    to arrive keep theirs.
+    Minima by polynomials are the guesses where robots are many, and plans by them the last resort.
+    Of a `previous` plan with thrust arcs the rest is the initial guess; robots about to arrive
+    keep theirs.
     """
 
     def __init__(
         self,
-        task: FormationTask,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        polynomials: Callable[[], PolynomialSearch],
-        reserve: float,
-        **shared: Any,
+        previous: Solution | None,
     ) -> None:
-        super().__init__(task, rng, budget, **shared)
-        self.task = replace(task, thrust=(1.0 - reserve) * task.thrust)
+        super().__init__(problem, rng, budget, previous)
+        task = self.task
+        self.task = replace(task, thrust=(1.0 - problem.thrust_reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
-        self._make_polynomials = polynomials
-        self._last: Infeasible | None = None
+        self._polynomials = cache(partial(PolynomialSearch, problem, rng, budget, previous))
+        self._options = TrustRegionOptions(
+            penalties=(_PENALTY if task.n < MANY else _PENALTY_MANY,),
+            feasibility=(self.feasible,),
+            radius=_RADIUS,
+            iterations=_ITERATIONS,
+            cost_tolerance=_ROUGH,
+        )
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
         if task.n >= MANY and not self.rest:
@@ -245,31 +243,22 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         first = [self._resumed, *directly] if self.rest else [*directly, self._again]
         self.rounds = [*first, self._near_polynomials, self._by_polynomials]
 
-    @cached_property
-    def _polynomials(self) -> PolynomialSearch:
-        return self._make_polynomials()
-
     def _again(self) -> Iterable[Arcs]:
         """Minima with more distance kept, where plans failed the check."""
         return self._minima() if self.rejected else ()
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
-        program, options = ArcProgram(self.task, 4), self._options(_POLISHING_RADIUS)
-        for polynomials in self._polynomials.candidates():
-            motions = self._polynomials.motions(polynomials)
-            near = fitted(program, {**motions, **self._polynomials.kept})
-            candidate = self.minimised(program, program.reduce(near), options)
-            if candidate is not None:
-                yield candidate
-            yield self._polynomials.assessed(motions, polynomials.point.xi)
+        program, search = ArcProgram(self.task, 4), self._polynomials()
+        for polynomials in search.candidates():
+            motions = search.motions(polynomials)
+            near = fitted(program, {**motions, **search.kept})
+            yield from self._polished(program, program.reduce(near))
+            yield search.assessed(motions, polynomials.point.xi)
 
     def _by_polynomials(self) -> Iterator[Solution]:
         """Yield the plan by the other method from further guesses."""
-        try:
-            yield self._polynomials.run()
-        except Infeasible as error:
-            self._last = error
+        yield self._polynomials().run()
 
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
@@ -278,10 +267,10 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         # On the way there is little time.
         more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
         guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
-        found = self.minima(program, map(program.reduce, guesses), self._options(), _WORSE)
+        found = self.minima(program, map(program.reduce, guesses), self._options, _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
             if candidate.cost < _PROMISING * found[0].cost and not self.budget.spent:
-                found[k] = self._polished(candidate)
+                found[k] = self._seated(candidate)
         return sorted(found, key=lambda each: each.cost)
 
     def _resumed(self) -> Iterator[Arcs]:
@@ -296,30 +285,23 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             if any(len(remaining(motion)) > count for motion in self.kept.values()):
                 break
             program = ArcProgram(task, count, self.kept)
-            options = self._options(_POLISHING_RADIUS)
-            candidate = self.minimised(program, program.reduce(x), options)
-            if candidate is not None:
-                yield candidate
+            yield from self._polished(program, program.reduce(x))
 
-    def _options(self, radius: float = _RADIUS, accuracy: float = _ROUGH) -> TrustRegionOptions:
-        return TrustRegionOptions(
-            penalties=(_PENALTY if self.task.n < MANY else _PENALTY_MANY,),
-            feasibility=(self.feasible,),
-            radius=radius,
-            iterations=_ITERATIONS,
-            cost_tolerance=accuracy,
-        )
+    def _polished(self, program: ArcProgram, xi: Array, accuracy: float = _ROUGH) -> list[Arcs]:
+        """Return the minimum near Xi, if there is one."""
+        options = self._options._replace(radius=_POLISHING_RADIUS, cost_tolerance=accuracy)
+        found = self.minimised(program, xi, options)
+        return [] if found is None else [found]
 
-    def _polished(self, candidate: Arcs) -> Arcs:
+    def _seated(self, candidate: Arcs) -> Arcs:
         """Minimise on, with corners where robots that fly straight touch others."""
-        program, point = candidate.program, candidate.point
         for _ in range(2):
-            x = reseated(program, point.cache)
-            xi = candidate.point.xi if x is None else program.reduce(x)
-            better = self.minimised(program, xi, self._options(_POLISHING_RADIUS, _FINE))
-            if better is None or not better.cost < candidate.cost:
+            x = reseated(candidate.program, candidate.point.cache)
+            xi = candidate.point.xi if x is None else candidate.program.reduce(x)
+            better = self._polished(candidate.program, xi, _FINE)
+            if not better or not better[0].cost < candidate.cost:
                 break
-            candidate, point = better, better.point
+            candidate = better[0]
             if x is None:
                 break
         return candidate
@@ -343,7 +325,3 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
     def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
         """Whether a candidate is cheaper than one that is verified."""
         return candidate.cost < than.cost
-
-    def failure(self) -> Infeasible:
-        """Return why there is no plan, not even by polynomials."""
-        return self._last if self._last is not None else super().failure()

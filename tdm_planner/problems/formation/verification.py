@@ -67,7 +67,7 @@ def assessed(
             motion,
             own,
             replayed,
-            np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
+            goal_state(task, i),
             TERMINAL_TOLERANCE,
             limits,
             consistency=_CONSISTENCY,
@@ -115,6 +115,11 @@ def start_state(task: FormationTask, robot: int) -> Array:
     """State (7,) of a robot to begin in, NaN where the thruster's angle is free."""
     turned = task.yaw[robot], task.yaw_rate[robot], task.alpha[robot]
     return np.array([*task.start[robot], *task.velocity[robot], *turned])
+
+
+def goal_state(task: FormationTask, robot: int) -> Array:
+    """State (7,) of a robot to end in; the thruster's angle is free."""
+    return np.array([*task.goal[robot], 0.0, 0.0, task.goal_yaw[robot], 0.0, 0.0])
 
 
 def flown(

@@ -21,7 +21,11 @@ from tdm_planner.problems.formation.polynomial_kernels import unpacked
 from tdm_planner.problems.formation.polynomial_plan import ThrustDirection
 from tdm_planner.problems.formation.polynomial_search import guesses, PolynomialProgram
 from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
-from tdm_planner.problems.formation.reference_motion import arcs_at, MotionForm
+from tdm_planner.problems.formation.reference_motion import (
+    arcs_at,
+    end_derivatives,
+    MotionForm,
+)
 from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
     ArcProgram,
@@ -84,7 +88,8 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     x = rng.normal(0, 0.3, program.units.shape)
     x[:, : program.nb] = rng.uniform(0.6, 1.4, (3, program.nb))
     x *= program.units
-    position, attitude = unpacked(program.manoeuvre, x)
+    ends = unpacked(program.manoeuvre, x)
+    yaws, _ = end_derivatives(form.yaw_order, False)
     given_axes = slice(2 if form.vary_ends else 0, 3)
     for s, place, yaw, rates in (
         (0.0, task.departure, task.departure_yaw, [velocity, acceleration]),
@@ -92,8 +97,8 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     ):
         b = x[:, : program.nb]
         mu = [(b @ bernstein_basis(form.degree, s, d))[:, None] for d in range(2)]
-        path = [position @ program.basis.values(s, d) for d in range(3)]
-        turn = [attitude @ program.yaw_basis.values(s, d) for d in range(3)]
+        path = [program.positions(x) @ program.basis.values(s, d) for d in range(3)]
+        turn = [ends[:, 2, : form.yaw_order + 1] @ yaws.values(s, d) for d in range(3)]
         jet = [np.column_stack(both) for both in zip(path, turn, strict=True)]
         at, first, second = time_derivatives(jet, reciprocal(mu))
         assert at == pytest.approx(np.column_stack([place, yaw]), abs=1e-9)
@@ -132,7 +137,7 @@ def places(program, xi, t):
     arcs = [
         arcs_at(*both) for both in zip(values.times, values.times.sum(axis=1), since, strict=True)
     ]
-    found = values.position @ np.swapaxes(program.basis.values(np.stack(arcs)), 1, 2)
+    found = program.positions(values.x) @ np.swapaxes(program.basis.values(np.stack(arcs)), 1, 2)
     return found + task.velocity[..., None] * np.minimum(since, 0.0)[:, None]
 
 
