@@ -392,6 +392,5 @@ def _free_points(arena: Arena) -> Array:
 
 def _room(points: Array, taken: list[Array]) -> Array:
     """Return the distances (n,) of points (n, 2) from the nearest place that is taken."""
-    if not taken:
-        return np.full(len(points), np.inf)
-    return np.asarray(np.linalg.norm(points[:, None] - np.array(taken), axis=2).min(axis=1))
+    away = np.linalg.norm(points[:, None] - np.reshape(taken, (-1, 2)), axis=2)
+    return np.asarray(away.min(axis=1, initial=np.inf))

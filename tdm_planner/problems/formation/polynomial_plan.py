@@ -59,9 +59,9 @@ def trajectory(
     form: MotionForm,
     values: Values,
     robot: int,
-    budget: Budget | None = None,
-    enough: float = 1.0,
-    careful: bool = True,
+    budget: Budget,
+    enough: float,
+    careful: bool,
 ) -> Trajectory:
     """
     Return controls of one robot and the states that follow from them by forward integration.
@@ -164,7 +164,7 @@ class Shot:
 def _shoot(
     fly: Callable[[Array], Shot],
     effects: Array,
-    budget: Budget | None,
+    budget: Budget,
     enough: float,
     careful_shots: int,
 ) -> Shot:
@@ -179,7 +179,7 @@ def _shoot(
     first = effects
 
     def done() -> bool:
-        return best.miss <= enough or (budget is not None and budget.spent)
+        return best.miss <= enough or budget.spent
 
     for _ in range(_SHOTS):
         if done():

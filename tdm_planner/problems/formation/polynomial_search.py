@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import partial
 import itertools
 import math
-from typing import Final, TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Polynomials: TypeAlias = Candidate['PolynomialProgram']
 
-DEFAULT_FORM: Final = MotionForm()
 _USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
 _YAW_SCALE = 10.0
 _NODES = 24  # of the quadrature of a fit
@@ -89,9 +88,7 @@ class PolynomialProgram(FormationProgram):
 
     curvature = 1e-6, 1e-3
 
-    def __init__(
-        self, task: FormationTask, form: MotionForm = DEFAULT_FORM, held: Array | None = None
-    ) -> None:
+    def __init__(self, task: FormationTask, form: MotionForm, held: Array | None = None) -> None:
         self.form, grid = form, grid_of(form)
         self.basis, self._free = end_derivatives(form.order, form.vary_ends)
         self.nb, number = form.degree + 1, np.arange(grid.shapes.shape[2])
@@ -117,7 +114,6 @@ class PolynomialProgram(FormationProgram):
         fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
         fixed[:, :2, (form.order + 1) // 2] = task.goal
         fixed[:, 2, (form.yaw_order + 1) // 2] = task.goal_yaw
-        walls, (centres, _) = task.wall_clearances(), task.circles()
         self.manoeuvre = Manoeuvre(
             grid=grid,
             fixed=fixed,
@@ -126,11 +122,11 @@ class PolynomialProgram(FormationProgram):
             coast=np.ascontiguousarray(task.coast),
             thrust=float(task.thrust),
             torque=float(task.torque),
-            low=np.ascontiguousarray(walls[..., 0]),
-            high=np.ascontiguousarray(task.sides - walls[..., 1]),
+            low=self.low,
+            high=self.high,
             separation=float(task.separation),
             clearances=self.clearances,
-            centres=np.ascontiguousarray(centres),
+            centres=self.centres,
             interval=self.interval,
             kept=self.kept,
             varied=self.varied,

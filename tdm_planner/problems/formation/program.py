@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
-_KEPT = 2e-3  # margin of a separation that is not active
 # Columns of approaches: both indices, instant, distance / clearance - 1, way between them.
 FIRST, SECOND, TIME, CLOSENESS, WAY = 0, 1, 2, 3, 4
 COLUMNS = 6
@@ -202,7 +201,10 @@ class FormationProgram(NonlinearProgram):
         self.free = np.flatnonzero(free.ravel())
         self.all_free = bool(free.all())
         self._scales = units * free
-        self.clearances = self._clearances()
+        walls, (self.centres, apart) = task.wall_clearances(), task.circles()
+        self.low = np.ascontiguousarray(walls[..., 0])  # nearest to the walls, (n, 2)
+        self.high = np.ascontiguousarray(task.sides - walls[..., 1])
+        self.clearances = self._clearances(apart)
         self.interval = self.first / _INSTANTS
         arrivals = np.zeros((task.n, task.n, self.size))
         arrivals[np.arange(task.n), np.arange(task.n)] = arriving * units
@@ -212,15 +214,14 @@ class FormationProgram(NonlinearProgram):
         self._arrived = task.coast - task.arrived
         self._first, self._intervals = self.weights[0] * arrivals[0], np.diff(arrivals, axis=0)
 
-    def _clearances(self) -> Array:
-        """Clearances (N, N) of all from one another, first those of the robots."""
-        task, n = self.task, self.task.n
-        centres, apart = task.circles()
-        found = np.zeros((n + len(centres),) * 2)
+    def _clearances(self, apart: Array) -> Array:
+        """Clearances (N, N) of all from one another; those of robots from what stands still."""
+        task, n, count = self.task, self.task.n, len(self.centres)
+        found = np.zeros((n + count, n + count))
         i, j = np.triu_indices(n, 1)
         found[i, j] = task.pair_clearances(i, j)
         found[:n, n:] = apart
-        still = np.concatenate([~self.varied, np.ones(len(centres), dtype=bool)])
+        still = np.concatenate([~self.varied, np.ones(count, dtype=bool)])
         found[np.ix_(still, still)] = 0.0
         staying = np.flatnonzero(task.staying)
         found[staying], found[:n, staying] = 0.0, 0.0
@@ -313,10 +314,6 @@ class FormationProgram(NonlinearProgram):
             term_weights=np.full(self.task.n - 1, self.weights[1]),
             tags=tags,
         )
-
-    def crowded(self, point: Point) -> bool:
-        """Whether a separation binds, so that other sides to pass on may be cheaper."""
-        return bool(point.cache.approaches[:, CLOSENESS].min(initial=1.0) < _KEPT)
 
     def binding(self, point: Point) -> str:
         """Name what is violated most at `point`, in words."""

@@ -29,7 +29,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.problems.formation.program import FormationProgram
+from tdm_planner.problems.formation.program import CLOSENESS, FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import (
     assessed,
@@ -52,6 +52,7 @@ P = TypeVar('P', bound=FormationProgram)
 
 LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrusting, and back
 _NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
+_KEPT = 2e-3  # margin of a separation that is not active
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
@@ -103,7 +104,7 @@ class FormationSearch(Search[C]):
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
         self.rounds: list[Callable[[], Iterable[C]]] = []
         # The violation, relative to a limit, whose square is worth that penalty.
-        self.feasible = math.sqrt(problem.solver.tolerance / max(problem.weights.penalty))
+        self.feasible = math.sqrt(problem.solver.tolerance / np.max(problem.weights.penalty))
 
     def candidates(self) -> Iterable[C]:
         """Minima of one round, cheapest first."""
@@ -161,8 +162,9 @@ class FormationSearch(Search[C]):
             alone = False
             if candidate is not None:
                 found.append(candidate)
-                hindered = program.crowded(candidate.point) or self.rejected
-                alone = candidate.converged and not hindered
+                # Where a separation binds, other sides to pass on may be cheaper.
+                nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
+                alone = candidate.converged and not (nearest < _KEPT or self.rejected)
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break

@@ -144,30 +144,28 @@ def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> No
     """Burns (m, 4) of robot i and their slopes (m, 4, v) by its varied parameters x (v,)."""
     m, v = burns.shape[0], x.size
     start, velocity, goal = fleet.start[i], fleet.velocity[i], fleet.goal[i]
-    legs, by = np.zeros((m + 1, 2)), np.zeros((m + 1, 2, v))
-    burns[:] = 0.0
+    # Velocities of the legs, and half of the burn at rest of the first one and of the last.
+    legs, by = np.zeros((m + 1, 3)), np.zeros((m + 1, 3, v))
     slopes[:] = 0.0
     w, last = v - 4, m - 1  # of the last corner, W, tau and T are x[w:]
     way = x[1] - start[0] - velocity[0] * x[3], x[2] - start[1] - velocity[1] * x[3]
     begun = _end_leg(way[0], way[1], x[3] - x[0], fleet)
     ended = _end_leg(goal[0] - x[w], goal[1] - x[w + 1], x[w + 3] - x[w + 2], fleet)
-    burns[0, HALF], burns[last, HALF] = begun[2], ended[2]
-    burns[0, CENTRE], burns[last, CENTRE] = x[0] + begun[2], x[w + 3] - ended[2]
-    legs[0] = velocity
-    for a in range(2):
-        legs[1, a], legs[last, a] = velocity[a] + begun[a], ended[a]
-    for a in range(3):  # slopes of both velocities, then of the burn's half
-        first = by[1, a] if a < 2 else slopes[0, HALF]
-        by_time = begun[9 + a]
+    for a in range(3):
+        legs[1, a], legs[last, a] = begun[a], ended[a]
+        first, final, by_time = by[1, a], by[last, a], begun[9 + a]
         first[0], first[1], first[2] = -by_time, begun[3 + a], begun[6 + a]
         first[3] = by_time - begun[3 + a] * velocity[0] - begun[6 + a] * velocity[1]
-    for a in range(3):
-        final = by[last, a] if a < 2 else slopes[last, HALF]
         final[w], final[w + 1] = -ended[3 + a], -ended[6 + a]
         final[w + 2], final[w + 3] = -ended[9 + a], ended[9 + a]
+    for a in range(2):
+        legs[0, a] = velocity[a]
+        legs[1, a] += velocity[a]
+    burns[0, HALF], burns[last, HALF] = legs[1, 2], legs[last, 2]
+    burns[0, CENTRE], burns[last, CENTRE] = x[0] + legs[1, 2], x[w + 3] - legs[last, 2]
     for q in range(v):
-        slopes[0, CENTRE, q] = slopes[0, HALF, q]
-        slopes[last, CENTRE, q] = -slopes[last, HALF, q]
+        slopes[0, HALF, q] = slopes[0, CENTRE, q] = by[1, 2, q]
+        slopes[last, HALF, q], slopes[last, CENTRE, q] = by[last, 2, q], -by[last, 2, q]
     slopes[0, CENTRE, 0] += 1.0
     slopes[last, CENTRE, w + 3] += 1.0
     # Legs between two corners.

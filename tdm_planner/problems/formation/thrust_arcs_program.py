@@ -70,7 +70,10 @@ class ArcProgram(FormationProgram):
         self, task: FormationTask, count: int = 3, kept: Mapping[str, Trajectory] | None = None
     ) -> None:
         kept = kept or {}
-        least = least_arrivals(task)
+        turn = task.goal_yaw - task.yaw
+        # Torque, and a thruster that holds its direction, allow no earlier arrivals.
+        holding = 2.0 * np.abs(turn) / (_RATE_SHARE * task.thruster_rate)
+        least = np.maximum(least_time(turn, task.yaw_rate, 0.999 * task.torque), holding)
         first = first_arrival(task, least, task.thrust)
         length, time = 1.25 * float(task.separation), 0.25 * first
         units = np.tile([time, *[length, length, time] * (count - 2), time], (task.n, 1))
@@ -78,19 +81,17 @@ class ArcProgram(FormationProgram):
         last = np.arange(units.shape[1]) == units.shape[1] - 1
         robots = np.isin(task.names, list(kept))
         super().__init__(task, first, units, 1.0 * last, last, robots)
-        walls = task.wall_clearances()
         way = np.linalg.norm(task.goal - task.start, axis=1).mean()
         typical = max(float(way), 0.1 * task.separation) / first
         typical = max(typical, float(np.linalg.norm(task.velocity, axis=1).mean()))
-        centres, _ = task.circles()
-        held, fixed = np.zeros((task.n + len(centres), count, 4)), np.zeros(units.shape)
+        held, fixed = np.zeros((len(self.clearances), count, 4)), np.zeros(units.shape)
         for robot in np.flatnonzero(robots):
             motion = kept[task.names[robot]]
             burns = remaining(motion)
             held[robot, : len(burns)], fixed[robot, -1] = burns, motion.duration
         self.fleet = Fleet(
-            start=np.concatenate([task.start, centres]),
-            velocity=np.concatenate([task.velocity, np.zeros_like(centres)]),
+            start=np.concatenate([task.start, self.centres]),
+            velocity=np.concatenate([task.velocity, np.zeros_like(self.centres)]),
             clearances=self.clearances,
             held=held,
             goal=np.ascontiguousarray(task.goal),
@@ -99,8 +100,8 @@ class ArcProgram(FormationProgram):
             yaw_rate=np.ascontiguousarray(task.yaw_rate),
             goal_yaw=np.ascontiguousarray(task.goal_yaw),
             varied=self.varied,
-            low=np.ascontiguousarray(walls[..., 0]),
-            high=np.ascontiguousarray(task.sides - walls[..., 1]),
+            low=self.low,
+            high=self.high,
             thrust=float(task.thrust),
             rate=_RATE_SHARE * float(task.thruster_rate),
             pause=_PAUSE * first,
@@ -111,7 +112,7 @@ class ArcProgram(FormationProgram):
         )
         lower, upper = np.zeros(units.shape), np.full(units.shape, task.longest)
         for w in range(1, self.size - 1, 3):
-            lower[:, [w, w + 1]], upper[:, [w, w + 1]] = self.fleet.low, self.fleet.high
+            lower[:, [w, w + 1]], upper[:, [w, w + 1]] = self.low, self.high
         lower[:, -1] = np.maximum(least, _THERE * first)
         waiting = task.staying & (task.arrived > 0.0)
         upper[waiting, -1] = lower[waiting, -1]
@@ -130,13 +131,6 @@ class ArcProgram(FormationProgram):
     def own_margins(self, flown: ArcValues) -> dict[str, Array]:
         """Margins of what the thruster needs, and of robots that fly towards a wall."""
         return {"the time that the thruster of '{}' needs between burns": flown.margins}
-
-
-def least_arrivals(task: FormationTask) -> Array:
-    """Earliest arrivals (n,) s that torque, and a thruster that holds its direction, allow."""
-    turn = task.goal_yaw - task.yaw
-    held = 2.0 * np.abs(turn) / (_RATE_SHARE * task.thruster_rate)
-    return np.maximum(least_time(turn, task.yaw_rate, 0.999 * task.torque), held)
 
 
 def cleaned(

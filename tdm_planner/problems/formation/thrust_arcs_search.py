@@ -154,8 +154,9 @@ class ArcSeeds:
     def random(self) -> Array:
         """Return a guess with random corners."""
         n = self.task.n
-        share, bow = self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n)
-        return self.guess(share, bow, np.zeros(n))
+        return self.guess(
+            self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n), np.zeros(n)
+        )
 
     def screened(self) -> Iterator[Array]:
         """Yield the best guess for every set of sides, the best set first."""
@@ -191,7 +192,7 @@ def reseated(program: ArcProgram, point: ArcValues) -> Array | None:
     """
     x, moved = point.x.copy(), False
     touching = point.approaches[point.approaches[:, CLOSENESS] < _TOUCHING - 1.0]
-    for i in np.flatnonzero(program.varied):
+    for i in np.flatnonzero(program.varied).tolist():
         burns = point.burns[i]
         if np.hypot(*burns[1, :2]) > _STRAIGHT * program.fleet.speed:
             continue

@@ -155,38 +155,31 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:
     """Limits of one robot: thrust, thruster rate, torque, walls, keep-out zones."""
-    plant = task.plant
+    plant, rate, half = task.plant, task.thruster_rate, task.separation / 2
     thrust, torque = task.thrust * plant.mass, task.torque * plant.inertia
-    half = task.separation / 2
+
+    def pushed(times: Array, states: Array, controls: Array) -> Array:
+        return np.asarray(np.minimum(thrust - controls[:, 0], controls[:, 0]))
+
+    def turned(times: Array, states: Array, controls: Array) -> Array:
+        return np.asarray(rate - np.abs(controls[:, 1]))
 
     def walls(times: Array, states: Array, controls: Array) -> Array:
         nearest = np.minimum(states[:, :2], task.sides - states[:, :2])
-        return np.asarray(np.minimum(nearest[:, 0], nearest[:, 1]) - half)
+        return np.asarray(nearest.min(axis=1) - half)
+
+    def keep_out(times: Array, states: Array, controls: Array) -> Array:
+        apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
+        return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
 
     constraints = [
-        Constraint(
-            'thrust',
-            lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]),
-            _ROUNDING * thrust,
-            'N',
-        ),
-        Constraint(
-            'thruster_rate',
-            lambda t, x, u: task.thruster_rate - np.abs(u[:, 1]),
-            _ROUNDING * task.thruster_rate,
-            'rad/s',
-        ),
-        Constraint('torque', lambda t, x, u: torque - np.abs(u[:, 2]), _ROUNDING * torque, 'N m'),
+        Constraint('thrust', pushed, _ROUNDING * thrust, 'N'),
+        Constraint('thruster_rate', turned, _ROUNDING * rate, 'rad/s'),
+        Constraint('torque', lambda t, x, u: torque - abs(u[:, 2]), _ROUNDING * torque, 'N m'),
         Constraint('walls', walls, _ROUNDING, 'm'),
+        Constraint('keep_out', keep_out, _ROUNDING, 'm'),
     ]
-    if len(task.obstacles):
-
-        def keep_out(times: Array, states: Array, controls: Array) -> Array:
-            apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
-            return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
-
-        constraints.append(Constraint('keep_out', keep_out, _ROUNDING, 'm'))
-    return constraints
+    return constraints if len(task.obstacles) else constraints[:-1]
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:

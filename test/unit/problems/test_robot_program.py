@@ -206,12 +206,12 @@ def test_names_the_constraint_that_is_violated_most():
 
 
 def test_held_motions_are_avoided_and_not_varied() -> None:
-    every = PolynomialProgram(TASK)
+    every = PolynomialProgram(TASK, FORMS['default'])
     x = np.random.default_rng(3).normal(scale=0.05, size=every.units.shape) * every.units
     x[:, 0] = every.time
     held = np.full_like(x, np.nan)
     held[1] = x[1]
-    program = PolynomialProgram(TASK, held=held)
+    program = PolynomialProgram(TASK, FORMS['default'], held)
     xi = program.reduce(x)
     assert xi.size == every.reduce(x).size - every.size
     np.testing.assert_array_equal(program.full(xi)[1], x[1])
@@ -223,7 +223,7 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
     assert rows.shape[1] == xi.size
     held[0] = x[0]  # two kept robots leave the third all the room there is
-    program = PolynomialProgram(TASK, held=held)
+    program = PolynomialProgram(TASK, FORMS['default'], held)
     found = program.evaluate(program.reduce(x)).cache.approaches
     assert (found[:, 1] >= 2).all()
 
