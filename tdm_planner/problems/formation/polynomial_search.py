@@ -226,8 +226,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     Local minima of one manoeuvre from several first guesses, and their plans.
 
     Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
-    Of a `previous` plan the remaining motion is the initial guess, with polynomials
-    of higher order where those of the form do not do, and then one new guess after the other.
+    Of a `previous` plan the remaining motion is the initial guess, with polynomials of higher
+    order where those of the form do not do, and then one new guess after the other.
     """
 
     def __init__(

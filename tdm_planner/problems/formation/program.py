@@ -201,9 +201,7 @@ class FormationProgram(NonlinearProgram):
         self.free = np.flatnonzero(free.ravel())
         self.all_free = bool(free.all())
         self._scales = units * free
-        walls, (self.centres, apart) = task.wall_clearances(), task.circles()
-        self.low = np.ascontiguousarray(walls[..., 0])  # nearest to the walls, (n, 2)
-        self.high = np.ascontiguousarray(task.sides - walls[..., 1])
+        (self.low, self.high), (self.centres, apart) = task.wall_bounds(), task.circles()
         self.clearances = self._clearances(apart)
         self.interval = self.first / _INSTANTS
         arrivals = np.zeros((task.n, task.n, self.size))
@@ -218,8 +216,7 @@ class FormationProgram(NonlinearProgram):
         """Clearances (N, N) of all from one another; those of robots from what stands still."""
         task, n, count = self.task, self.task.n, len(self.centres)
         found = np.zeros((n + count, n + count))
-        i, j = np.triu_indices(n, 1)
-        found[i, j] = task.pair_clearances(i, j)
+        found[np.triu_indices(n, 1)] = task.pair_clearances()
         found[:n, n:] = apart
         still = np.concatenate([~self.varied, np.ones(count, dtype=bool)])
         found[np.ix_(still, still)] = 0.0

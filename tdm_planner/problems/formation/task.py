@@ -103,19 +103,20 @@ class FormationTask:
         wanted = (1.0 + _NUMERICAL_RESERVE) * required + self.margin
         return np.asarray(np.maximum(np.minimum(wanted, 0.999 * ends), required))
 
-    def pair_clearances(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
-        """Distances to plan for between robots i and j."""
+    def pair_clearances(self) -> Array:
+        """Distances to plan for between all pairs of robots, in the order of their indices."""
+        i, j = np.triu_indices(self.n, 1)
         at_start = np.linalg.norm(self.start[i] - self.start[j], axis=1)
         at_goal = np.linalg.norm(self.goal[i] - self.goal[j], axis=1)
         return self._wanted_clearance(self.separation, np.minimum(at_start, at_goal))
 
-    def wall_clearances(self) -> Array:
-        """Distances of the centres from the walls to plan for (n, 2, 2): [robot, axis, side]."""
-        low = np.minimum(self.start, self.goal)
-        high = self.sides - np.maximum(self.start, self.goal)
-        ends, half = np.stack([low, high], axis=-1), self.separation / 2
+    def wall_bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates (n, 2) to plan for, on account of the walls."""
+        half, ends = self.separation / 2, np.stack([self.start, self.goal])
         wanted = (1.0 + _NUMERICAL_RESERVE) * half + self.margin / 2
-        return np.asarray(np.maximum(np.minimum(wanted, ends), half))
+        low, high = ends.min(axis=0), self.sides - ends.max(axis=0)
+        low, high = (np.maximum(np.minimum(wanted, away), half) for away in (low, high))
+        return low, self.sides - high
 
     def circles(self) -> tuple[Array, Array]:
         """

@@ -148,7 +148,7 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
 
     A thruster that turns slowly lets robots deviate from the motions that were planned.
     """
-    reserved = task.pair_clearances(*np.triu_indices(task.n, 1)) - task.separation
+    reserved = task.pair_clearances() - task.separation
     left = [verification.worst[pair.name] for pair in separation_constraints(task)]
     return bool((np.array(left) >= 0.5 * np.minimum(reserved, task.margin)).all())
 
