@@ -182,7 +182,8 @@ class PolynomialProgram(FormationProgram):
         x[:, : self.nb] = b
         curvature = self.basis.values(s, 2)
         missed = (bend(s) - self.positions(x) @ curvature.T) * (weights / 2)
-        x[:, self.nb : self.yaws.start] = (missed @ (curvature @ self._free)).reshape(len(b), -1)
+        first, last = self.nb, self.yaws.start
+        x[:, first:last] = (missed @ (curvature @ self._free)).reshape(len(b), -1)
         return x
 
     def positions(self, x: Array) -> Array:
@@ -217,7 +218,7 @@ class PolynomialProgram(FormationProgram):
             return found
 
         x = self.fit(np.repeat(durations[:, None], self.nb, axis=1), bend)
-        x[ended, self.nb :] = 0.0
+        x[ended] *= np.arange(self.size) < self.nb
         return x
 
 
