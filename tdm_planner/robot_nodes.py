@@ -9,8 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tdm_planner.parameter_files import ros_parameters
-from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS, formation_specifications
-from tdm_planner.problems.formation.size import resized
+from tdm_planner.problems.formation.parameters import (
+    DEFAULT_ROBOTS,
+    formation_specifications,
+    resized,
+)
 
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 

@@ -19,14 +19,6 @@ _TWO, _THREE = ((x / 2.0 + 0.5, w / 2.0) for x, w in map(np.polynomial.legendre.
 _LITTLE, _MOST = 0.02, 0.2
 
 
-def compile_robot_replay() -> None:
-    """Compile the kernel or load it from the disk."""
-    given = np.arange(2.0), np.zeros((2, 3)), np.zeros(7)
-    for array in given:
-        array.flags.writeable = False  # as those of a trajectory are
-    replayed(*given, True, 1.0, 1.0, np.zeros(1))
-
-
 @compiled
 def replayed(
     samples: Array,

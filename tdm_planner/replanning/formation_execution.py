@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.problem import RobotFormation
+from tdm_planner.problems.formation.search import LATE
 from tdm_planner.problems.formation.verification import gas_used
-from tdm_planner.problems.formation.warm_start import LATE, turning_time
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
@@ -110,7 +110,7 @@ class FormationExecution(Execution):
         """
         motion = plan.motion(name)
         left = motion.end - at
-        late = LATE * turning_time(self._problem(plan).limits.thruster_rate)
+        late = LATE * math.pi / self._problem(plan).limits.thruster_rate
         planned = motion.sample(at)
         return planned if 0.0 < left < late and _near(planned.state, state, _ON_PLAN) else None
 

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 import math
 import re
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import (
+    build,
     group,
     NON_NEGATIVE,
     parameter,
@@ -27,8 +31,10 @@ from tdm_planner.parameters import (
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.problems.request import SolverParameters
 
+Array = NDArray[np.float64]
+
 DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
-_DEFAULT_STARTS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+_DEFAULT_STARTS: Mapping[str, tuple[float | None, float | None, float]] = MappingProxyType(
     {'robot1': (0.6, 0.7, 0.0), 'robot2': (3.4, 0.8, 2.4), 'robot3': (2.1, 3.4, -1.6)}
 )
 _DEFAULT_OFFSETS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
@@ -38,6 +44,9 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _RESERVED = frozenset({'anchor', 'start', 'replan', 'problem', 'solver', 'plan', 'markers'})
 _COORDINATE = Range(-1e4, 1e4)
 _SIDE = Range(1e-6, 2e4)
+_MOST_ROBOTS = 100
+_CLEARANCE = 1.5  # of two places of robots that are added, in units of minimum_separation
+_GRID = 40  # candidate places along the longer side of the arena
 
 
 @dataclass(frozen=True)
@@ -254,10 +263,7 @@ def robot_names(names: Sequence[str]) -> tuple[str, ...]:
 
 def default_start(name: str) -> RobotStart:
     """Start of a robot that none is given for; without position unless it is a default robot."""
-    if name not in _DEFAULT_STARTS:
-        return RobotStart()
-    x, y, yaw = _DEFAULT_STARTS[name]
-    return RobotStart(x=x, y=y, yaw=yaw)
+    return RobotStart(*_DEFAULT_STARTS.get(name, (None, None, 0.0)))
 
 
 def default_offset(name: str) -> tuple[float, ...] | None:
@@ -310,3 +316,81 @@ def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[floa
         anchor[1] + sine * place[0] + cosine * place[1],
         anchor[2] + place[2],
     ]
+
+
+def resized(values: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """
+    Return the parameters by dotted name that make a formation one of `number` robots.
+
+    The first ones that `values` (by dotted name) names in `robots` take part. Where more are
+    wanted, robot4, robot5, ... are added: each starts as far as possible from all others, facing
+    the formation, and takes the free place in it that is nearest to the anchor.
+
+    Raises
+    ------
+    InvalidProblem
+        If the number is not in [1, 100], or the arena has no room for so many.
+
+    """
+    if not 1 <= number <= _MOST_ROBOTS:
+        raise InvalidProblem(
+            f'number_of_robots = {number} is not allowed: must be in [1, {_MOST_ROBOTS}]'
+        )
+    specs = formation_specifications(values)
+    names = list(values.get('robots', DEFAULT_ROBOTS))[:number]
+    changed: dict[str, Any] = {}
+    if len(names) < number:
+        numbered = (f'robot{k}' for k in count(1))
+        added = [next(n for n in numbered if n not in names) for _ in range(number - len(names))]
+        given = {name: spec.check(values.get(name, spec.default)) for name, spec in specs.items()}
+        changed = _places(build(FormationParameters, values), given, names, added)
+        names += added
+    return {'robots': names, **changed}
+
+
+def _places(
+    formation: FormationParameters, given: Mapping[str, Any], names: list[str], added: list[str]
+) -> dict[str, Any]:
+    """Return starts and places in the formation of the robots that are added."""
+    free, anchor = _free_points(formation.arena), formation.formation.anchor
+    known = [(given[f'{name}.start.x'], given[f'{name}.start.y']) for name in names]
+    starts = [np.array(place) for place in known if None not in place]
+    offsets = [given[f'formation.{name}'] for name in names]
+    goals = [np.array(place_in_arena(anchor, place)[:2]) for place in offsets if place is not None]
+    least = _CLEARANCE * formation.arena.minimum_separation
+    made: dict[str, Any] = {}
+    for k, name in enumerate(added):
+        room, open_points = _room(free, starts), free[_room(free, goals) >= least]
+        if not len(open_points) or room.max() < least:
+            raise InvalidProblem(
+                f'number_of_robots = {len(names) + len(added)} is not allowed: there is room in '
+                f'the arena for {len(names) + k} at the most'
+            )
+        starts.append(free[room.argmax()])
+        goals.append(open_points[np.linalg.norm(open_points - anchor[:2], axis=1).argmin()])
+        x, y = starts[-1].tolist()
+        place = place_in_formation(anchor, [*goals[-1].tolist(), anchor[2]])
+        made[f'{name}.start.x'], made[f'{name}.start.y'] = round(x, 6), round(y, 6)
+        made[f'{name}.start.yaw'] = round(math.atan2(anchor[1] - y, anchor[0] - x), 6)
+        made[f'formation.{name}'] = [round(value, 6) for value in place]
+    return made
+
+
+def _free_points(arena: Arena) -> Array:
+    """Return points (n, 2) on which a robot keeps clear of walls and keep-out zones."""
+    gap = arena.minimum_separation
+    step = max(arena.length, arena.width) / _GRID
+    x, y = (
+        np.linspace(gap, side - gap, max(0, round((side - 2 * gap) / step) + 1))
+        for side in (arena.length, arena.width)
+    )
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    zones = np.array(arena.obstacles).reshape(-1, 3)
+    away = np.linalg.norm(points[:, None] - zones[:, :2], axis=2)
+    return np.asarray(points[(away >= zones[:, 2] + gap).all(axis=1)])
+
+
+def _room(points: Array, taken: list[Array]) -> Array:
+    """Return the distances (n,) of points (n, 2) from the nearest place that is taken."""
+    away = np.linalg.norm(points[:, None] - np.reshape(taken, (-1, 2)), axis=2)
+    return np.asarray(away.min(axis=1, initial=np.inf))

@@ -11,123 +11,59 @@ chained with those of the end derivatives, in which the polynomials are linear.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.virtual_arc import (
-    bernstein_basis,
-    chebyshev_nodes,
-    quadrature_weights,
-)
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_curvature, with_slopes
-from tdm_planner.problems.formation.approaches import approach_rows, approaches
-from tdm_planner.problems.formation.reference_motion import (
-    acceleration,
-    arc_at,
-    end_derivatives,
-    MotionForm,
-    MotionTables,
-    passing,
-    powers_at,
-    unpacked,
-)
+from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
+from tdm_planner.problems.formation.reference_motion import acceleration, arc_at, Grid, powers_at
 
 Array = NDArray[np.float64]
 Numbers = Sequence[Any]
 
-GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
-THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
+_GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
+_THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
 _ROUNDED = 1e-6  # of F_max, by which the margin of thrust is rounded off at zero
-ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
+ACTIVE_THRUST, _ACTIVE_TORQUE, _ACTIVE_WALL = 0.35, 0.5, 1.0
 _IRRELEVANT = 2.0  # a margin that makes no row
 
 
-def push(local: Numbers, thrust: Any) -> tuple[Any, ...]:
+def push(local: Numbers, thrust: Any, torque: Any) -> tuple[Any, ...]:
     """
-    Return the gas per arc [m/s], rounded off at zero, and the margin of thrust, 1 - F / F_max.
+    Return gas per arc [m/s], rounded off at zero, and margins 1 - F / F_max, 1 - |T| / T_max.
 
-    `local`: mu, mu_s, x_s, x_ss, y_s, y_ss.
+    `local`: mu, mu_s, x_s, x_ss, y_s, y_ss, yaw_s, yaw_ss.
     """
     mu, mu_s = local[:2]
     square = acceleration(mu, mu_s, *local[2:4]) ** 2 + acceleration(mu, mu_s, *local[4:6]) ** 2
-    limit = THRUST_SHARE * thrust
-    gas = np.sqrt(square + (GAS_SMOOTHING * thrust) ** 2) * mu
-    return gas, 1.0 - np.sqrt(square + (_ROUNDED * limit) ** 2) / limit
+    limit = _THRUST_SHARE * thrust
+    gas = np.sqrt(square + (_GAS_SMOOTHING * thrust) ** 2) * mu
+    pushed = 1.0 - np.sqrt(square + (_ROUNDED * limit) ** 2) / limit
+    return gas, pushed, 1.0 - np.abs(acceleration(mu, mu_s, *local[6:8])) / torque
 
 
-def turn(local: Numbers, torque: Any) -> tuple[Any, ...]:
-    """Return the margin of torque, 1 - |T| / T_max; `local`: mu, mu_s, yaw_s, yaw_ss."""
-    return (1.0 - np.abs(acceleration(*local)) / torque,)
-
-
-PUSH, TURN = 6, 4  # local variables
-_push = inlined(with_slopes(push, (), local=PUSH))
-_push_with_curvature = inlined(with_curvature(push, ('local',), local=PUSH, weights=2))
-_SLOPES = 2  # where they begin among the results
-_CURVATURE = _SLOPES + 2 * PUSH
-_RESULT = _CURVATURE + PUSH**2
-_turn = inlined(with_slopes(turn, (), local=TURN))
-_turn_with_slopes = inlined(with_slopes(turn, ('local',), local=TURN))
-
-
-class Grid(NamedTuple):
-    """
-    What depends on the form of the references alone, at K nodes and W arcs for walls.
-
-    `rates` (2, K, q + 1) are mu and mu_s by b; `paths` (2, K, m) and `turns` (2, K, my) the first
-    two derivatives by the end derivatives, `..._free` by the varied shapes; `places` (W, m).
-    `taylor` (2, m, m): expansions about s = 0 and 1; `passing` (q + 1, q + 2): powers of s in the
-    time at s, by b. `weights` (K,) of the quadrature.
-    """
-
-    weights: Array
-    rates: Array
-    paths: Array
-    paths_free: Array
-    turns: Array
-    turns_free: Array
-    places: Array
-    places_free: Array
-    taylor: Array
-    passing: Array
-
-
-@lru_cache(maxsize=32)
-def grid_of(form: MotionForm) -> Grid:
-    """Tabulate what depends on the form alone."""
-    s = chebyshev_nodes(form.points)
-    ends = end_derivatives(form.order, form.vary_ends)
-    yaws = end_derivatives(form.yaw_order, False)
-    arcs = 2 * form.order - 1
-    paths, turns = (np.stack([of.basis.values(s, d) for d in (1, 2)]) for of in (ends, yaws))
-    places = ends.basis.values(np.arange(1, arcs + 1) / (arcs + 1))
-    return Grid(
-        weights=quadrature_weights(s),
-        rates=np.stack([bernstein_basis(form.degree, s, d) for d in range(2)]),
-        paths=paths,
-        paths_free=paths @ ends.free,
-        turns=turns,
-        turns_free=turns @ yaws.free,
-        places=places,
-        places_free=places @ ends.free,
-        taylor=np.stack([ends.basis.about_start, ends.basis.about_end]),
-        passing=passing(form.degree),
-    )
+_LOCAL, _VALUES, _WEIGHTED = 8, 3, 2  # local variables, values, those of which curvature is wanted
+_push = inlined(with_slopes(push, (), local=_LOCAL))
+_push_with_curvature = inlined(with_curvature(push, ('local',), local=_LOCAL, weights=_WEIGHTED))
+_CURVATURE = _VALUES * (1 + _LOCAL)  # where it begins among the results
 
 
 class Manoeuvre(NamedTuple):
     """
     One manoeuvre, as the kernels take it.
 
-    Walls are at `low` and `high` (n, 2); clearances (N, N) as `FormationProgram` has them, of
-    robots and of what stands still at the `centres` (c, 2). `kept` (n,) are not `varied`.
+    `fixed` (n, 3, m) is what is given of the end derivatives of x, y and yaw, `velocity` and
+    `acceleration` (n, 3) the start's. Walls are at `low` and `high` (n, 2); clearances (N, N) as
+    `FormationProgram` has them, of robots and of what stands still at the `centres` (c, 2). `kept`
+    (n,) are not `varied`.
     """
 
     grid: Grid
-    motion: MotionTables
+    fixed: Array
+    velocity: Array
+    acceleration: Array
     coast: Array
     thrust: float
     torque: float
@@ -145,69 +81,92 @@ class Values(NamedTuple):
     """
     What is known at one x (n, P); margins are relative to their limits, negative if violated.
 
-    `gas` (n,) m/s; `thrust`, `torque` (n, K) at the nodes, `walls` (n, 2, 2, W) [robot, axis,
-    side, arc]; `approaches` (r, 6); end derivatives `position` (n, 2, m) and `yaw` (n, my), powers
-    of s in the time `times` (n, q + 2), Taylor coefficients about both ends (n, 2, 2, m).
+    All `gas` [m/s] and the `worst` margin; `thrust`, `torque` (n, K) at the nodes, `walls`
+    (n, 2, 2, W) [robot, axis, side, arc]; `approaches` (r, 6); `ends` (n, 3, m), the
+    end derivatives; powers of s in the time `times` (n, q + 2), Taylor coefficients about both
+    ends (n, 2, 2, m).
     """
 
     x: Array
-    gas: Array
+    gas: float
+    worst: float
     thrust: Array
     torque: Array
     walls: Array
     approaches: Array
-    position: Array
-    yaw: Array
+    ends: Array
     times: Array
     expansions: Array
 
 
 @compiled
-def _set_locals(g: Grid, x: Array, ends: Array, yaw: Array, k: int, at: Array) -> None:
-    """Fill in mu, mu_s, then the first two derivatives of x, y and yaw at node k, (8,)."""
-    at[:] = 0.0
+def unpacked(t: Manoeuvre, x: Array) -> Array:
+    """End derivatives by s, (n, 3, m), at the varied parameters x (n, P)."""
+    g, ends = t.grid, t.fixed.copy()
+    for i in range(len(x)):
+        mu, mu_s = x[i, 0], g.slope @ x[i, : g.slope.size]
+        for axis in range(3):
+            ends[i, axis] += g.shapes[axis] @ x[i]
+            v, a = t.velocity[i, axis], t.acceleration[i, axis]
+            ends[i, axis, 1] += mu * v
+            ends[i, axis, 2] += g.given[axis] * (mu**2 * a + mu_s * v)
+    return ends
+
+
+@compiled
+def _by_parameters(t: Manoeuvre, x: Array, i: int) -> Array:
+    """Slopes (3, m, P) of robot i's end derivatives by its x (P,)."""
+    g, by = t.grid, t.grid.shapes.copy()
+    for axis in range(3):
+        v, a = t.velocity[i, axis], t.acceleration[i, axis]
+        by[axis, 1, 0] += v
+        by[axis, 2, 0] += g.given[axis] * 2.0 * x[0] * a
+        by[axis, 2, : g.slope.size] += g.given[axis] * v * g.slope
+    return by
+
+
+@compiled
+def _locals(g: Grid, x: Array, ends: Array) -> Array:
+    """Return what `push` wants of one robot, at all nodes (K, 8)."""
+    at = np.empty((g.weights.size, _LOCAL))
     for d in range(2):
-        for j in range(g.rates.shape[2]):
-            at[d] += g.rates[d, k, j] * x[j]
-        for j in range(ends.shape[1]):
-            at[2 + d] += g.paths[d, k, j] * ends[0, j]
-            at[4 + d] += g.paths[d, k, j] * ends[1, j]
-        for j in range(yaw.size):
-            at[6 + d] += g.turns[d, k, j] * yaw[j]
+        at[:, d] = g.rates[d] @ x[: g.slope.size]
+        for axis in range(3):
+            at[:, 2 + 2 * axis + d] = g.paths[axis, d] @ ends[axis]
+    return at
 
 
 @compiled
 def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
     """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
-    g, n, nb = t.grid, len(x), t.motion.slope.size
-    position, yaw = unpacked(t.motion, x)
-    count, m = g.weights.size, position.shape[2]
-    gas, at = np.zeros(n), np.zeros(PUSH + 2)
+    g, n, nb = t.grid, len(x), t.grid.slope.size
+    ends, count, gas = unpacked(t, x), g.weights.size, 0.0
     thrust, torque = np.full((n, count), _IRRELEVANT), np.full((n, count), _IRRELEVANT)
     walls = np.full((n, 2, 2, len(g.places)), _IRRELEVANT)
-    times, expansions, last = np.zeros((n, nb + 1)), np.zeros((n, 2, 2, m)), 0.0
+    times, expansions, last = np.zeros((n, nb + 1)), np.zeros((n, 2, 2, ends.shape[2])), 0.0
     for i in range(n):
         times[i] = x[i, :nb] @ g.passing
         last = max(last, t.coast[i] + times[i].sum())
         for side in range(2):
             for axis in range(2):
-                expansions[i, side, axis] = g.taylor[side] @ position[i, axis]
+                expansions[i, side, axis] = g.taylor[side] @ ends[i, axis]
         if t.kept[i]:
             continue
+        at = _locals(g, x[i], ends[i])
         for k in range(count):
-            _set_locals(g, x[i], position[i], yaw[i], k, at)
-            used, thrust[i, k] = _push(at[:PUSH], t.thrust)
-            gas[i] += g.weights[k] * used
-            (torque[i, k],) = _turn((at[0], at[1], at[6], at[7]), t.torque)
+            used, thrust[i, k], torque[i, k] = _push(at[k], t.thrust, t.torque)
+            gas += g.weights[k] * used
         for axis in range(2):
-            for k in range(len(g.places)):
-                place = g.places[k] @ position[i, axis]
-                walls[i, axis, 0, k] = (place - t.low[i, axis]) / t.separation
-                walls[i, axis, 1, k] = (t.high[i, axis] - place) / t.separation
+            places = g.places @ ends[i, axis]
+            walls[i, axis, 0] = (places - t.low[i, axis]) / t.separation
+            walls[i, axis, 1] = (t.high[i, axis] - places) / t.separation
     motion = t, times, expansions
     near = approaches(_place, motion, t.clearances, last, t.interval, found)
+    worst = min(1.0, thrust.min(), torque.min(), walls.min())
+    for r in range(near):
+        worst = min(worst, found[r, CLOSENESS])
     return Values(
-        x, gas, thrust, torque, walls, found[:near], position, yaw, times, expansions
+        x, gas, worst, thrust, torque, walls, found[:near], ends, times, expansions
     )  # fmt: skip
 
 
@@ -228,20 +187,9 @@ def _place(motion: tuple[Manoeuvre, Array, Array], i: int, time: float, at: Arra
         place, first, second = powers_at(expansions[i, side, axis], s - side)
         at[axis], at[2 + axis] = place, first / mu
         if since < 0.0:
-            at[axis] += since * t.motion.velocity[i, axis]
+            at[axis] += since * t.velocity[i, axis]
         elif since < duration:
             at[4 + axis] = acceleration(mu, mu_s, first, second)
-
-
-@inlined
-def _add_departure(
-    t: MotionTables, x: Array, i: int, axis: int, first: float, second: float, row: Array
-) -> None:
-    """Add to `row` the slopes by b of what the start gives, by its first two derivatives."""
-    v, a = t.velocity[i, axis], t.given[axis] * t.acceleration[i, axis]
-    row[0] += first * v + 2.0 * second * x[0] * a
-    for j in range(t.slope.size):
-        row[j] += second * t.given[axis] * t.slope[j] * v
 
 
 @compiled
@@ -250,43 +198,19 @@ def _add_slope(
 ) -> None:
     """Add to `row` (P,) the slopes of `along` (2,) times robot i's position at an instant."""
     t, at = motion
-    (m, nf), nb, times = t.motion.shapes.shape, t.motion.slope.size, at.times[i]
+    g, times, by = t.grid, at.times[i], _by_parameters(t, at.x[i], i)
     s = arc_at(times, times.sum(), time - t.coast[i])
     side, speed = int(s > 0.5), 0.0
-    values = np.empty(m)
-    for j in range(m):
-        values[j] = powers_at(t.grid.taylor[side, :, j], s - side)[0]
+    values = np.empty(at.ends.shape[2])
+    for j in range(values.size):
+        values[j] = powers_at(g.taylor[side, :, j], s - side)[0]
     for axis in range(2):
-        _add_departure(
-            t.motion, at.x[i], i, axis, along[axis] * values[1], along[axis] * values[2], row
-        )
-        for q in range(nf):
-            for j in range(m):
-                row[nb + axis * nf + q] += along[axis] * values[j] * t.motion.shapes[j, q]
+        row += along[axis] * (values @ by[axis])
         speed += along[axis] * powers_at(at.expansions[i, side, axis], s - side)[1]
     if 0.0 < s < 1.0:  # at a fixed instant the arc changes with the speed
         speed /= powers_at(times, s)[1]
-        for j in range(nb):
-            row[j] -= speed * powers_at(t.grid.passing[j], s)[0]
-
-
-@compiled
-def _set_slopes(t: Manoeuvre, x: Array, i: int, k: int, by: Array) -> None:
-    """Fill in the slopes (8, P) of what `_set_locals` gives."""
-    g, nb, nf = t.grid, t.motion.slope.size, t.motion.shapes.shape[1]
-    by[:] = 0.0
-    for d in range(2):
-        by[d, :nb] = g.rates[d, k]
-        for axis in range(3):
-            row, first = by[2 + 2 * axis + d], nb + axis * nf
-            last = first + nf
-            if axis < 2:
-                row[first:last] = g.paths_free[d, k]
-                begin, bend = g.paths[d, k, 1], g.paths[d, k, 2]
-            else:
-                row[first:] = g.turns_free[d, k]
-                begin, bend = g.turns[d, k, 1], g.turns[d, k, 2]
-            _add_departure(t.motion, x, i, axis, begin, bend, row)
+        for j in range(len(g.passing)):
+            row[j] -= speed * powers_at(g.passing[j], s)[0]
 
 
 @compiled
@@ -300,70 +224,53 @@ def derivatives(
     the margins of thrust; the margins near active (r,), those of thrust first, and their slopes
     (r, n, P).
     """
-    g, (n, size), near = t.grid, at.x.shape, at.approaches
-    nb, nf = t.motion.slope.size, t.motion.shapes.shape[1]
-    most = (at.thrust < ACTIVE_THRUST).sum() + (at.torque < ACTIVE_TORQUE).sum()
-    most += (at.walls < ACTIVE_WALL).sum() + len(near)
+    g, (n, size), count, near = t.grid, at.x.shape, t.grid.weights.size, at.approaches
+    most = (at.thrust < ACTIVE_THRUST).sum() + (at.torque < _ACTIVE_TORQUE).sum()
+    most += (at.walls < _ACTIVE_WALL).sum() + len(near)
     margins, rows, r = np.empty(most), np.zeros((most, n, size)), 0
     gradient, hessian = np.zeros((n, size)), np.zeros((n, size, size))
-    local, by, found = np.zeros(PUSH + 2), np.zeros((PUSH + 2, size)), np.empty(_RESULT)
-    weights, bent = np.empty(2), np.empty((PUSH, size))
+    turns, places = np.zeros((n, count, size)), np.zeros((n, 2, len(g.places), size))
+    by, weights = np.zeros((_LOCAL, count, size)), np.empty(_WEIGHTED)
+    found = np.empty(_CURVATURE + _LOCAL**2)
     for i in range(n):
         if t.kept[i]:
             continue
-        for k in range(g.weights.size):
-            _set_locals(g, at.x[i], at.position[i], at.yaw[i], k, local)
-            _set_slopes(t, at.x[i], i, k, by)
+        local, ends_by = _locals(g, at.x[i], at.ends[i]), _by_parameters(t, at.x[i], i)
+        for d in range(2):
+            by[d, :, : g.slope.size] = g.rates[d]
+            places[i, d] = g.places @ ends_by[d] / t.separation
+            for axis in range(3):
+                by[2 + 2 * axis + d] = g.paths[axis, d] @ ends_by[axis]
+        for k in range(count):
             weights[0], weights[1] = weight * g.weights[k], -dual[i, k]
-            _push_with_curvature(local[:PUSH], t.thrust, weights, found)
-            slopes = found[_SLOPES:_CURVATURE].reshape(PUSH, 2)
-            curvature = found[_CURVATURE:].reshape(PUSH, PUSH)
-            bent[:] = 0.0
-            for j in range(PUSH):
-                for other in range(PUSH):
-                    for p in range(size - t.motion.turns.shape[1]):
-                        bent[j, p] += curvature[j, other] * by[other, p]
-            for j in range(PUSH):
-                for p in range(size):
-                    slope = by[j, p]
-                    if slope != 0.0:
-                        gradient[i, p] += weights[0] * slopes[j, 0] * slope
-                        for q in range(size):
-                            hessian[i, p, q] += slope * bent[j, q]
+            _push_with_curvature(local[k], t.thrust, t.torque, weights, found)
+            slopes = found[_VALUES:_CURVATURE].reshape(_LOCAL, _VALUES)
+            bend = found[_CURVATURE:].reshape(_LOCAL, _LOCAL)
+            here = np.ascontiguousarray(by[:, k])
+            steep = slopes.T @ here
+            gradient[i] += weights[0] * steep[0]
+            hessian[i] += here.T @ (bend @ here)
+            turns[i, k] = steep[2]
             for axis in range(2):  # the start's acceleration comes with the square of mu
-                a = 2.0 * t.motion.given[axis] * t.motion.acceleration[i, axis]
+                a = 2.0 * g.given[axis] * t.acceleration[i, axis]
                 for d in range(2):
-                    one, other = slopes[2 + 2 * axis + d]
-                    steep = weights[0] * one + weights[1] * other
-                    hessian[i, 0, 0] += a * steep * g.paths[d, k, 2]
+                    one, other, _ = slopes[2 + 2 * axis + d]
+                    both = weights[0] * one + weights[1] * other
+                    hessian[i, 0, 0] += a * both * g.paths[axis, d, k, 2]
             if at.thrust[i, k] < ACTIVE_THRUST:
-                for j in range(PUSH):
-                    for p in range(size):
-                        rows[r, i, p] += slopes[j, 1] * by[j, p]
-                margins[r] = at.thrust[i, k]
+                margins[r], rows[r, i] = at.thrust[i, k], steep[1]
                 r += 1
     for i in range(n):
-        for k in range(g.weights.size):
-            if at.torque[i, k] < ACTIVE_TORQUE:
-                _set_locals(g, at.x[i], at.position[i], at.yaw[i], k, local)
-                _set_slopes(t, at.x[i], i, k, by)
-                turning = local[0], local[1], local[6], local[7]
-                steep = _turn_with_slopes(turning, t.torque)[1:]
-                for p in range(size):
-                    rows[r, i, p] += steep[0] * by[0, p] + steep[1] * by[1, p]
-                    rows[r, i, p] += steep[2] * by[6, p] + steep[3] * by[7, p]
-                margins[r] = at.torque[i, k]
+        for k in range(count):
+            if at.torque[i, k] < _ACTIVE_TORQUE:
+                margins[r], rows[r, i] = at.torque[i, k], turns[i, k]
                 r += 1
         for axis in range(2):
             for side in range(2):
-                sign, first = (1.0 - 2.0 * side) / t.separation, nb + axis * nf
-                last = first + nf
                 for k in range(len(g.places)):
-                    if at.walls[i, axis, side, k] < ACTIVE_WALL:
-                        rows[r, i, first:last] = sign * g.places_free[k]
-                        begin, bend = sign * g.places[k, 1], sign * g.places[k, 2]
-                        _add_departure(t.motion, at.x[i], i, axis, begin, bend, rows[r, i])
+                    if at.walls[i, axis, side, k] < _ACTIVE_WALL:
                         margins[r] = at.walls[i, axis, side, k]
+                        rows[r, i] = (1.0 - 2.0 * side) * places[i, axis, k]
                         r += 1
     approach_rows(_add_slope, (t, at), t.varied, t.clearances, near, rows[r:], margins[r:])
     return gradient, hessian, margins, rows

@@ -4,6 +4,13 @@
 """
 From reference motions to trajectories: inverse dynamics, with a thruster that turns slowly.
 
+A robot that accelerates and then brakes turns its thrust by half a turn while little thrust is
+wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed
+at an instant is e / F for some acceleration e. The smallest e is sought for which a direction
+exists that is within the allowed errors at all instants and turns no faster than the limit: the
+upper and lower envelopes of the allowed directions, with the limit as their Lipschitz constant,
+must not cross. One causal pass then follows the wanted direction between the envelopes.
+
 Where the thruster cannot follow, the thrust is the projection of the wanted acceleration on the
 direction it has, and the small error this leaves at the end is taken back by shooting: a smooth
 acceleration is added where thrust is on and has room, until forward integration of (17) under
@@ -18,10 +25,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.problems.formation.reference_motion import acceleration as in_time
-from tdm_planner.problems.formation.reference_motion import FormationMotion, ReferenceMotion
+from tdm_planner.direct_method.virtual_arc import bernstein_basis
+from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation.polynomial_kernels import Values
+from tdm_planner.problems.formation.reference_motion import (
+    acceleration as in_time,
+)
+from tdm_planner.problems.formation.reference_motion import (
+    arcs_at,
+    end_derivatives,
+    MotionForm,
+)
 from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.thrust_direction import ThrustDirection
 from tdm_planner.problems.formation.verification import flown
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -31,68 +46,22 @@ _SAMPLES = 401
 _SHORTEST_STEP = 0.01
 _SHOTS, _CAREFUL_SHOTS = 9, 10
 _STEP = 0.1  # of the error, by which corrections are differenced
-_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _TURNED = 1e-12  # rad, rad/s: what is left of an error of the attitude at the end
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """
-    What the reference motion asks of one robot at `times` (N,) s.
-
-    `acceleration` (N, 2) m/s^2, `yaw` (N,) rad, `yaw_acceleration` (N,) rad/s^2.
-    """
-
-    times: Array
-    acceleration: Array
-    yaw: Array
-    yaw_acceleration: Array
-
-
-def wanted(model: ReferenceMotion, motion: FormationMotion, robot: int) -> Wanted:
-    """Exact inverse of the reference motion of one robot on evenly spaced instants."""
-    task = model.task
-    coast = float(task.coast[robot])
-    duration = coast + float(motion.durations[robot])
-    count = min(_SAMPLES, max(8, int(duration / _SHORTEST_STEP)))
-    times = to_nanoseconds(np.linspace(0.0, duration, count))
-    s = model.arcs_at(motion, robot, times)
-    speed = model.speed(motion, robot, s)
-    turn = [motion.yaw[robot] @ model.yaw_basis.basis.values(s, d).T for d in range(3)]
-    path = [motion.position[robot] @ model.basis.basis.values(s, d).T for d in (1, 2)]
-    acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn[1:])
-    waiting = times < coast
-    acceleration[:, waiting] = 0.0
-    yaw_acceleration[waiting] = 0.0
-    yaw = turn[0] + task.yaw_rate[robot] * np.minimum(times - coast, 0.0)
-    return Wanted(times, acceleration.T, yaw, yaw_acceleration)
-
-
-def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Array:
-    """
-    Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
-
-    Zero where the thruster's angle is free, the robot stays, or the manoeuvre begins with so
-    little thrust that the thruster can turn on the way.
-    """
-    task = model.task
-    mu, slope = motion.rates[:, :1], (motion.rates @ model.tables.slope)[:, None]
-    acceleration = in_time(mu, slope, motion.position[..., 1], motion.position[..., 2])
-    heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
-    away = heading - task.departure_yaw - task.alpha
-    away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-    weak = np.linalg.norm(acceleration, axis=1) < _WEAK * task.thrust
-    return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
+_ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
+_RATE_SHARE = 0.98  # of the limit used to turn
+_SLACK = 1.2  # over the least error, so that small changes of what is wanted fit in
+_BISECTIONS = 12
 
 
 def trajectory(
-    model: ReferenceMotion,
-    motion: FormationMotion,
+    task: FormationTask,
+    form: MotionForm,
+    values: Values,
     robot: int,
-    budget: Budget | None = None,
-    enough: float = 1.0,
-    careful: bool = True,
+    budget: Budget,
+    enough: float,
+    careful: bool,
 ) -> Trajectory:
     """
     Return controls of one robot and the states that follow from them by forward integration.
@@ -100,28 +69,82 @@ def trajectory(
     The end is corrected until it misses the goal by `enough` times .2 mm, .1 mm/s, or until the
     `budget` is spent; by differences, where nothing else leads there, only if `careful`.
     """
-    task, goal = model.task, model.task.goal[robot]
-    aim = _turnable(task, robot, wanted(model, motion, robot))
-    direction = ThrustDirection(
-        aim.times,
-        aim.acceleration,
-        aim.yaw,
-        task.thruster_rate,
-        task.thrust,
-        float(task.alpha[robot]),
-    )
+    times, wanted, yaw_acceleration = _wanted(task, form, values, robot)
+    yaw, torque = _turned(task, robot, times, yaw_acceleration)
+    given = task.thruster_rate, task.thrust, float(task.alpha[robot])
+    direction = ThrustDirection(times, wanted, yaw, *given)
+
+    def fly(acceleration: Array) -> Trajectory:
+        """Project the acceleration on the thruster's direction and integrate (17)."""
+        alpha, rate = direction.follow(acceleration)
+        heading = alpha + yaw
+        along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
+        push = task.plant.mass * np.clip(along, 0.0, task.thrust)
+        controls = np.stack([push, rate, task.plant.inertia * torque], axis=1)
+        return flown(task, robot, times, controls, alpha[0], 'linear')
+
     if task.staying[robot]:
-        return _fly(task, robot, aim, aim.acceleration, *direction.follow(aim.acceleration))
-    shapes, effects = _corrections(aim.times, _room(aim.acceleration, task.thrust))
+        return fly(wanted)
+    goal = np.array([task.goal[robot, 0], 0.0, task.goal[robot, 1], 0.0])
+    shapes, effects = _corrections(times, wanted, task.thrust)
 
-    def fly(sizes: Array) -> Shot:
+    def shot(sizes: Array) -> Shot:
         added = np.stack([shapes @ sizes[:2], shapes @ sizes[2:]], axis=1)
-        acceleration = aim.acceleration + added
-        flown = _fly(task, robot, aim, acceleration, *direction.follow(acceleration))
-        error = flown.states[-1, [0, 2, 1, 3]] - [goal[0], 0.0, goal[1], 0.0]
-        return Shot(sizes, flown, error / _AIM)
+        motion = fly(wanted + added)
+        return Shot(sizes, motion, (motion.states[-1, [0, 2, 1, 3]] - goal) / _AIM)
 
-    return _shoot(fly, effects, budget, enough, _CAREFUL_SHOTS if careful else 0).flown
+    return _shoot(shot, effects, budget, enough, _CAREFUL_SHOTS if careful else 0).flown
+
+
+def _wanted(
+    task: FormationTask, form: MotionForm, values: Values, robot: int
+) -> tuple[Array, Array, Array]:
+    """Evenly spaced instants (N,) s, accelerations wanted then, (N, 2) and of the yaw (N,)."""
+    coast, b = float(task.coast[robot]), values.x[robot, : form.degree + 1]
+    moving = float(b.mean())
+    count = min(_SAMPLES, max(8, int((coast + moving) / _SHORTEST_STEP)))
+    times = to_nanoseconds(np.linspace(0.0, coast + moving, count))
+    s = arcs_at(values.times[robot], moving, times - coast)
+    speed = [bernstein_basis(form.degree, s, d) @ b for d in range(2)]
+    basis, _ = end_derivatives(form.order, form.vary_ends)
+    yaw_basis, _ = end_derivatives(form.yaw_order, False)
+    position, yaw = values.ends[robot, :2, : form.order + 1], values.ends[robot, 2]
+    path = [position @ basis.values(s, d).T for d in (1, 2)]
+    turn = [yaw[: form.yaw_order + 1] @ yaw_basis.values(s, d).T for d in (1, 2)]
+    acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn)
+    acceleration[:, times < coast] = 0.0
+    yaw_acceleration[times < coast] = 0.0
+    return times, acceleration.T, yaw_acceleration
+
+
+def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tuple[Array, Array]:
+    """
+    Yaw (N,) and yaw acceleration that torques linear between samples really give.
+
+    The torque is limited, and corrected where it has room so that the attitude ends at its goal.
+    """
+    torque = np.clip(wanted, -task.torque, task.torque)
+    left = times[-1] - times
+    steps = np.diff(times)
+
+    def integrate(torque: Array) -> tuple[Array, Array]:
+        gain = steps * (torque[:-1] + torque[1:]) / 2
+        rate = task.yaw_rate[robot] + np.concatenate([[0.0], np.cumsum(gain)])
+        turned = steps * (rate[:-1] + steps * (2 * torque[:-1] + torque[1:]) / 6)
+        return task.yaw[robot] + np.concatenate([[0.0], np.cumsum(turned)]), rate
+
+    room = np.where(torque == 0.0, 0.0, 1.0 - np.abs(torque) / task.torque)
+    shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
+    effects = _effects(times, shapes)
+    yaw, rate = integrate(torque)
+    for _ in range(3 if room.any() else 0):
+        error = np.array([yaw[-1] - task.goal_yaw[robot], rate[-1]])
+        if np.abs(error).max() < _TURNED:
+            break
+        change = shapes @ np.linalg.lstsq(effects, -error, rcond=None)[0]
+        torque = np.clip(torque + change, -task.torque, task.torque)
+        yaw, rate = integrate(torque)
+    return yaw, torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +164,7 @@ class Shot:
 def _shoot(
     fly: Callable[[Array], Shot],
     effects: Array,
-    budget: Budget | None,
+    budget: Budget,
     enough: float,
     careful_shots: int,
 ) -> Shot:
@@ -156,7 +179,7 @@ def _shoot(
     first = effects
 
     def done() -> bool:
-        return best.miss <= enough or (budget is not None and budget.spent)
+        return best.miss <= enough or budget.spent
 
     for _ in range(_SHOTS):
         if done():
@@ -170,20 +193,15 @@ def _shoot(
     for _ in range(careful_shots):
         if done():
             break
-        if share == 1.0:
-            effects = _differenced(fly, best)
+        if share == 1.0:  # by differences
+            step = max(1.0, _STEP * best.miss)
+            beside = np.stack([fly(best.sizes + each).error for each in step * np.eye(4)], axis=1)
+            effects = (beside - best.error[:, None]) / step
         change = -share * np.linalg.lstsq(effects, best.error, rcond=1e-3)[0]
         shot = fly(best.sizes + change)
         nearer = np.linalg.norm(shot.error) < np.linalg.norm(best.error)
         best, share = (shot, 1.0) if nearer else (best, 0.4 * share)
     return best
-
-
-def _differenced(fly: Callable[[Array], Shot], at: Shot) -> Array:
-    """Effects (4, 4) of every correction by differences."""
-    step = max(1.0, _STEP * at.miss)
-    columns = [(fly(at.sizes + step * unit).error - at.error) / step for unit in np.eye(4)]
-    return np.stack(columns, axis=1)
 
 
 def _effects(times: Array, shapes: Array) -> Array:
@@ -194,71 +212,156 @@ def _effects(times: Array, shapes: Array) -> Array:
     return np.stack([weights * (times[-1] - times), weights]) @ shapes
 
 
-def _turnable(task: FormationTask, robot: int, aim: Wanted) -> Wanted:
+def _corrections(times: Array, wanted: Array, thrust: float) -> tuple[Array, Array]:
     """
-    Return what is wanted with the attitude that torques linear between samples really give.
+    Corrections of the accelerations `wanted` (N, 2), and what they do to the final state.
 
-    The torque is limited, and corrected where it has room so that the attitude ends at its goal.
+    They go where thrust is on, so that its direction is well held, and where it has room. An axis
+    has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about `_AIM`. The
+    effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.
     """
-    torque = np.clip(aim.yaw_acceleration, -task.torque, task.torque)
-    left = aim.times[-1] - aim.times
-    steps = np.diff(aim.times)
-
-    def integrate(torque: Array) -> tuple[Array, Array]:
-        gain = steps * (torque[:-1] + torque[1:]) / 2
-        rate = task.yaw_rate[robot] + np.concatenate([[0.0], np.cumsum(gain)])
-        turned = steps * (rate[:-1] + steps * (2 * torque[:-1] + torque[1:]) / 6)
-        return task.yaw[robot] + np.concatenate([[0.0], np.cumsum(turned)]), rate
-
-    room = np.where(torque == 0.0, 0.0, 1.0 - np.abs(torque) / task.torque)
-    shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
-    effects = _effects(aim.times, shapes)
-    yaw, rate = integrate(torque)
-    for _ in range(3 if room.any() else 0):
-        error = np.array([yaw[-1] - task.goal_yaw[robot], rate[-1]])
-        if np.abs(error).max() < _TURNED:
-            break
-        change = shapes @ np.linalg.lstsq(effects, -error, rcond=None)[0]
-        torque = np.clip(torque + change, -task.torque, task.torque)
-        yaw, rate = integrate(torque)
-    return Wanted(aim.times, aim.acceleration, yaw, torque)
-
-
-def _room(acceleration: Array, thrust: float) -> Array:
-    """Where a correction goes (N,): thrust on, so that its direction is well held, and room."""
-    force = np.hypot(acceleration[:, 0], acceleration[:, 1]) / thrust
+    force = np.hypot(wanted[:, 0], wanted[:, 1]) / thrust
     room = np.minimum(force, 0.3) * np.clip(1.03 - force, 0.02, 0.4) + 1e-6
-    return np.asarray(np.where(force > 0.0, room, 0.0))
-
-
-def _corrections(times: Array, room: Array) -> tuple[Array, Array]:
-    """
-    Corrections of the acceleration, and what they do to the final state.
-
-    An axis has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about
-    `_AIM`. The effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.
-    """
+    room[force == 0.0] = 0.0
     left = times[-1] - times
     shapes = room[:, None] * np.stack([left / left[0], 1.0 - left / left[0]], axis=1)
     effects = _effects(times, shapes) / _AIM[:2, None]
     scale = np.abs(effects).max(axis=0)
-    both = np.zeros((4, 4))
-    both[:2, :2] = both[2:, 2:] = effects / scale
-    return shapes / scale, both
+    return shapes / scale, np.kron(np.eye(2), effects / scale)
 
 
-def _fly(
-    task: FormationTask,
-    robot: int,
-    aim: Wanted,
-    acceleration: Array,
-    alpha: Array,
-    rate: Array,
-) -> Trajectory:
-    """Project the wanted acceleration on the thruster's direction and integrate (17)."""
-    plant, heading = task.plant, alpha + aim.yaw
-    along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
-    push = np.clip(along, 0.0, task.thrust)
-    torque = plant.inertia * aim.yaw_acceleration
-    controls = np.stack([plant.mass * push, rate, torque], axis=1)
-    return flown(task, robot, aim.times, controls, alpha[0], 'linear')
+class ThrustDirection:
+    """
+    Follow wanted accelerations (n, 2) [m/s^2] at evenly spaced `times` (n,) s.
+
+    `yaw` (n,) rad; `rate` [rad/s] limits the thruster, `thrust` [m/s^2] the acceleration; `alpha`
+    is the thruster's angle at the start, NaN where it is free.
+    """
+
+    def __init__(
+        self, times: Array, wanted: Array, yaw: Array, rate: float, thrust: float, alpha: float
+    ) -> None:
+        self.times, self.yaw = times, yaw
+        self.rate, self.thrust, self.alpha = rate, thrust, alpha
+        self.steps = np.diff(_RATE_SHARE * rate * times)
+        self.heading = np.unwrap(self._headings(wanted))
+        if not np.isnan(alpha):
+            away = self.heading[0] - yaw[0] - alpha
+            self.heading -= 2 * np.pi * np.round(away / (2 * np.pi))
+        self.error = self._least_error(wanted)
+        if self.error > 0.002 * thrust:
+            self._reconsider_turns(wanted)
+
+    def _headings(self, wanted: Array) -> Array:
+        """Headings of the wanted accelerations, held where nothing is wanted (n,) rad."""
+        heading = np.arctan2(wanted[:, 1], wanted[:, 0])
+        idle = np.hypot(wanted[:, 0], wanted[:, 1]) < 1e-9 * self.thrust
+        if idle.all():
+            return np.zeros(len(wanted))
+        powered = np.maximum.accumulate(np.where(idle, -1, np.arange(len(wanted))))
+        return np.asarray(heading[np.where(powered < 0, int(np.argmin(idle)), powered)])
+
+    def _directions(self, wanted: Array) -> Array:
+        """
+        Directions of the wanted accelerations from the robot's front, continuous (n,) rad.
+
+        They stay on the branch of the accelerations first asked for, which may differ a little.
+        """
+        change = np.angle(np.exp(1j * (self._headings(wanted) - self.heading)))
+        return np.asarray(self.heading + change - self.yaw)
+
+    def _envelopes(
+        self, wanted: Array, direction: Array, error: float
+    ) -> tuple[Array, Array, bool]:
+        """Bounds (n,) of directions within `error` [m/s^2] of what is wanted; if any are left."""
+        force = np.maximum(np.hypot(wanted[:, 0], wanted[:, 1]), 1e-12)
+        allowed = np.minimum(error / force, _ANY_DIRECTION)
+        upper, lower = direction + allowed, direction - allowed
+        if not np.isnan(self.alpha):
+            upper[0] = lower[0] = self.alpha
+        _enclose(upper, lower, self.steps)
+        return upper, lower, bool((upper >= lower).all())
+
+    def _least_error(self, wanted: Array) -> float:
+        direction = self._directions(wanted)
+        if self._envelopes(wanted, direction, 1e-9 * self.thrust)[2]:
+            return 1e-9 * self.thrust
+        low, high = 0.0, 6.0 * self.thrust
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high) if low > 0 else 0.25 * high
+            if self._envelopes(wanted, direction, middle)[2]:
+                high = middle
+            else:
+                low = middle
+            if high < 1e-4 * self.thrust:
+                break
+        return high
+
+    def _reconsider_turns(self, wanted: Array) -> None:
+        """Turn the other way round at a minimum of the thrust, where that is better."""
+        force = np.hypot(wanted[:, 0], wanted[:, 1])
+        step = np.diff(self._directions(wanted))
+        fast = np.abs(step) > 2 * self.rate * np.diff(self.times)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            after = end + 1
+            at = begin + int(np.argmin(force[begin:after])) + 1
+            kept, error = self.heading.copy(), self.error
+            self.heading[at:] -= np.sign(step[begin:end].sum()) * 2 * np.pi
+            self.error = self._least_error(wanted)
+            if self.error >= error:
+                self.heading, self.error = kept, error
+
+    def follow(self, wanted: Array) -> tuple[Array, Array]:
+        """
+        Thruster angle [rad] and rate [rad/s] (n,) that follow the wanted accelerations.
+
+        The rate runs linearly between samples, the angle is its exact integral. A thruster whose
+        thrust is never wanted rests.
+        """
+        if np.abs(wanted).max() < 1e-9 * self.thrust:
+            rest = 0.0 if np.isnan(self.alpha) else self.alpha
+            return np.full(len(wanted), rest), np.zeros(len(wanted))
+        direction = self._directions(wanted)
+        error = _SLACK * self.error
+        upper, lower, some = self._envelopes(wanted, direction, error)
+        while not some and error < 6.0 * self.thrust:
+            error = max(1.1 * error, 1e-5 * self.thrust)
+            upper, lower, some = self._envelopes(wanted, direction, error)
+        # Where no direction will do, the thruster still starts where it stands.
+        first = self.alpha
+        if np.isnan(first):
+            first = min(max(float(direction[0]), float(lower[0])), float(upper[0]))
+        angles = np.empty(direction.size)
+        follow(direction, lower, upper, self.steps, first, angles)
+        steps = np.diff(self.times)
+        slopes = np.diff(angles) / steps
+        padded = np.concatenate([slopes[:1], slopes, slopes[-1:]])
+        rate = 0.5 * (padded[1:] + padded[:-1])
+        turned = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)
+        return np.concatenate([angles[:1], angles[0] + turned]), rate
+
+
+@compiled
+def follow(
+    wished: Array, lower: Array, upper: Array, steps: Array, first: float, angles: Array
+) -> None:
+    """Fill `angles` (n,): as desired within the envelopes, in `steps` (n - 1,) at most."""
+    angle = angles[0] = first
+    for k in range(1, wished.size):
+        step = steps[k - 1]
+        least, most = max(lower[k], angle - step), min(upper[k], angle + step)
+        angle = max(min(max(wished[k], least), most, angle + step), angle - step)
+        angles[k] = angle
+
+
+@compiled
+def _enclose(upper: Array, lower: Array, steps: Array) -> None:
+    """Tighten bounds (n,) to what can be reached from all others with `steps` (n - 1,) at most."""
+    last = steps.size
+    for k in range(last):
+        upper[k + 1] = min(upper[k + 1], upper[k] + steps[k])
+        lower[k + 1] = max(lower[k + 1], lower[k] - steps[k])
+    for k in range(last - 1, -1, -1):
+        upper[k] = min(upper[k], upper[k + 1] + steps[k])
+        lower[k] = max(lower[k], lower[k + 1] - steps[k])

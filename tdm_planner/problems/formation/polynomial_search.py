@@ -1,42 +1,70 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The search for formations' plans by polynomials: first guesses simply, the best in full."""
+"""
+The search for formations' plans by polynomials of the virtual arc: program, guesses, minima.
+
+First guesses are minimised simply, the best of them in full.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 import itertools
-from typing import Any, TypeAlias
+import math
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
-from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.problems.formation.polynomial_plan import initial_misalignment, trajectory
-from tdm_planner.problems.formation.program import PolynomialProgram
-from tdm_planner.problems.formation.reference_motion import (
-    FormationMotion,
-    MotionForm,
-    ReferenceMotion,
+from tdm_planner.problems.formation.polynomial_kernels import (
+    ACTIVE_THRUST,
+    derivatives,
+    evaluate,
+    Manoeuvre,
+    unpacked,
+    Values,
 )
-from tdm_planner.problems.formation.search import Candidate, FormationSearch
-from tdm_planner.problems.formation.seeds import INSTANTS, screened
-from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.warm_start import kept_motions, LATE, warm_parameters
+from tdm_planner.problems.formation.polynomial_plan import trajectory
+from tdm_planner.problems.formation.program import FormationProgram
+from tdm_planner.problems.formation.reference_motion import (
+    acceleration,
+    end_derivatives,
+    grid_of,
+    MotionForm,
+)
+from tdm_planner.problems.formation.search import (
+    Candidate,
+    FormationSearch,
+    INSTANTS,
+    kept_motions,
+    LATE,
+    screened,
+)
+from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-Polynomials: TypeAlias = Candidate[PolynomialProgram]
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
-BOWS = np.array([0.1, -0.1, 0.22, -0.22])
+Array = NDArray[np.float64]
+Polynomials: TypeAlias = Candidate['PolynomialProgram']
+
+_USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
+_YAW_SCALE = 10.0
+_NODES = 24  # of the quadrature of a fit
+_ENDED = 0.02  # of the longest motion that is left: robots with less have arrived
+_BOWS = np.array([0.1, -0.1, 0.22, -0.22])
 _LONGER = 0.75  # what a bow costs, in separations
 _WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
+_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
@@ -48,28 +76,180 @@ _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _NEARLY = 4.0  # times the accuracy of the end aimed at
 
 
+class PolynomialProgram(FormationProgram):
+    """
+    The program of one manoeuvre by reference motions of a `form`.
+
+    The varied parameters x (n, P) of one robot are b (q + 1) s, q of x (nf), of y (nf), of yaw
+    (ny). Staying robots have only their times (and attitudes) varied. `held` (n, P) holds the
+    parameters of robots whose motion is not varied but avoided by the others, NaN for those of
+    the others.
+    """
+
+    curvature = 1e-6, 1e-3
+
+    def __init__(self, task: FormationTask, form: MotionForm, held: Array | None = None) -> None:
+        self.form, grid = form, grid_of(form)
+        self.basis, self._free = end_derivatives(form.order, form.vary_ends)
+        self.nb, number = form.degree + 1, np.arange(grid.shapes.shape[2])
+        self.yaws = slice(self.nb + 2 * self._free.shape[1], None)  # parameters of the yaw
+        self.held = np.full((task.n, number.size), np.nan) if held is None else held
+        way = np.linalg.norm(task.goal - task.departure, axis=1)
+        speed = float(np.linalg.norm(task.velocity, axis=1).max())
+        longest = max(float(way.max()), task.separation)
+        self.time = max(2.4 * math.sqrt(longest / task.thrust), speed / task.thrust)
+        units = np.full(number.size, 10.0 * longest)
+        units[: self.nb], units[self.yaws] = self.time, _YAW_SCALE
+        turn = least_time(task.goal_yaw - task.departure_yaw, task.yaw_rate, task.torque)
+        super().__init__(
+            task,
+            first_arrival(task, turn, _USED * task.thrust),
+            np.tile(units, (task.n, 1)),
+            np.where(number < self.nb, 1.0 / self.nb, 0.0),
+            (number < self.nb) | (number >= self.yaws.start),
+            ~np.isnan(self.held[:, 0]),
+        )
+        self._set_bounds()
+        fixed = np.zeros((task.n, *grid.shapes.shape[:2]))
+        fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
+        fixed[:, :2, (form.order + 1) // 2] = task.goal
+        fixed[:, 2, (form.yaw_order + 1) // 2] = task.goal_yaw
+        self.manoeuvre = Manoeuvre(
+            grid=grid,
+            fixed=fixed,
+            velocity=np.column_stack([task.velocity, task.yaw_rate]),
+            acceleration=np.column_stack([task.acceleration, task.yaw_acceleration]),
+            coast=np.ascontiguousarray(task.coast),
+            thrust=float(task.thrust),
+            torque=float(task.torque),
+            low=self.low,
+            high=self.high,
+            separation=float(task.separation),
+            clearances=self.clearances,
+            centres=self.centres,
+            interval=self.interval,
+            kept=self.kept,
+            varied=self.varied,
+        )
+
+    def _set_bounds(self) -> None:
+        task, nb = self.task, self.nb
+        lower, upper = (np.full(self.units.shape, sign * np.inf) for sign in (-1.0, 1.0))
+        # The speed factor's coefficients must stay positive, and well so.
+        lower[:, :nb] = (0.05 if nb == 1 else 0.4) * self.time
+        lower[task.staying, :nb] = 0.02 * self.time
+        upper[:, :nb] = np.maximum(task.longest - task.coast, 0.1)[:, None]
+        upper[task.staying & (task.arrived > 0.0), :nb] = 0.03 * self.time  # there already
+        lower = np.minimum(lower, 0.9 * upper)
+        self.bound(lower, upper, np.nan_to_num(self.held))
+
+    def with_task(self, task: FormationTask) -> PolynomialProgram:
+        """Return the program of another manoeuvre by the same reference functions."""
+        return PolynomialProgram(task, self.form, self.held)
+
+    def fly(self, x: Array, found: Array) -> Values:
+        """Return gas and margins."""
+        return evaluate(self.manoeuvre, x, found)
+
+    def derive(
+        self, flown: Values, multipliers: Multipliers | None
+    ) -> tuple[Array, Array, Array, Array, tuple[NDArray[np.intp], ...]]:
+        """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
+        dual = np.zeros(flown.thrust.shape)
+        if multipliers is not None:
+            robots, nodes = multipliers.tags
+            dual[robots, nodes] = multipliers.inequalities[: robots.size]
+        found = derivatives(self.manoeuvre, flown, self.weights[2], dual)
+        return *found, np.nonzero(flown.thrust < ACTIVE_THRUST)
+
+    def own_margins(self, flown: Values) -> dict[str, Array]:
+        """Margins of thrust, torque and walls."""
+        return {
+            "limits.thrust of '{}'": flown.thrust,
+            "limits.torque of '{}'": flown.torque,
+            "the distance of '{}' from the walls": flown.walls,
+        }
+
+    def fit(self, b: Array, bend: Callable[[Array], Array]) -> Array:
+        """
+        Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as wanted.
+
+        `bend` gives the second derivatives (n, 2, K) at arcs s (K,). The yaw is at rest.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        s = (nodes + 1) / 2
+        x = np.zeros(self.units.shape)
+        x[:, : self.nb] = b
+        curvature = self.basis.values(s, 2)
+        missed = (bend(s) - self.positions(x) @ curvature.T) * (weights / 2)
+        first, last = self.nb, self.yaws.start
+        x[:, first:last] = (missed @ (curvature @ self._free)).reshape(len(b), -1)
+        return x
+
+    def positions(self, x: Array) -> Array:
+        """End derivatives (n, 2, order + 1) of x and y."""
+        return unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
+
+    def raise_order(self, low: PolynomialProgram, x: Array) -> Array:
+        """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""
+        position = low.positions(x)
+        raised = self.fit(x[:, : low.nb], lambda s: position @ low.basis.values(s, 2).T)
+        raised[:, self.yaws] = x[:, low.yaws]
+        return raised
+
+    def warm_guess(self, rest: Mapping[str, Trajectory]) -> Array:
+        """
+        Varied parameters (n, P) that bend as the `rest` of a plan does.
+
+        Robots whose motion has ended take the usual durations, and go straight.
+        """
+        plans = [rest[name] for name in self.task.names]
+        durations = np.array([plan.duration for plan in plans])
+        ended = durations < _ENDED * durations.max()
+        durations[ended] = self.usual_durations()[ended]
+
+        def bend(s: Array) -> Array:
+            found = np.zeros((len(plans), 2, s.size))
+            for i, plan in enumerate(plans):
+                state, control = plan.sample(plan.times[0] + plan.duration * s)
+                heading = state[:, 4] + state[:, 6]
+                push = control[:, 0] / self.task.plant.mass * durations[i] ** 2
+                found[i] = push * np.stack([np.cos(heading), np.sin(heading)])
+            return found
+
+        x = self.fit(np.repeat(durations[:, None], self.nb, axis=1), bend)
+        x[ended] *= np.arange(self.size) < self.nb
+        return x
+
+
 class PolynomialSearch(FormationSearch[Polynomials]):
     """
     Local minima of one manoeuvre from several first guesses, and their plans.
 
-    Initial guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. Of a `previous` plan the remaining motion is the initial guess, with polynomials
-    of higher order where those of the form do not do, and then one new guess after the other.
+    Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
+    Of a `previous` plan the remaining motion is the initial guess, with polynomials of higher
+    order where those of the form do not do, and then one new guess after the other.
     """
 
     def __init__(
         self,
-        task: FormationTask,
-        form: MotionForm,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        **shared: Any,
+        previous: Solution | None,
     ) -> None:
-        super().__init__(task, rng, budget, **shared)
-        self.form = form
+        super().__init__(problem, rng, budget, previous)
+        self.form = form = problem.form
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
         self._guesses: tuple[FormationTask, PolynomialProgram, Iterator[Array]] | None = None
+        self._options = TrustRegionOptions(
+            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
+            feasibility=(self.feasible,),
+            radius=_RADIUS,
+            iterations=_ITERATIONS,
+        )
+        self._refining = self._options._replace(radius=_REFINING_RADIUS)
         self._careful = True  # whether to do all that can be done for a candidate
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = _NEARLY if self.rest else 1.0
@@ -81,11 +261,11 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     def _minima(self) -> Iterator[Polynomials]:
         """Yield minima from further guesses; then with more distance kept."""
         if self._guesses is None or self._guesses[0] is not self.task:
-            program = PolynomialProgram(ReferenceMotion(self.task, self._simple))
+            program = PolynomialProgram(self.task, self._simple)
             self._guesses = self.task, program, guesses(program, self.rng)
         _, program, further = self._guesses
         first = map(program.reduce, itertools.islice(further, self.starts))
-        found = self.minima(program, first, self._options(_RADIUS), _WORSE)
+        found = self.minima(program, first, self._options, _WORSE)
         return self._completed(map(self._raised, found))
 
     def _resumed(self, form: MotionForm) -> Iterator[Polynomials]:
@@ -95,18 +275,18 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         Robots about to arrive keep theirs, more of them where that does not do; the turning that
         the guess needs is reckoned with from the outset.
         """
-        model = ReferenceMotion(self.task, form)
-        x = warm_parameters(model, PolynomialProgram(model).usual_durations(), self.rest)
-        coast = self._needed_coast(model, model.unpack(x))
+        program = PolynomialProgram(self.task, form)
+        x = program.warm_guess(self.rest)
+        coast = self._needed_coast(program, x)
         few, more = (kept_motions(self.task, self.rest, turns) for turns in (1.0, LATE))
         # With higher polynomials, and where no more robots can keep theirs, this is the last try.
         for last in (False, True) if form is self.form and len(more) > len(few) else (True,):
             self.kept, self._careful = more if last else few, last
             kept = np.array([name in self.kept for name in self.task.names])
-            task = self.task.with_coast(np.where(kept, 0.0, 1.03 * coast))
+            task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
             held = np.where(kept[:, None], x, np.nan)
-            program = PolynomialProgram(ReferenceMotion(task, form), held)
-            options = self._options(_RADIUS, _WARM_ITERATIONS)
+            program = PolynomialProgram(task, form, held)
+            options = self._options._replace(iterations=_WARM_ITERATIONS)
             found = self.minimised(program, program.reduce(x), options)
             yield from self._completed([] if found is None else [found])
 
@@ -119,11 +299,23 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         if self._careful:
             yield from filter(None, map(self._apart, turned))
 
-    def _needed_coast(self, model: ReferenceMotion, motion: FormationMotion) -> Array:
-        """Time [s] that every thruster needs to turn before a motion begins (n,)."""
-        angle = initial_misalignment(model, motion)
-        needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
-        return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
+    @staticmethod
+    def _needed_coast(program: PolynomialProgram, x: Array) -> Array:
+        """
+        Time [s] that every thruster needs to turn before the motion at x (n, P) begins (n,).
+
+        Zero where the thruster's angle is free, the robot stays, or the motion begins with so
+        little thrust that the thruster can turn on the way.
+        """
+        task, ends = program.task, program.positions(x)
+        slope = x[:, : program.nb] @ program.manoeuvre.grid.slope
+        begun = acceleration(x[:, :1], slope[:, None], ends[..., 1], ends[..., 2])
+        away = np.arctan2(begun[:, 1], begun[:, 0]) - task.departure_yaw - task.alpha
+        angle = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
+        weak = np.linalg.norm(begun, axis=1) < _WEAK * task.thrust
+        needed = angle / (_TURNING_SHARE * task.thruster_rate) + 0.01 * program.durations(x)
+        idle = task.staying | weak | np.isnan(task.alpha) | (angle <= _ALIGNED)
+        return np.where(idle, 0.0, needed)
 
     def plans(self, candidate: Polynomials) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
@@ -131,38 +323,26 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def motions(self, candidate: Polynomials) -> dict[str, Trajectory]:
         """Return the motions that inverse dynamics make of a candidate, but for those kept."""
-        model, motion = candidate.program.model, candidate.program.motion(candidate.point.xi)
+        program, how = candidate.program, (self.budget, self._enough, self._careful)
         return {
-            name: trajectory(model, motion, i, self.budget, self._enough, self._careful)
+            name: trajectory(program.task, program.form, candidate.point.cache, i, *how)
             for i, name in enumerate(self.task.names)
             if name not in self.kept
         }
 
     def _apart(self, candidate: Polynomials) -> Polynomials | None:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
-        model = candidate.program.model
-        program = PolynomialProgram(
-            model.with_task(self.farther(model.task)), candidate.program.held
-        )
-        return self.minimised(program, candidate.point.xi, self._options(_REFINING_RADIUS))
-
-    def _options(self, radius: float, iterations: int = _ITERATIONS) -> TrustRegionOptions:
-        return TrustRegionOptions(
-            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
-            feasibility=(self.feasible,),
-            radius=radius,
-            iterations=iterations,
-        )
+        program = candidate.program.with_task(self.farther(candidate.program.task))
+        return self.minimised(program, candidate.point.xi, self._refining)
 
     def _raised(self, candidate: Polynomials) -> Polynomials:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""
-        low = candidate.program.model
+        low = candidate.program
         if low.form.order >= self.form.order or self.budget.spent:
             return candidate
-        program = PolynomialProgram(ReferenceMotion(low.task, self.form))
-        x = program.model.raise_order(low, candidate.program.full(candidate.point.xi))
-        refining = self._options(_REFINING_RADIUS)
-        return self.minimised(program, program.reduce(x), refining) or candidate
+        program = PolynomialProgram(low.task, self.form)
+        x = program.raise_order(low, candidate.point.cache.x)
+        return self.minimised(program, program.reduce(x), self._refining) or candidate
 
     def _turned(self, candidate: Polynomials) -> Polynomials | None:
         """
@@ -172,18 +352,16 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         None if that is not feasible.
         """
         for spare in (1.0, 1.03, 1.1):
-            program, xi = candidate.program, candidate.point.xi
-            needed = self._needed_coast(program.model, program.motion(xi))
+            program, x = candidate.program, candidate.point.cache.x
+            needed = self._needed_coast(program, x)
             needed[program.kept] = 0.0
             # A thruster that is off by little turns on, thrusting, as the shooting reckons with.
             short = needed - _ALIGNED / self.task.thruster_rate
             coast = program.task.coast
             if ((short <= coast) & (coast <= 1.2 * needed + 0.1)).all():
                 return candidate
-            task = program.task.with_coast(spare * needed)
-            later = PolynomialProgram(program.model.with_task(task), program.held)
-            again = later.reduce(program.full(xi))
-            better = self.minimised(later, again, self._options(_REFINING_RADIUS))
+            later = program.with_task(replace(program.task, coast=spare * needed))
+            better = self.minimised(later, later.reduce(x), self._refining)
             if better is None:
                 return None
             candidate = better
@@ -196,7 +374,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
 
     Screened ones come first, best first, then random bows without end.
     """
-    task, model = program.task, program.model
+    task, form = program.task, program.form
     durations = program.usual_durations()
 
     def bowed(bows: Array, s: Array, derivative: int = 0) -> Array:
@@ -208,7 +386,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
         straight = conditions @ np.swapaxes(quintic, 1, 2)
         normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
-        power = 2 if model.form.vary_ends or model.form.order < 7 else 3
+        power = 2 if form.vary_ends or form.order < 7 else 3
         # One in the middle of the arc.
         bump = (-4.0) ** power * PowerProducts(((power, power),)).values(s, derivative)[..., 0]
         side = bows[..., None, None] * normal[:, None, :, None] * bump[:, None, None]
@@ -218,16 +396,16 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         def bend(s: Array) -> Array:
             return bowed(bows[:, None], np.broadcast_to(s, (task.n, s.size)), 2)[:, 0]
 
-        return model.fit(np.repeat(durations[:, None], model.nb, axis=1), bend)
+        return program.fit(np.repeat(durations[:, None], program.nb, axis=1), bend)
 
     t = np.linspace(0.0, (durations + task.coast).max(), INSTANTS)
     s = np.clip((t - task.coast[:, None]) / durations[:, None], 0.0, 1.0)
-    paths = bowed(np.broadcast_to(BOWS, (task.n, BOWS.size)), s)
+    paths = bowed(np.broadcast_to(_BOWS, (task.n, _BOWS.size)), s)
     reach = task.separation / 2
     outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
-    single = _LONGER * np.abs(BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
+    single = _LONGER * np.abs(_BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
     paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
-    for chosen in screened(program, paths, single, BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
-        yield fit(BOWS[chosen])
+    for chosen in screened(program, paths, single, _BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
+        yield fit(_BOWS[chosen])
     while True:
         yield fit(rng.uniform(-0.35, 0.35, task.n))

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
-from tdm_planner.plants.robot_replay import compile_robot_replay
 from tdm_planner.problems.formation.parameters import (
     default_offset,
     default_start,
@@ -32,11 +31,9 @@ from tdm_planner.problems.formation.parameters import (
     RobotStart,
 )
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.program import compile_polynomials
 from tdm_planner.problems.formation.reference_motion import MotionForm
 from tdm_planner.problems.formation.task import check_task, FormationTask
-from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch, compile_arcs
-from tdm_planner.problems.formation.thrust_direction import compile_following
+from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
@@ -48,12 +45,10 @@ Array = NDArray[np.float64]
 
 @lru_cache(maxsize=1)
 def _compile() -> None:
-    """Compile the kernels, once in a process: they take arrays of all sizes."""
-    task = RobotFormation().task
-    compile_polynomials(task)
-    compile_following()
-    compile_robot_replay()
-    compile_arcs(task)
+    """Compile the kernels by a small problem, once: they take arrays of all sizes."""
+    for method in ('thrust_arcs', 'polynomials'):
+        problem = RobotFormation(robots=['robot1', 'robot2'], method=method)
+        problem.search(Budget(math.inf), np.random.default_rng(0), None).run()
 
 
 @dataclass(frozen=True)
@@ -85,7 +80,12 @@ class RobotFormation(FormationParameters, Problem):
                     raise InvalidProblem(
                         f"robot '{name}' is not among parameter 'robots': {', '.join(names)}"
                     )
-        self._check_orders()
+        for parameter in ('polynomial_order', 'yaw_order'):
+            if getattr(self, parameter) % 2 == 0:
+                raise InvalidProblem(
+                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
+                    'be an odd integer in [5, 15]'
+                )
         weights = self.weights
         if not weights.time + weights.sequence + weights.gas > 0:
             raise InvalidProblem(
@@ -99,14 +99,6 @@ class RobotFormation(FormationParameters, Problem):
             )
         check_task(self.task)
 
-    def _check_orders(self) -> None:
-        for parameter in ('polynomial_order', 'yaw_order'):
-            if getattr(self, parameter) % 2 == 0:
-                raise InvalidProblem(
-                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
-                    'be an odd integer in [5, 15]'
-                )
-
     @classmethod
     def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
         """Return every parameter by dotted name, for the robots that `values` names."""
@@ -118,12 +110,8 @@ class RobotFormation(FormationParameters, Problem):
         general = build(FormationParameters, values)
         starts, offsets = {}, {}
         for name in general.robots:
-            default = default_start(name)
-            given = {
-                item.name: values.get(f'{name}.start.{item.name}', getattr(default, item.name))
-                for item in fields(RobotStart)
-            }
-            starts[name] = RobotStart(**given)
+            default = to_mapping(default_start(name), f'{name}.start.')
+            starts[name] = build(RobotStart, default | dict(values), f'{name}.start.')
             offset = values.get(f'formation.{name}', default_offset(name))
             if offset is not None:
                 offsets[name] = offset
@@ -230,19 +218,8 @@ class RobotFormation(FormationParameters, Problem):
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> PolynomialSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the initial guess."""
-        shared: dict[str, Any] = {
-            'starts': self.solver.starts,
-            'penalty_weights': np.array(self.weights.penalty),
-            'tolerance': self.solver.tolerance,
-            'previous': previous,
-        }
-
-        def polynomials() -> PolynomialSearch:
-            return PolynomialSearch(self.task, self.form, rng, budget, **shared)
-
-        if self.method == 'polynomials':
-            return polynomials()
-        return ArcSearch(self.task, rng, budget, polynomials, self.thrust_reserve, **shared)
+        method = PolynomialSearch if self.method == 'polynomials' else ArcSearch
+        return method(self, rng, budget, previous)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of one robot; separations are between robots."""

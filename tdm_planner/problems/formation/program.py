@@ -6,12 +6,18 @@ The nonlinear program of section 4.2, whatever form the motions have: performanc
 
 A form of motion brings its varied parameters, the gas they use, and the limits of every robot;
 arrivals, their intervals and the distances of robots at equal times (19) are the same for all.
-Polynomials of the virtual arc are one such form.
+
+Near approaches of robots to one another, and to what stands still, are compiled. For them every
+form of motion brings two functions. `place(motion, i, t, at)` fills in position, velocity and
+acceleration (6,) of the i-th at an instant t [s]: first come the robots, then what stands still.
+`add_slope(motion, i, t, along, row)` adds to `row` (P,) the slopes of `along` (2,) times robot i's
+position, at a fixed instant, by its varied parameters.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,24 +28,144 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.problems.formation.approaches import CLOSENESS, COLUMNS, scaled
-from tdm_planner.problems.formation.polynomial_kernels import (
-    ACTIVE_THRUST,
-    derivatives,
-    evaluate,
-    grid_of,
-    Manoeuvre,
-    Values,
-)
-from tdm_planner.problems.formation.reference_motion import FormationMotion, ReferenceMotion
-from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
+from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.problems.formation.task import FormationTask
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
-_KEPT = 2e-3  # margin of a separation that is not active
-_USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
+# Columns of approaches: both indices, instant, distance / clearance - 1, way between them.
+FIRST, SECOND, TIME, CLOSENESS, WAY = 0, 1, 2, 3, 4
+COLUMNS = 6
+_REACH = 1.25  # clearances within which an approach makes a row
+_MOST_INSTANTS = 4000
+_NEWTON_STEPS = 24
+
+
+@inlined
+def approaches(
+    place: Any, motion: Any, clearances: Array, last: float, interval: float, found: Array
+) -> int:
+    """
+    Fill in the local minima in time, until `last` [s], of distances that are near `clearances`.
+
+    Those are (N, N), zero for what does not count; minima are looked for between instants
+    `interval` s apart. `found` (r, 6) has a row for each; returns how many.
+    """
+    every = len(clearances)
+    # A motion far longer than its time scale keeps the number of instants, not the interval.
+    steps = max(math.ceil(min(last / interval, _MOST_INSTANTS)), 2)
+    step = last / steps
+    path, at = np.zeros((every, steps + 1, 2)), np.zeros(6)
+    for i in range(every):
+        for k in range(steps + 1):
+            place(motion, i, k * step, at)
+            path[i, k, 0], path[i, k, 1] = at[0], at[1]
+    squares = np.zeros(steps + 1)
+    count = 0
+    for i in range(every):
+        for j in range(i + 1, every):
+            clearance = clearances[i, j]
+            if clearance == 0.0:
+                continue
+            limit = (_REACH * clearance) ** 2
+            for k in range(steps + 1):
+                x, y = path[i, k, 0] - path[j, k, 0], path[i, k, 1] - path[j, k, 1]
+                squares[k] = x * x + y * y
+            for k in range(1, steps + 1):
+                falls = squares[k] <= squares[k - 1]
+                rises = k == steps or squares[k] < squares[k + 1]
+                if not (falls and rises) or squares[k] > 1.1 * limit or count == len(found):
+                    continue
+                low, high = (k - 1) * step, min(k + 1, steps) * step
+                _nearest(place, motion, i, j, low, high, k * step, 1e-5 * step, found[count])
+                distance = math.hypot(found[count, WAY], found[count, WAY + 1])
+                found[count, CLOSENESS] = distance / clearance - 1.0
+                if found[count, CLOSENESS] < _REACH - 1.0:
+                    count += 1
+    return count
+
+
+@inlined
+def _nearest(
+    place: Any,
+    motion: Any,
+    i: int,
+    j: int,
+    low: float,
+    high: float,
+    t: float,
+    accuracy: float,
+    approach: Array,
+) -> None:
+    """Fill in the approach of i and j between two instants, by Newton's method from `t` on."""
+    one, other = np.zeros(6), np.zeros(6)
+    for _ in range(_NEWTON_STEPS):
+        place(motion, i, t, one)
+        place(motion, j, t, other)
+        one -= other
+        rate = one[0] * one[2] + one[1] * one[3]
+        if rate > 0.0:
+            high = t
+        else:
+            low = t
+        bend = one[2] ** 2 + one[3] ** 2 + one[0] * one[4] + one[1] * one[5]
+        better = t - rate / bend if bend > 0.0 else high
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        done = abs(better - t) < accuracy
+        t = better
+        if done:
+            break
+    place(motion, i, t, one)
+    place(motion, j, t, other)
+    approach[FIRST], approach[SECOND], approach[TIME] = i, j, t
+    approach[WAY], approach[WAY + 1] = one[0] - other[0], one[1] - other[1]
+
+
+@inlined
+def approach_rows(
+    add_slope: Any,
+    motion: Any,
+    varied: NDArray[np.bool_],
+    clearances: Array,
+    found: Array,
+    rows: Array,
+    margins: Array,
+) -> None:
+    """Fill in distance / clearance - 1 of approaches `found` (r, 6), and slopes (r, n, P)."""
+    for r in range(len(found)):
+        i, j, t = int(found[r, FIRST]), int(found[r, SECOND]), found[r, TIME]
+        distance = max(math.hypot(found[r, WAY], found[r, WAY + 1]), 1e-9)
+        along = found[r, WAY:] / (distance * clearances[i, j])
+        margins[r] = found[r, CLOSENESS]
+        if varied[i]:
+            add_slope(motion, i, t, along, rows[r, i])
+        if j < rows.shape[1] and varied[j]:
+            add_slope(motion, j, t, -along, rows[r, j])
+
+
+@compiled
+def scaled(units: Array, blocks: Array, least: float, share: float, rows: Array) -> Array:
+    """
+    Hessian (n P, n P) by parameters in `units` (n, P), from that of every robot, (n, P, P).
+
+    Its eigenvalues are lifted to `least`, or a `share` of the largest. `rows` (r, n, P) are
+    scaled in place.
+    """
+    n, v = units.shape
+    hessian = np.zeros((n, v, n, v))
+    for i in range(n):
+        sizes, vectors = np.linalg.eigh(blocks[i] * units[i] * units[i].reshape(-1, 1))
+        for q in range(v):
+            size = max(sizes[q], least, share * sizes[v - 1])
+            for r in range(v):
+                for c in range(v):
+                    hessian[i, r, i, c] += size * vectors[r, q] * vectors[c, q]
+    for r in range(len(rows)):
+        rows[r] *= units
+    return hessian.reshape(n * v, n * v)
 
 
 class FormationProgram(NonlinearProgram):
@@ -75,7 +201,8 @@ class FormationProgram(NonlinearProgram):
         self.free = np.flatnonzero(free.ravel())
         self.all_free = bool(free.all())
         self._scales = units * free
-        self.clearances = self._clearances()
+        (self.low, self.high), (self.centres, apart) = task.wall_bounds(), task.circles()
+        self.clearances = self._clearances(apart)
         self.interval = self.first / _INSTANTS
         arrivals = np.zeros((task.n, task.n, self.size))
         arrivals[np.arange(task.n), np.arange(task.n)] = arriving * units
@@ -85,15 +212,13 @@ class FormationProgram(NonlinearProgram):
         self._arrived = task.coast - task.arrived
         self._first, self._intervals = self.weights[0] * arrivals[0], np.diff(arrivals, axis=0)
 
-    def _clearances(self) -> Array:
-        """Clearances (N, N) of all from one another, first those of the robots."""
-        task, n = self.task, self.task.n
-        centres, apart = task.circles()
-        found = np.zeros((n + len(centres),) * 2)
-        i, j = np.triu_indices(n, 1)
-        found[i, j] = task.pair_clearances(i, j)
+    def _clearances(self, apart: Array) -> Array:
+        """Clearances (N, N) of all from one another; those of robots from what stands still."""
+        task, n, count = self.task, self.task.n, len(self.centres)
+        found = np.zeros((n + count, n + count))
+        found[np.triu_indices(n, 1)] = task.pair_clearances()
         found[:n, n:] = apart
-        still = np.concatenate([~self.varied, np.ones(len(centres), dtype=bool)])
+        still = np.concatenate([~self.varied, np.ones(count, dtype=bool)])
         found[np.ix_(still, still)] = 0.0
         staying = np.flatnonzero(task.staying)
         found[staying], found[:n, staying] = 0.0, 0.0
@@ -127,11 +252,12 @@ class FormationProgram(NonlinearProgram):
         return np.where(task.staying, least, found)
 
     @abstractmethod
-    def fly(self, x: Array, found: Array) -> tuple[Any, float, float]:
+    def fly(self, x: Array, found: Array) -> Any:
         """
-        Return the motions at x (n, P), all gas [m/s] and the worst margin.
+        Return the motions at x (n, P).
 
-        Of the motions `x` and `approaches` (r, 6), a part of `found`, are known to this class.
+        Of them `x`, all `gas` [m/s], the `worst` margin and `approaches` (r, 6), a part of
+        `found`, are known to this class.
         """
 
     @abstractmethod
@@ -152,11 +278,11 @@ class FormationProgram(NonlinearProgram):
         """Return the performance index, relative to a typical one, and the worst violation."""
         self.evaluations += 1
         found = np.zeros((16 + self.task.n * len(self.clearances), COLUMNS))
-        flown, gas, worst = self.fly(self.full(xi), found)
+        flown = self.fly(self.full(xi), found)
         first, late = self._late(flown.x)
         time, sequence, gas_weight = self.weights
-        cost = time * first + sequence * np.abs(late).sum() + gas_weight * gas
-        return Point(xi, float(cost), np.array([max(0.0, -worst)]), flown)
+        cost = time * first + sequence * np.abs(late).sum() + gas_weight * flown.gas
+        return Point(xi, float(cost), np.array([max(0.0, -flown.worst)]), flown)
 
     def _late(self, x: Array) -> tuple[float, Array]:
         """Return when the first robot arrives, and by how much the others are off (n - 1,)."""
@@ -186,10 +312,6 @@ class FormationProgram(NonlinearProgram):
             tags=tags,
         )
 
-    def crowded(self, point: Point) -> bool:
-        """Whether a separation binds, so that other sides to pass on may be cheaper."""
-        return bool(point.cache.approaches[:, CLOSENESS].min(initial=1.0) < _KEPT)
-
     def binding(self, point: Point) -> str:
         """Name what is violated most at `point`, in words."""
         names, approaches = self.task.names, point.cache.approaches
@@ -205,94 +327,3 @@ class FormationProgram(NonlinearProgram):
                 label = f"arena.minimum_separation of '{names[one]}' and '{names[other]}'"
             found[label] = float(nearest[CLOSENESS])
         return min(found, key=lambda label: found[label])
-
-
-class PolynomialProgram(FormationProgram):
-    """
-    The program of one manoeuvre by the reference motions of `model`.
-
-    Staying robots have only their times (and attitudes) varied. `held` (n, P) holds the
-    parameters of robots whose motion is not varied but avoided by the others, NaN for those of
-    the others.
-    """
-
-    curvature = 1e-6, 1e-3
-
-    def __init__(self, model: ReferenceMotion, held: Array | None = None) -> None:
-        self.model, task, nb = model, model.task, model.nb
-        self.held = np.full((task.n, model.size), np.nan) if held is None else held
-        turn = least_time(task.goal_yaw - task.departure_yaw, task.yaw_rate, task.torque)
-        number = np.arange(model.size)
-        super().__init__(
-            task,
-            first_arrival(task, turn, _USED * task.thrust),
-            np.tile(model.units, (task.n, 1)),
-            np.where(number < nb, 1.0 / nb, 0.0),
-            (number < nb) | (number >= model.size - model.ny),
-            ~np.isnan(self.held[:, 0]),
-        )
-        self._set_bounds()
-        walls, (centres, _) = task.wall_clearances(), task.circles()
-        self.manoeuvre = Manoeuvre(
-            grid=grid_of(model.form),
-            motion=model.tables,
-            coast=np.ascontiguousarray(task.coast),
-            thrust=float(task.thrust),
-            torque=float(task.torque),
-            low=np.ascontiguousarray(walls[..., 0]),
-            high=np.ascontiguousarray(task.sides - walls[..., 1]),
-            separation=float(task.separation),
-            clearances=self.clearances,
-            centres=np.ascontiguousarray(centres),
-            interval=self.interval,
-            kept=self.kept,
-            varied=self.varied,
-        )
-
-    def _set_bounds(self) -> None:
-        task, model, nb = self.task, self.model, self.model.nb
-        lower, upper = (np.full(self.units.shape, sign * np.inf) for sign in (-1.0, 1.0))
-        # The speed factor's coefficients must stay positive, and well so.
-        lower[:, :nb] = (0.05 if nb == 1 else 0.4) * model.time
-        lower[task.staying, :nb] = 0.02 * model.time
-        upper[:, :nb] = np.maximum(task.longest - task.coast, 0.1)[:, None]
-        upper[task.staying & (task.arrived > 0.0), :nb] = 0.03 * model.time  # there already
-        lower = np.minimum(lower, 0.9 * upper)
-        self.bound(lower, upper, np.nan_to_num(self.held))
-
-    def motion(self, xi: Array) -> FormationMotion:
-        """Return the motions at Xi."""
-        return self.model.unpack(self.full(xi))
-
-    def fly(self, x: Array, found: Array) -> tuple[Values, float, float]:
-        """Return gas and margins, all gas, and the worst margin."""
-        values = evaluate(self.manoeuvre, x, found)
-        margins = values.thrust, values.torque, values.walls, values.approaches[:, CLOSENESS]
-        worst = min(float(margin.min(initial=1.0)) for margin in margins)
-        return values, float(values.gas.sum()), worst
-
-    def derive(
-        self, flown: Values, multipliers: Multipliers | None
-    ) -> tuple[Array, Array, Array, Array, tuple[NDArray[np.intp], ...]]:
-        """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
-        dual = np.zeros(flown.thrust.shape)
-        if multipliers is not None:
-            robots, nodes = multipliers.tags
-            dual[robots, nodes] = multipliers.inequalities[: robots.size]
-        found = derivatives(self.manoeuvre, flown, self.weights[2], dual)
-        return *found, np.nonzero(flown.thrust < ACTIVE_THRUST)
-
-    def own_margins(self, flown: Values) -> dict[str, Array]:
-        """Margins of thrust, torque and walls."""
-        return {
-            "limits.thrust of '{}'": flown.thrust,
-            "limits.torque of '{}'": flown.torque,
-            "the distance of '{}' from the walls": flown.walls,
-        }
-
-
-def compile_polynomials(task: FormationTask) -> None:
-    """Compile the kernels or load them from the disk."""
-    program = PolynomialProgram(ReferenceMotion(task))
-    x = np.tile(program.model.units, (task.n, 1))
-    program.linearise(program.evaluate(program.reduce(x)), None)

@@ -4,38 +4,66 @@
 """
 The search for formations' plans, whatever form their motions have.
 
-Local minima from several first guesses by the shared minimiser, cheapest first; plans of them with
-check and cost.
+First guesses are what every robot may choose, combined so that none comes too near another. Which
+robot passes on which side of another decides which local minimum is found: of every set of sides
+the combination that looks best is tried, the most promising first. The shared minimiser leads to
+local minima; plans of them, with check and cost, are looked at cheapest first.
+
+What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
+is corrected by turning the thruster away and back; where there is no time left for that the rest
+of the plan is as good as any other, and the feedback about it takes such errors away. So robots
+about to arrive keep their motions, and the others plan round them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+import itertools
 import math
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.problems.formation.program import FormationProgram
+from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation.program import CLOSENESS, FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.verification import assessed, keeps_reserve
-from tdm_planner.problems.formation.warm_start import rest_of
+from tdm_planner.problems.formation.verification import (
+    assessed,
+    goal_state,
+    keeps_reserve,
+    start_state,
+)
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import replay
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 C = TypeVar('C')
 P = TypeVar('P', bound=FormationProgram)
 
-NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
+LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrusting, and back
+_NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
+_KEPT = 2e-3  # margin of a separation that is not active
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
+INSTANTS = 60  # at which the ways of choices are compared
+_EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
+_TRIES = 30  # random combinations to begin with, where they are more
+_SWEEPS = 6  # of a coordinate descent, at most
+_SAME = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
+_MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
+_MOMENTS = 400  # of a plan, at which it is compared with where the robots are
+_LEAST = 1e-3  # s that is left of a motion that has ended
 
 
 @dataclass(frozen=True)
@@ -54,36 +82,29 @@ class Candidate(Generic[P]):
 
 class FormationSearch(Search[C]):
     """
-    What the searches for a plan of `task` share.
+    What the searches for a plan of a problem share.
 
     They make candidates in `rounds`, one after the other until there is a plan: first from what is
-    left of the `previous` plan, then from `starts` first guesses. `penalty_weights` (4,) are k1 to
-    k4 of (29), `tolerance` eps of (10). `closest` is the point of the least violation seen, for
-    the reason of a failure.
+    left of the `previous` plan, then from `starts` first guesses. `closest` is the point of the
+    least violation seen, for the reason of a failure.
     """
 
     def __init__(
         self,
-        task: FormationTask,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        *,
-        starts: int,
-        penalty_weights: Array,
-        tolerance: float,
         previous: Solution | None,
     ) -> None:
         super().__init__(budget)
-        self.task, self.starts, self.rng = task, starts, rng
-        self.tried = 0
+        self.problem, self.rng = problem, rng
+        self.task, self.starts, self.tried = problem.task, problem.solver.starts, 0
         self.closest: Candidate[Any] | None = None
-        self.rest = {} if previous is None else rest_of(task, previous)
+        self.rest = {} if previous is None else rest_of(self.task, previous)
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
         self.rounds: list[Callable[[], Iterable[C]]] = []
-        self._required = task
-        self._penalty_weights, self._tolerance = penalty_weights, tolerance
         # The violation, relative to a limit, whose square is worth that penalty.
-        self.feasible = math.sqrt(tolerance / penalty_weights.max())
+        self.feasible = math.sqrt(problem.solver.tolerance / np.max(problem.weights.penalty))
 
     def candidates(self) -> Iterable[C]:
         """Minima of one round, cheapest first."""
@@ -110,7 +131,7 @@ class FormationSearch(Search[C]):
             return Candidate(program, program.evaluate(np.zeros(0)))
         before = program.evaluations
         # What is left when the search must end is for the check.
-        until = self.budget.leaving(_CHECK_TIME * self._required.n, _CHECK_SHARE)
+        until = self.budget.leaving(_CHECK_TIME * self.task.n, _CHECK_SHARE)
         minimum = minimise(program, guess, options, until)
         self.tried += 1
         self.budget.evaluations += program.evaluations - before
@@ -120,7 +141,7 @@ class FormationSearch(Search[C]):
             self.closest = candidate
         # Constants so extreme that a motion has no numbers leave its margins without meaning.
         finite = math.isfinite(minimum.point.cost)
-        return candidate if finite and violation <= NEARLY_FEASIBLE * self.feasible else None
+        return candidate if finite and violation <= _NEARLY_FEASIBLE * self.feasible else None
 
     def minima(
         self, program: P, guesses: Iterable[Array], options: TrustRegionOptions, worse: float
@@ -141,8 +162,9 @@ class FormationSearch(Search[C]):
             alone = False
             if candidate is not None:
                 found.append(candidate)
-                hindered = program.crowded(candidate.point) or self.rejected
-                alone = candidate.converged and not hindered
+                # Where a separation binds, other sides to pass on may be cheaper.
+                nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
+                alone = candidate.converged and not (nearest < _KEPT or self.rejected)
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break
@@ -150,17 +172,13 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        return assessed(
-            self._required,
-            {**motions, **self.kept},
-            self._penalty_weights,
-            self._tolerance,
-            parameters,
-        )
+        weights = np.array(self.problem.weights.penalty)
+        given = self.problem.task, {**motions, **self.kept}
+        return assessed(*given, weights, self.problem.solver.tolerance, parameters)
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
-        return keeps_reserve(self._required, plan.verification)
+        return keeps_reserve(self.problem.task, plan.verification)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -174,3 +192,150 @@ class FormationSearch(Search[C]):
                 f'one, {binding} was violated'
             )
         return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
+
+
+def screened(
+    program: FormationProgram,
+    paths: Array,
+    single: Array,
+    bows: Array,
+    meeting: float,
+    wanted: float,
+    price: float,
+    rng: np.random.Generator,
+) -> Indices:
+    """
+    Return combinations (m, n) of choices, the best of every set of sides, the best set first.
+
+    `paths` (n, c, K, 2) are the ways of every robot's choices at equal times, `single` (n, c)
+    what they cost. A metre that robots are nearer than `wanted` clearances, or than they may to
+    what stands still, costs `price`. Sides are those of robots that come within `meeting`
+    clearances of one another, and the signs of `bows` (c,).
+    """
+    n, count = single.shape
+    centres, reach = program.task.circles()
+    apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
+    single = single + price * np.maximum(reach[:, None] - apart, 0.0).sum(axis=-1)
+    pair, sides = np.zeros((2, n, n, count, count))
+    couples = list(itertools.combinations(range(n), 2))
+    for i, j in couples:
+        clearance = program.clearances[i, j]
+        if clearance == 0.0:
+            continue
+        nearest = np.zeros((count, count))
+        _encounters(paths[i], paths[j], nearest, sides[i, j])
+        sides[i, j] *= nearest < meeting * clearance
+        pair[i, j] = price * np.maximum(wanted * clearance - nearest, 0.0)
+        pair[j, i] = pair[i, j].T
+    combinations = _combined(single, pair, rng)
+    passed = np.zeros((len(combinations), len(couples)))
+    for q, (i, j) in enumerate(couples):
+        passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
+    turned = np.sign(bows[combinations])[:, program.varied]
+    _, first = np.unique(np.hstack([passed, turned]), axis=0, return_index=True)
+    return combinations[np.sort(first)]
+
+
+@compiled
+def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
+    """Least distances (c, d) of paths (c, K, 2), (d, K, 2), and the sense in which they pass."""
+    for c in range(len(one)):
+        for d in range(len(other)):
+            least, at = np.inf, 0
+            for k in range(one.shape[1]):
+                x, y = one[c, k, 0] - other[d, k, 0], one[c, k, 1] - other[d, k, 1]
+                square = x * x + y * y
+                if square < least:
+                    least, at = square, k
+            nearest[c, d] = np.sqrt(least)
+            k = min(max(at, 1), one.shape[1] - 2)
+            x, y = one[c, k] - other[d, k]
+            u, v = one[c, k + 1] - other[d, k + 1] - one[c, k - 1] + other[d, k - 1]
+            sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
+
+
+def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Indices:
+    """
+    Return combinations (m, n) of what every robot may choose, the cheapest first.
+
+    `single` (n, c) is the cost of each robot's choices, `pair` (n, n, c, c) what a choice of one
+    robot and a choice of another cost together. All of them, where they are not too many; else
+    the first of all choices, and others by coordinate descent from random ones.
+    """
+    n, c = single.shape
+    if c**n <= _EXHAUSTIVE:
+        every = np.array(list(itertools.product(range(c), repeat=n)))
+    else:
+        drawn = (np.asarray(rng.integers(0, c, n), dtype=np.intp) for _ in range(_TRIES))
+        descended = [_descended(single, pair, choice, rng) for choice in drawn]
+        every = np.array([np.zeros(n, dtype=np.intp), *descended])
+    total = single[np.arange(n), every].sum(axis=1)
+    for i, j in itertools.combinations(range(n), 2):
+        total += pair[i, j][every[:, i], every[:, j]]
+    return np.asarray(every[np.argsort(total, kind='stable')])
+
+
+def _descended(single: Array, pair: Array, choice: Indices, rng: np.random.Generator) -> Indices:
+    """Improve what every robot chooses (n,), one robot at a time and in random order."""
+    n = len(choice)
+    for _ in range(_SWEEPS):
+        before = choice.copy()
+        for i in rng.permutation(n):
+            cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
+            choice[i] = int(np.argmin(cost))
+        if (choice == before).all():
+            break
+    return choice
+
+
+def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
+    """
+    Return what is left of a plan by name; nothing of one for other robots.
+
+    How far the plan has been followed is read from the robots' states: the instant at which, all
+    robots together, the plan is nearest to where they are. A plan on which one of them is just
+    beginning has not been followed.
+    """
+    if set(previous.trajectories) != set(task.names):
+        return {}
+    plans = {name: previous.trajectories[name] for name in task.names}
+    begun = [
+        (np.abs(plan.states[0, :6] - start_state(task, i)[:6]) < _SAME[:6]).all()
+        for i, plan in enumerate(plans.values())
+    ]
+    if any(begun):
+        return plans
+    last = max(plan.duration for plan in plans.values())
+    times, scale = np.linspace(0.0, last, _MOMENTS), np.array([1.0, 1.0, last / 4, last / 4])
+    distance = np.zeros(times.size)
+    for i, plan in enumerate(plans.values()):
+        away = plan.sample(times).state[:, :4] - start_state(task, i)[:4]
+        distance += np.square(away * scale).sum(axis=1)
+    now = float(times[np.argmin(distance)])
+    if now == 0.0:
+        return plans
+    left = {name: max(plan.duration - _LEAST, 0.0) for name, plan in plans.items()}
+    return {name: plan.after(min(now, left[name])) for name, plan in plans.items()}
+
+
+def kept_motions(
+    task: FormationTask, plans: Mapping[str, Trajectory], half_turns: float
+) -> dict[str, Trajectory]:
+    """
+    Motions of the robots that are to keep what is left of `plans`, by name.
+
+    They start on their plans, end at their goals, and have less time before them than so many
+    `half_turns` of the thruster take.
+    """
+    leg = half_turns * math.pi / task.thruster_rate
+    found = {}
+    for i, name in enumerate(task.names):
+        if task.staying[i] or name not in plans or not plans[name].duration < leg:
+            continue
+        plan, start = plans[name], start_state(task, i)
+        if (np.abs(plan.states[0] - start) < _SAME).all():
+            begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
+            states = replay(task.plant, begun, plan.times)
+            if (np.abs(states[-1] - goal_state(task, i))[:6] < _MISSED).all():
+                found[name] = replace(plan, states=states)
+    return found

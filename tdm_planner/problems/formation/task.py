@@ -9,8 +9,9 @@ Whether it can be asked for at all is checked with one clear sentence for what c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,33 +94,29 @@ class FormationTask:
         """Attitudes when the manoeuvres begin, after coasting (n,)."""
         return self.yaw + self.yaw_rate * self.coast
 
-    def with_coast(self, coast: Array) -> FormationTask:
-        """Return the same manoeuvre after coasting for `coast` (n,) s."""
-        return replace(self, coast=coast)
-
-    def wanted_clearance(self, required: Array | float, ends: Array) -> Array:
+    def _wanted_clearance(self, required: Array | float, ends: Array) -> Array:
         """
         Distances to plan for where `required` ones must be kept.
 
         The reserves are added, but no more than the distances at both `ends` allow.
         """
-        wanted = (1.0 + _NUMERICAL_RESERVE) * np.asarray(required) + self.margin
+        wanted = (1.0 + _NUMERICAL_RESERVE) * required + self.margin
         return np.asarray(np.maximum(np.minimum(wanted, 0.999 * ends), required))
 
-    def pair_clearances(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
-        """Distances to plan for between robots i and j."""
+    def pair_clearances(self) -> Array:
+        """Distances to plan for between all pairs of robots, in the order of their indices."""
+        i, j = np.triu_indices(self.n, 1)
         at_start = np.linalg.norm(self.start[i] - self.start[j], axis=1)
         at_goal = np.linalg.norm(self.goal[i] - self.goal[j], axis=1)
-        return self.wanted_clearance(self.separation, np.minimum(at_start, at_goal))
+        return self._wanted_clearance(self.separation, np.minimum(at_start, at_goal))
 
-    def wall_clearances(self) -> Array:
-        """Distances of the centres from the walls to plan for (n, 2, 2): [robot, axis, side]."""
-        low = np.minimum(self.start, self.goal)
-        high = self.sides - np.maximum(self.start, self.goal)
-        ends = np.stack([low, high], axis=-1)
-        half = np.full_like(ends, self.separation / 2)
+    def wall_bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates (n, 2) to plan for, on account of the walls."""
+        half, ends = self.separation / 2, np.stack([self.start, self.goal])
         wanted = (1.0 + _NUMERICAL_RESERVE) * half + self.margin / 2
-        return np.asarray(np.maximum(np.minimum(wanted, ends), half))
+        low, high = ends.min(axis=0), self.sides - ends.max(axis=0)
+        low, high = (np.maximum(np.minimum(wanted, away), half) for away in (low, high))
+        return low, self.sides - high
 
     def circles(self) -> tuple[Array, Array]:
         """
@@ -130,17 +127,13 @@ class FormationTask:
         """
         staying = np.flatnonzero(self.staying)
         centres = np.concatenate([self.obstacles[:, :2], self.start[staying]])
-        required = np.concatenate(
-            [
-                self.obstacles[:, 2] + self.separation / 2,
-                np.full(staying.size, self.separation),
-            ]
-        )
+        zones = self.obstacles[:, 2] + self.separation / 2
+        required = np.append(zones, np.full(staying.size, self.separation))
         ends = np.minimum(
             np.linalg.norm(self.start[:, None] - centres, axis=2),
             np.linalg.norm(self.goal[:, None] - centres, axis=2),
         )
-        wanted = self.wanted_clearance(np.broadcast_to(required, ends.shape), ends)
+        wanted = self._wanted_clearance(required, ends)
         wanted[staying] = 0.0
         return centres, wanted
 
@@ -175,15 +168,6 @@ def check_task(task: FormationTask) -> None:
                 f"parameter 'limits.{name}' is too small beside 'plant.{inertia}': the "
                 'acceleration it gives must be above 0'
             )
-    _check_arena(task)
-    for place, points in (('start', task.start), ('goal', task.goal)):
-        _check_walls(task, place, points)
-        _check_zones(task, place, points)
-        _check_separation(task, place, points)
-    _check_reach(task)
-
-
-def _check_arena(task: FormationTask) -> None:
     for name, side in (('length', task.length), ('width', task.width)):
         if side < task.separation:
             raise InvalidProblem(
@@ -196,9 +180,12 @@ def _check_arena(task: FormationTask) -> None:
                 f"parameter 'arena.obstacles' holds radius {radius:g} at ({x:g}, {y:g}): must be "
                 'in (0, inf) m'
             )
+    _check_places(task, 'start', task.start)
+    _check_places(task, 'goal', task.goal)
+    _check_reach(task)
 
 
-def _check_walls(task: FormationTask, place: str, points: Array) -> None:
+def _check_places(task: FormationTask, place: str, points: Array) -> None:
     half = task.separation / 2
     for name, point in zip(task.names, points, strict=True):
         for axis, value, side in zip('xy', point, task.sides, strict=True):
@@ -208,28 +195,42 @@ def _check_walls(task: FormationTask, place: str, points: Array) -> None:
                     f'in [{half:g}, {side - half:g}] m (half of arena.minimum_separation from '
                     'the walls)'
                 )
-
-
-def _check_zones(task: FormationTask, place: str, points: Array) -> None:
-    for name, point in zip(task.names, points, strict=True):
         for x, y, radius in task.obstacles:
-            least = radius + task.separation / 2
-            distance = float(np.hypot(point[0] - x, point[1] - y))
-            if distance < least - _ROUNDING:
+            distance = math.dist(point, (x, y))
+            if distance < radius + half - _ROUNDING:
                 raise InvalidProblem(
                     f"{place} of '{name}' is {distance:.4g} m from the centre of the keep-out "
-                    f'zone at ({x:g}, {y:g}) (arena.obstacles): must be at least {least:g} m'
+                    f'zone at ({x:g}, {y:g}) (arena.obstacles): must be at least '
+                    f'{radius + half:g} m'
                 )
-
-
-def _check_separation(task: FormationTask, place: str, points: Array) -> None:
-    for i, j in itertools.combinations(range(task.n), 2):
-        distance = float(np.linalg.norm(points[i] - points[j]))
+    for (one, first), (other, second) in itertools.combinations(
+        zip(task.names, points, strict=True), 2
+    ):
+        distance = math.dist(first, second)
         if distance < task.separation - _ROUNDING:
             raise InvalidProblem(
-                f"{place}s of '{task.names[i]}' and '{task.names[j]}' are {distance:.4g} m apart: "
-                f'must be at least arena.minimum_separation = {task.separation:g} m'
+                f"{place}s of '{one}' and '{other}' are {distance:.4g} m apart: must be at least "
+                f'arena.minimum_separation = {task.separation:g} m'
             )
+
+
+def _check_reach(task: FormationTask) -> None:
+    """Check a lower bound of every arrival: along the straight way alone, and of the turn."""
+    away = task.goal - task.start
+    way = np.linalg.norm(away, axis=1)
+    speed = np.linalg.norm(task.velocity, axis=1)
+    along = (task.velocity * away).sum(axis=1) / np.maximum(way, 1e-12)
+    straight = least_time(way, along, task.thrust)
+    moving = np.maximum(straight, speed / task.thrust)
+    turning = least_time(task.goal_yaw - task.yaw, task.yaw_rate, task.torque)
+    least = np.maximum(moving, turning)
+    if least.max(initial=0.0) > task.longest:
+        robot = int(np.argmax(least))
+        raise InvalidProblem(
+            f"goal of '{task.names[robot]}' cannot be reached within solver.longest = "
+            f'{task.longest:g} s: at least {least[robot]:.3g} s are needed with limits.thrust and '
+            'limits.torque'
+        )
 
 
 def least_time(way: Array, rate: Array, acceleration: float) -> Array:
@@ -263,22 +264,3 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
     gas = 2.0 * thrust * (0.5 * lasting - root)
     cost = task.weights[0] * times + 1.1 * task.weights[2] * gas.sum(axis=1)
     return float(times[np.argmin(cost)])
-
-
-def _check_reach(task: FormationTask) -> None:
-    """Return a lower bound of every arrival: along the straight way alone, and of the turn."""
-    away = task.goal - task.start
-    way = np.linalg.norm(away, axis=1)
-    speed = np.linalg.norm(task.velocity, axis=1)
-    along = (task.velocity * away).sum(axis=1) / np.maximum(way, 1e-12)
-    straight = least_time(way, along, task.thrust)
-    moving = np.maximum(straight, speed / task.thrust)
-    turning = least_time(task.goal_yaw - task.yaw, task.yaw_rate, task.torque)
-    least = np.maximum(moving, turning)
-    if least.max(initial=0.0) > task.longest:
-        robot = int(np.argmax(least))
-        raise InvalidProblem(
-            f"goal of '{task.names[robot]}' cannot be reached within solver.longest = "
-            f'{task.longest:g} s: at least {least[robot]:.3g} s are needed with limits.thrust and '
-            'limits.torque'
-        )

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_slopes
+from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ WEAKEST: Final = 0.3  # of `speed`: burns that change the velocity less need no 
 _ROUNDED: Final = 0.88  # of a pause: shorter legs are continued with their slope
 _TINY: Final = 1e-12
 _STEP: Final = 1e-6  # of a unit, in which slopes are differenced
+_NEAR: Final = 0.3  # own margins below which they make a row
 
 
 class Fleet(NamedTuple):
@@ -41,7 +43,8 @@ class Fleet(NamedTuple):
     The robots, as the kernels take them.
 
     `start`, `velocity` (N, 2) of the n robots, then of what stands still, with `clearances` (N, N)
-    from one another, zero where they do not count. `goal` (n, 2); `alpha` (n,) NaN where free,
+    from one another, zero where they do not count, and the burns `held` (N, m, 4) of what is not
+    varied. `goal` (n, 2); `alpha` (n,) NaN where free,
     `yaw`, `yaw_rate`, `goal_yaw` (n,); `varied` (n,) those whose motion is varied; `low`, `high`
     (n, 2) where corners may be. `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is
     the shortest coast, `speed` [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the
@@ -51,6 +54,7 @@ class Fleet(NamedTuple):
     start: Array
     velocity: Array
     clearances: Array
+    held: Array
     goal: Array
     alpha: Array
     yaw: Array
@@ -66,6 +70,22 @@ class Fleet(NamedTuple):
     length: float
     time: float
     interval: float
+
+
+class ArcValues(NamedTuple):
+    """
+    What is known at one x (n, v): all gas [m/s], rounded off at zero, and the worst margin.
+
+    Burns (N, m, 4) and their slopes (n, m, 4, v), own margins (n, m + 2), approaches (r, 6).
+    """
+
+    x: Array
+    burns: Array
+    slopes: Array
+    margins: Array
+    approaches: Array
+    gas: float
+    worst: float
 
 
 @compiled
@@ -124,30 +144,28 @@ def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> No
     """Burns (m, 4) of robot i and their slopes (m, 4, v) by its varied parameters x (v,)."""
     m, v = burns.shape[0], x.size
     start, velocity, goal = fleet.start[i], fleet.velocity[i], fleet.goal[i]
-    legs, by = np.zeros((m + 1, 2)), np.zeros((m + 1, 2, v))
-    burns[:] = 0.0
+    # Velocities of the legs, and half of the burn at rest of the first one and of the last.
+    legs, by = np.zeros((m + 1, 3)), np.zeros((m + 1, 3, v))
     slopes[:] = 0.0
     w, last = v - 4, m - 1  # of the last corner, W, tau and T are x[w:]
     way = x[1] - start[0] - velocity[0] * x[3], x[2] - start[1] - velocity[1] * x[3]
     begun = _end_leg(way[0], way[1], x[3] - x[0], fleet)
     ended = _end_leg(goal[0] - x[w], goal[1] - x[w + 1], x[w + 3] - x[w + 2], fleet)
-    burns[0, HALF], burns[last, HALF] = begun[2], ended[2]
-    burns[0, CENTRE], burns[last, CENTRE] = x[0] + begun[2], x[w + 3] - ended[2]
-    legs[0] = velocity
-    for a in range(2):
-        legs[1, a], legs[last, a] = velocity[a] + begun[a], ended[a]
-    for a in range(3):  # slopes of both velocities, then of the burn's half
-        first = by[1, a] if a < 2 else slopes[0, HALF]
-        by_time = begun[9 + a]
+    for a in range(3):
+        legs[1, a], legs[last, a] = begun[a], ended[a]
+        first, final, by_time = by[1, a], by[last, a], begun[9 + a]
         first[0], first[1], first[2] = -by_time, begun[3 + a], begun[6 + a]
         first[3] = by_time - begun[3 + a] * velocity[0] - begun[6 + a] * velocity[1]
-    for a in range(3):
-        final = by[last, a] if a < 2 else slopes[last, HALF]
         final[w], final[w + 1] = -ended[3 + a], -ended[6 + a]
         final[w + 2], final[w + 3] = -ended[9 + a], ended[9 + a]
+    for a in range(2):
+        legs[0, a] = velocity[a]
+        legs[1, a] += velocity[a]
+    burns[0, HALF], burns[last, HALF] = legs[1, 2], legs[last, 2]
+    burns[0, CENTRE], burns[last, CENTRE] = x[0] + legs[1, 2], x[w + 3] - legs[last, 2]
     for q in range(v):
-        slopes[0, CENTRE, q] = slopes[0, HALF, q]
-        slopes[last, CENTRE, q] = -slopes[last, HALF, q]
+        slopes[0, HALF, q] = slopes[0, CENTRE, q] = by[1, 2, q]
+        slopes[last, HALF, q], slopes[last, CENTRE, q] = by[last, 2, q], -by[last, 2, q]
     slopes[0, CENTRE, 0] += 1.0
     slopes[last, CENTRE, w + 3] += 1.0
     # Legs between two corners.
@@ -173,12 +191,14 @@ def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> No
 
 
 @compiled
-def place(t: float, start: Array, velocity: Array, burns: Array, found: Array) -> None:
-    """Fill in position, velocity and acceleration at `t`, (6,)."""
+def _place(motion: tuple[Fleet, Array], i: int, t: float, found: Array) -> None:
+    """Fill in position, velocity and acceleration of the i-th at `t`, (6,)."""
+    fleet, burns = motion
     for a in range(2):
-        found[a], found[2 + a], found[4 + a] = start[a] + velocity[a] * t, velocity[a], 0.0
-    for k in range(burns.shape[0]):
-        u, h = t - burns[k, CENTRE], burns[k, HALF]
+        found[a] = fleet.start[i, a] + fleet.velocity[i, a] * t
+        found[2 + a], found[4 + a] = fleet.velocity[i, a], 0.0
+    for k in range(burns.shape[1]):
+        u, h = t - burns[i, k, CENTRE], burns[i, k, HALF]
         if u <= -h:
             continue
         if u >= h:
@@ -186,14 +206,15 @@ def place(t: float, start: Array, velocity: Array, burns: Array, found: Array) -
         else:
             r, rate, bend = (u + h) ** 2 / (4.0 * h), (u + h) / (2.0 * h), 0.5 / h
         for a in range(2):
-            found[a] += burns[k, a] * r
-            found[2 + a] += burns[k, a] * rate
-            found[4 + a] += burns[k, a] * bend
+            found[a] += burns[i, k, a] * r
+            found[2 + a] += burns[i, k, a] * rate
+            found[4 + a] += burns[i, k, a] * bend
 
 
 @compiled
-def add_slope(t: float, burns: Array, slopes: Array, along: Array, row: Array) -> None:
-    """Add to `row` (v,) the slopes of `along` (2,) times the position at `t`."""
+def _add_slope(motion: ArcValues, i: int, t: float, along: Array, row: Array) -> None:
+    """Add to `row` (v,) the slopes of `along` (2,) times the position of the i-th at `t`."""
+    burns, slopes = motion.burns[i], motion.slopes[i]
     for k in range(burns.shape[0]):
         u, h = t - burns[k, CENTRE], burns[k, HALF]
         if u <= -h:
@@ -206,6 +227,16 @@ def add_slope(t: float, burns: Array, slopes: Array, along: Array, row: Array) -
         for q in range(row.size):
             row[q] += (along[0] * slopes[k, X, q] + along[1] * slopes[k, Y, q]) * r
             row[q] += p * (by_half * slopes[k, HALF, q] - rate * slopes[k, CENTRE, q])
+
+
+@compiled
+def positions(times: Array, fleet: Fleet, i: int, burns: Array) -> Array:
+    """Positions (K, 2) of the i-th at `times` (K,), by burns (N, m, 4)."""
+    found, at = np.zeros((times.size, 2)), np.zeros(6)
+    for k in range(times.size):
+        _place((fleet, burns), i, times[k], at)
+        found[k, 0], found[k, 1] = at[0], at[1]
+    return found
 
 
 @compiled
@@ -266,8 +297,8 @@ def own_margins(x: Array, fleet: Fleet, i: int, burns: Array, margins: Array) ->
             margins[m + axis] = (abs(wall - fleet.start[i, axis]) - reach) / fleet.length
 
 
-@compiled
-def smoothing(fleet: Fleet, i: int, k: int, m: int) -> float:
+@inlined
+def _smoothing(fleet: Fleet, i: int, k: int, m: int) -> float:
     """Return what rounds |p_k| off: nothing for burns that cannot vanish."""
     moving = fleet.velocity[i, 0] != 0.0 or fleet.velocity[i, 1] != 0.0
     return fleet.speed if 0 < k < m - 1 or (k == 0 and moving) else 1e-6 * fleet.speed
@@ -278,7 +309,7 @@ def _gas_slopes(fleet: Fleet, i: int, burns: Array, slopes: Array, gradient: Arr
     m = burns.shape[0]
     gradient[:] = 0.0
     for k in range(m):
-        e = smoothing(fleet, i, k, m)
+        e = _smoothing(fleet, i, k, m)
         size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + e * e)
         for q in range(gradient.size):
             along = burns[k, X] * slopes[k, X, q] + burns[k, Y] * slopes[k, Y, q]
@@ -286,52 +317,68 @@ def _gas_slopes(fleet: Fleet, i: int, burns: Array, slopes: Array, gradient: Arr
 
 
 @compiled
-def own_slopes(
-    x: Array,
-    fleet: Fleet,
-    i: int,
-    slopes: Array,
-    burns: Array,
-    gradient: Array,
-    hessian: Array,
-    margin_slopes: Array,
-) -> None:
-    """
-    Slopes of robot i's gas, (v,) and (v, v), and of its own margins (m + 2, v).
-
-    The Hessian differences the exact gradient, and so are the margins.
-    """
-    v, m = x.size, burns.shape[0]
-    other, other_slopes = np.zeros((m, 4)), np.zeros((m, 4, v))
-    first, second = np.zeros((2, v)), np.zeros((2, m + 2))
-    _gas_slopes(fleet, i, burns, slopes, gradient)
-    at = x.copy()
-    for q in range(v):
-        position = q % 3 != 0 and q < v - 1
-        step = _STEP * (fleet.length if position else fleet.time)
-        for side in range(2):
-            at[q] = x[q] + (step if side else -step)
-            round_off(at, fleet, i, other, other_slopes)
-            _gas_slopes(fleet, i, other, other_slopes, first[side])
-            own_margins(at, fleet, i, other, second[side])
-        at[q] = x[q]
-        for r in range(v):
-            hessian[r, q] = 0.5 * (first[1, r] - first[0, r]) / step
-        for r in range(m + 2):
-            margin_slopes[r, q] = 0.5 * (second[1, r] - second[0, r]) / step
-    for r in range(v):
-        for q in range(r):
-            mean = 0.5 * (hessian[r, q] + hessian[q, r])
-            hessian[r, q] = hessian[q, r] = mean
+def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
+    """Burns, own margins and approaches at the parameters x (n, v); `found` (r, 6) for those."""
+    (n, v), m = x.shape, fleet.held.shape[1]
+    burns, slopes, margins = fleet.held.copy(), np.zeros((n, m, 4, v)), np.ones((n, m + 2))
+    last, gas, worst = 0.0, 0.0, 1.0
+    for i in range(n):
+        last = max(last, x[i, v - 1])
+        if not fleet.varied[i]:
+            continue
+        round_off(x[i], fleet, i, burns[i], slopes[i])
+        for k in range(m):
+            e = _smoothing(fleet, i, k, m)
+            gas += math.sqrt(burns[i, k, X] ** 2 + burns[i, k, Y] ** 2 + e * e) - e
+        own_margins(x[i], fleet, i, burns[i], margins[i])
+        worst = min(worst, margins[i].min())
+    near = approaches(_place, (fleet, burns), fleet.clearances, last, fleet.interval, found)
+    for r in range(near):
+        worst = min(worst, found[r, CLOSENESS])
+    return ArcValues(x, burns, slopes, margins, found[:near], gas, worst)
 
 
 @compiled
-def positions(times: Array, start: Array, velocity: Array, burns: Array) -> Array:
-    """Positions (n, K, 2) of all at `times` (K,)."""
-    n = burns.shape[0]
-    found, at = np.zeros((n, times.size, 2)), np.zeros(6)
+def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Array, Array, Array]:
+    """
+    Differentiate gas and margins by x.
+
+    Gradient (n, v) and Hessian (n, v, v) of `weight` times the gas; the margins of approaches,
+    then own ones near active (r,), and their slopes (r, n, v). The Hessian differences the exact
+    gradient, and so are the own margins.
+    """
+    (n, v), m, near = at.x.shape, fleet.held.shape[1], at.approaches
+    count, most = len(near), len(near) + at.margins.size
+    margins, rows = np.zeros(most), np.zeros((most, n, v))
+    gradient, hessian = np.zeros((n, v)), np.zeros((n, v, v))
+    burns, slopes = np.zeros((m, 4)), np.zeros((m, 4, v))
+    first, second = np.zeros((2, v)), np.zeros((2, m + 2))
+    by = np.zeros((m + 2, v))
+    approach_rows(_add_slope, at, fleet.varied, fleet.clearances, near, rows, margins)
     for i in range(n):
-        for k in range(times.size):
-            place(times[k], start[i], velocity[i], burns[i], at)
-            found[i, k, 0], found[i, k, 1] = at[0], at[1]
-    return found
+        if not fleet.varied[i]:
+            continue
+        _gas_slopes(fleet, i, at.burns[i], at.slopes[i], gradient[i])
+        x = at.x[i].copy()
+        for q in range(v):
+            position = q % 3 != 0 and q < v - 1
+            step = _STEP * (fleet.length if position else fleet.time)
+            for side in range(2):
+                x[q] = at.x[i, q] + (step if side else -step)
+                round_off(x, fleet, i, burns, slopes)
+                _gas_slopes(fleet, i, burns, slopes, first[side])
+                own_margins(x, fleet, i, burns, second[side])
+            x[q] = at.x[i, q]
+            for r in range(v):
+                hessian[i, r, q] = 0.5 * (first[1, r] - first[0, r]) / step
+            for r in range(m + 2):
+                by[r, q] = 0.5 * (second[1, r] - second[0, r]) / step
+        for r in range(v):
+            for q in range(r):
+                mean = 0.5 * (hessian[i, r, q] + hessian[i, q, r])
+                hessian[i, r, q] = hessian[i, q, r] = mean
+        for k in range(m + 2):
+            if at.margins[i, k] < _NEAR:
+                margins[count], rows[count, i] = at.margins[i, k], by[k]
+                count += 1
+    return weight * gradient, weight * hessian, margins[:count], rows[:count]

@@ -11,23 +11,29 @@ guess that looks best is tried, the most promising first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, partial
 import itertools
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.search import Candidate, FormationSearch
-from tdm_planner.problems.formation.seeds import INSTANTS, screened
-from tdm_planner.problems.formation.task import FormationTask
+from tdm_planner.problems.formation.program import CLOSENESS
+from tdm_planner.problems.formation.search import (
+    Candidate,
+    FormationSearch,
+    INSTANTS,
+    kept_motions,
+    LATE,
+    screened,
+)
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
+    ArcValues,
     CENTRE,
     Fleet,
     HALF,
@@ -36,17 +42,18 @@ from tdm_planner.problems.formation.thrust_arcs_kernels import (
     round_off,
     WEAKEST,
 )
-from tdm_planner.problems.formation.thrust_arcs_motion import (
+from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
+    ArcProgram,
     cleaned,
     fitted,
     remaining,
     resumed,
 )
-from tdm_planner.problems.formation.thrust_arcs_program import ArcPoint, ArcProgram, HeldMotion
-from tdm_planner.problems.formation.warm_start import kept_motions, LATE
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 MANY = 5  # robots from which on choices are richer, and combined by descent
 _BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
@@ -83,22 +90,19 @@ _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the toler
 
 
 @compiled
-def _survey(
-    choices: Array, fleet: Fleet, times: Array, paths: Array, gas: Array, burns: Array
-) -> None:
+def _survey(choices: Array, fleet: Fleet, times: Array) -> tuple[Array, Array]:
     """Paths (n, c, K, 2) and gas (n, c) of every robot's choices (n, c, v)."""
-    n, count, v = choices.shape
+    (n, count, v), burns = choices.shape, fleet.held.copy()
+    paths, gas = np.zeros((n, count, times.size, 2)), np.zeros((n, count))
     slopes = np.zeros((burns.shape[1], 4, v))
     for i in range(n):
         for c in range(count):
             if fleet.varied[i]:
                 round_off(choices[i, c], fleet, i, burns[i], slopes)
-            both = slice(i, i + 1)
-            paths[i, c] = positions(
-                times, fleet.start[both], fleet.velocity[both], burns[both]
-            )[0]  # fmt: skip
+            paths[i, c] = positions(times, fleet, i, burns)
             for k in range(burns.shape[1]):
                 gas[i, c] += np.hypot(burns[i, k, 0], burns[i, k, 1])
+    return paths, gas
 
 
 @compiled
@@ -150,8 +154,9 @@ class ArcSeeds:
     def random(self) -> Array:
         """Return a guess with random corners."""
         n = self.task.n
-        share, bow = self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n)
-        return self.guess(share, bow, np.zeros(n))
+        return self.guess(
+            self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n), np.zeros(n)
+        )
 
     def screened(self) -> Iterator[Array]:
         """Yield the best guess for every set of sides, the best set first."""
@@ -160,10 +165,8 @@ class ArcSeeds:
         every = np.array(_RICH_CHOICES if rich else _CHOICES)
         x = np.stack([self.guess(*np.tile(c, (n, 1)).T) for c in every], axis=1)
         times = np.linspace(0.0, self.durations.max(), INSTANTS)
-        paths, gas = np.zeros((n, len(every), INSTANTS, 2)), np.zeros((n, len(every)))
-        burns = program.evaluate(program.reduce(x[:, 0])).cache.burns[:n]
-        _survey(x, program.fleet, times, paths, gas, burns)
-        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
+        paths, gas = _survey(x, program.fleet, times)
+        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.fleet.length
         single = self.task.weights[2] * gas
         alike = np.zeros(len(every))  # a detour that avoids no robot gives no other minimum
         for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
@@ -171,32 +174,25 @@ class ArcSeeds:
 
     def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
         """Guess with every corner where the robot comes nearest to another on its way."""
-        share, bow, wait = choice.T.copy()
-        n = self.task.n
-        for i in range(n):
-            apart = (
-                np.linalg.norm(paths[i] - paths, axis=2)
-                - self.program.fleet.clearances[i, :n, None]
-            )
-            apart[i] = np.inf
-            along = times / self.durations[i]
-            under_way = (along > 0.15) & (along < 0.85)
-            nearest = np.where(under_way, apart.min(axis=0), np.inf)
-            k = int(np.argmin(nearest))
-            if nearest[k] < 0.3 * self.program.fleet.length:
-                share[i] = along[k]
-        return self.guess(share, bow, wait)
+        (share, bow, wait), fleet, robot = choice.T, self.program.fleet, np.arange(self.task.n)
+        apart = np.linalg.norm(paths[:, None] - paths, axis=3)
+        apart -= fleet.clearances[: robot.size, : robot.size, None]
+        apart[robot, robot] = np.inf
+        along = times / self.durations[:, None]
+        nearest = np.where((along > 0.15) & (along < 0.85), apart.min(axis=1), np.inf)
+        at = robot, np.argmin(nearest, axis=1)
+        return self.guess(np.where(nearest[at] < 0.3 * fleet.length, along[at], share), bow, wait)
 
 
-def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:
+def reseated(program: ArcProgram, point: ArcValues) -> Array | None:
     """
     Parameters (n, 5) with corners of robots that touch another one flying straight put there.
 
     None where there is none: then all have their corners where they need them.
     """
     x, moved = point.x.copy(), False
-    touching = point.approaches[point.closeness < _TOUCHING - 1.0]
-    for i in np.flatnonzero(program.varied):
+    touching = point.approaches[point.approaches[:, CLOSENESS] < _TOUCHING - 1.0]
+    for i in np.flatnonzero(program.varied).tolist():
         burns = point.burns[i]
         if np.hypot(*burns[1, :2]) > _STRAIGHT * program.fleet.speed:
             continue
@@ -206,63 +202,40 @@ def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:
         times = times[(times > burns[0, 2] + leg) & (times < burns[2, 2] - leg)]
         if not times.size or np.abs(times - x[i, 3]).min() < _SEATED * x[i, 4]:
             continue
-        at = np.array([times[0]])
-        both = slice(i, i + 1)
-        task = program.task
-        x[i, 1:3] = positions(at, task.start[both], task.velocity[both], point.burns[both])[0, 0]
-        x[i, 3] = at[0]
+        x[i, 1:3] = positions(times[:1], program.fleet, i, point.burns)
+        x[i, 3] = times[0]
         moved = True
     return x if moved else None
-
-
-def arc_motions(candidate: Arcs, task: FormationTask) -> dict[str, Trajectory]:
-    """Write the motions of a minimum out, of the robots that are not held."""
-    program, values = candidate.program, candidate.point.cache
-    weakest = WEAKEST * program.fleet.speed
-    found = {}
-    for i, name in enumerate(task.names):
-        if i in program.held:
-            continue
-        duration, burns = float(values.x[i, -1]), np.zeros((0, 4))
-        if program.varied[i]:
-            burns = cleaned(task, i, values.burns[i], duration, weakest)
-        found[name] = arc_trajectory(task, i, burns, duration)
-    return found
-
-
-def compile_arcs(task: FormationTask) -> None:
-    """Compile the kernels or load them from the disk."""
-    program = ArcProgram(task)
-    guess = program.reduce(next(ArcSeeds(program, np.random.default_rng(0)).screened()))
-    point = program.evaluate(guess)
-    program.linearise(point, None)
-    arc_motions(Candidate(program, point), task)
 
 
 class ArcSearch(FormationSearch[Arcs | Solution]):
     """
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
-    `polynomials` makes a search by the other method, whose minima are the guesses where robots are
-    many, and whose plans the last resort. `reserve` is the share of the thrust that burns leave to
-    the feedback. Of a `previous` plan with thrust arcs the rest is the initial guess; robots about
-    to arrive keep theirs.
+    Minima by polynomials are the guesses where robots are many, and plans by them the last resort.
+    Of a `previous` plan with thrust arcs the rest is the initial guess; robots about to arrive
+    keep theirs.
     """
 
     def __init__(
         self,
-        task: FormationTask,
+        problem: RobotFormation,
         rng: np.random.Generator,
         budget: Budget,
-        polynomials: Callable[[], PolynomialSearch],
-        reserve: float,
-        **shared: Any,
+        previous: Solution | None,
     ) -> None:
-        super().__init__(task, rng, budget, **shared)
-        self.task = replace(task, thrust=(1.0 - reserve) * task.thrust)
+        super().__init__(problem, rng, budget, previous)
+        task = self.task
+        self.task = replace(task, thrust=(1.0 - problem.thrust_reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
-        self._make_polynomials = polynomials
-        self._last: Infeasible | None = None
+        self._polynomials = cache(partial(PolynomialSearch, problem, rng, budget, previous))
+        self._options = TrustRegionOptions(
+            penalties=(_PENALTY if task.n < MANY else _PENALTY_MANY,),
+            feasibility=(self.feasible,),
+            radius=_RADIUS,
+            iterations=_ITERATIONS,
+            cost_tolerance=_ROUGH,
+        )
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
         if task.n >= MANY and not self.rest:
@@ -271,31 +244,22 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         first = [self._resumed, *directly] if self.rest else [*directly, self._again]
         self.rounds = [*first, self._near_polynomials, self._by_polynomials]
 
-    @cached_property
-    def _polynomials(self) -> PolynomialSearch:
-        return self._make_polynomials()
-
     def _again(self) -> Iterable[Arcs]:
         """Minima with more distance kept, where plans failed the check."""
         return self._minima() if self.rejected else ()
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
-        program, options = ArcProgram(self.task, 4), self._options(_POLISHING_RADIUS)
-        for polynomials in self._polynomials.candidates():
-            motions = self._polynomials.motions(polynomials)
-            near = fitted(program, {**motions, **self._polynomials.kept})
-            candidate = self.minimised(program, program.reduce(near), options)
-            if candidate is not None:
-                yield candidate
-            yield self._polynomials.assessed(motions, polynomials.point.xi)
+        program, search = ArcProgram(self.task, 4), self._polynomials()
+        for polynomials in search.candidates():
+            motions = search.motions(polynomials)
+            near = fitted(program, {**motions, **search.kept})
+            yield from self._polished(program, program.reduce(near))
+            yield search.assessed(motions, polynomials.point.xi)
 
     def _by_polynomials(self) -> Iterator[Solution]:
         """Yield the plan by the other method from further guesses."""
-        try:
-            yield self._polynomials.run()
-        except Infeasible as error:
-            self._last = error
+        yield self._polynomials().run()
 
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
@@ -304,10 +268,10 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         # On the way there is little time.
         more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
         guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
-        found = self.minima(program, map(program.reduce, guesses), self._options(), _WORSE)
+        found = self.minima(program, map(program.reduce, guesses), self._options, _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
             if candidate.cost < _PROMISING * found[0].cost and not self.budget.spent:
-                found[k] = self._polished(candidate)
+                found[k] = self._seated(candidate)
         return sorted(found, key=lambda each: each.cost)
 
     def _resumed(self) -> Iterator[Arcs]:
@@ -318,38 +282,27 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             if half_turns > 1.0 and len(self.kept) == len(fewer):
                 break
             x = resumed(task, self.rest, self.kept)
-            held = {
-                task.names.index(name): HeldMotion(remaining(motion), motion.duration)
-                for name, motion in self.kept.items()
-            }
-            count = max([(x.shape[1] + 4) // 3, *(len(each.burns) for each in held.values())])
-            if count > (x.shape[1] + 4) // 3:
+            count = (x.shape[1] + 4) // 3
+            if any(len(remaining(motion)) > count for motion in self.kept.values()):
                 break
-            program = ArcProgram(task, count, held)
-            options = self._options(_POLISHING_RADIUS)
-            candidate = self.minimised(program, program.reduce(x), options)
-            if candidate is not None:
-                yield candidate
+            program = ArcProgram(task, count, self.kept)
+            yield from self._polished(program, program.reduce(x))
 
-    def _options(self, radius: float = _RADIUS, accuracy: float = _ROUGH) -> TrustRegionOptions:
-        return TrustRegionOptions(
-            penalties=(_PENALTY if self.task.n < MANY else _PENALTY_MANY,),
-            feasibility=(self.feasible,),
-            radius=radius,
-            iterations=_ITERATIONS,
-            cost_tolerance=accuracy,
-        )
+    def _polished(self, program: ArcProgram, xi: Array, accuracy: float = _ROUGH) -> list[Arcs]:
+        """Return the minimum near Xi, if there is one."""
+        options = self._options._replace(radius=_POLISHING_RADIUS, cost_tolerance=accuracy)
+        found = self.minimised(program, xi, options)
+        return [] if found is None else [found]
 
-    def _polished(self, candidate: Arcs) -> Arcs:
+    def _seated(self, candidate: Arcs) -> Arcs:
         """Minimise on, with corners where robots that fly straight touch others."""
-        program, point = candidate.program, candidate.point
         for _ in range(2):
-            x = reseated(program, point.cache)
-            xi = candidate.point.xi if x is None else program.reduce(x)
-            better = self.minimised(program, xi, self._options(_POLISHING_RADIUS, _FINE))
-            if better is None or not better.cost < candidate.cost:
+            x = reseated(candidate.program, candidate.point.cache)
+            xi = candidate.point.xi if x is None else candidate.program.reduce(x)
+            better = self._polished(candidate.program, xi, _FINE)
+            if not better or not better[0].cost < candidate.cost:
                 break
-            candidate, point = better, better.point
+            candidate = better[0]
             if x is None:
                 break
         return candidate
@@ -358,13 +311,18 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         """Yield the plan of a candidate."""
         if isinstance(candidate, Solution):
             yield candidate
-        else:
-            yield self.assessed(arc_motions(candidate, self.task), candidate.point.xi)
+            return
+        program, values, motions = candidate.program, candidate.point.cache, {}
+        weakest = WEAKEST * program.fleet.speed
+        for i, name in enumerate(self.task.names):
+            if program.kept[i]:
+                continue
+            duration, burns = float(values.x[i, -1]), np.zeros((0, 4))
+            if program.varied[i]:
+                burns = cleaned(self.task, i, values.burns[i], duration, weakest)
+            motions[name] = arc_trajectory(self.task, i, burns, duration)
+        yield self.assessed(motions, candidate.point.xi)
 
     def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
         """Whether a candidate is cheaper than one that is verified."""
         return candidate.cost < than.cost
-
-    def failure(self) -> Infeasible:
-        """Return why there is no plan, not even by polynomials."""
-        return self._last if self._last is not None else super().failure()

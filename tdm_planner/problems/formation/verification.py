@@ -67,7 +67,7 @@ def assessed(
             motion,
             own,
             replayed,
-            np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
+            goal_state(task, i),
             TERMINAL_TOLERANCE,
             limits,
             consistency=_CONSISTENCY,
@@ -113,15 +113,13 @@ def assessed(
 
 def start_state(task: FormationTask, robot: int) -> Array:
     """State (7,) of a robot to begin in, NaN where the thruster's angle is free."""
-    return np.array(
-        [
-            *task.start[robot],
-            *task.velocity[robot],
-            task.yaw[robot],
-            task.yaw_rate[robot],
-            task.alpha[robot],
-        ]
-    )
+    turned = task.yaw[robot], task.yaw_rate[robot], task.alpha[robot]
+    return np.array([*task.start[robot], *task.velocity[robot], *turned])
+
+
+def goal_state(task: FormationTask, robot: int) -> Array:
+    """State (7,) of a robot to end in; the thruster's angle is free."""
+    return np.array([*task.goal[robot], 0.0, 0.0, task.goal_yaw[robot], 0.0, 0.0])
 
 
 def flown(
@@ -150,61 +148,46 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
 
     A thruster that turns slowly lets robots deviate from the motions that were planned.
     """
-    i, j = np.triu_indices(task.n, 1)
-    reserved = np.minimum(task.pair_clearances(i, j) - task.separation, task.margin)
-    left = [
-        verification.worst[f'separation {task.names[a]}-{task.names[b]}']
-        for a, b in zip(i, j, strict=True)
-    ]
-    return bool((np.array(left) >= 0.5 * reserved).all())
+    reserved = task.pair_clearances() - task.separation
+    left = [verification.worst[pair.name] for pair in separation_constraints(task)]
+    return bool((np.array(left) >= 0.5 * np.minimum(reserved, task.margin)).all())
 
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:
     """Limits of one robot: thrust, thruster rate, torque, walls, keep-out zones."""
-    plant = task.plant
+    plant, rate, half = task.plant, task.thruster_rate, task.separation / 2
     thrust, torque = task.thrust * plant.mass, task.torque * plant.inertia
-    half = task.separation / 2
+
+    def pushed(times: Array, states: Array, controls: Array) -> Array:
+        return np.asarray(np.minimum(thrust - controls[:, 0], controls[:, 0]))
+
+    def turned(times: Array, states: Array, controls: Array) -> Array:
+        return np.asarray(rate - np.abs(controls[:, 1]))
 
     def walls(times: Array, states: Array, controls: Array) -> Array:
         nearest = np.minimum(states[:, :2], task.sides - states[:, :2])
-        return np.asarray(np.minimum(nearest[:, 0], nearest[:, 1]) - half)
+        return np.asarray(nearest.min(axis=1) - half)
+
+    def keep_out(times: Array, states: Array, controls: Array) -> Array:
+        apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
+        return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
 
     constraints = [
-        Constraint(
-            'thrust',
-            lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]),
-            _ROUNDING * thrust,
-            'N',
-        ),
-        Constraint(
-            'thruster_rate',
-            lambda t, x, u: task.thruster_rate - np.abs(u[:, 1]),
-            _ROUNDING * task.thruster_rate,
-            'rad/s',
-        ),
-        Constraint('torque', lambda t, x, u: torque - np.abs(u[:, 2]), _ROUNDING * torque, 'N m'),
+        Constraint('thrust', pushed, _ROUNDING * thrust, 'N'),
+        Constraint('thruster_rate', turned, _ROUNDING * rate, 'rad/s'),
+        Constraint('torque', lambda t, x, u: torque - abs(u[:, 2]), _ROUNDING * torque, 'N m'),
         Constraint('walls', walls, _ROUNDING, 'm'),
+        Constraint('keep_out', keep_out, _ROUNDING, 'm'),
     ]
-    if len(task.obstacles):
-
-        def keep_out(times: Array, states: Array, controls: Array) -> Array:
-            apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
-            return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
-
-        constraints.append(Constraint('keep_out', keep_out, _ROUNDING, 'm'))
-    return constraints
+    return constraints if len(task.obstacles) else constraints[:-1]
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:
     """Return the separation of every pair, on the states of all robots side by side."""
 
     def margin(i: int, j: int) -> Callable[[Array, Array, Array], Array]:
-        def of(times: Array, states: Array, controls: Array) -> Array:
-            every = states.reshape(len(states), -1, 7)
-            apart = every[:, i, :2] - every[:, j, :2]
-            return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) - task.separation)
-
-        return of
+        one, other = (slice(7 * k, 7 * k + 2) for k in (i, j))
+        return lambda t, x, u: np.hypot(*(x[:, one] - x[:, other]).T) - task.separation
 
     return [
         Constraint(f'separation {task.names[i]}-{task.names[j]}', margin(i, j), _ROUNDING, 'm')

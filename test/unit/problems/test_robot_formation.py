@@ -15,7 +15,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem,
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
-from tdm_planner.problems.formation.size import resized
+from tdm_planner.problems.formation.parameters import resized
 from tdm_planner.problems.formation.verification import assessed
 from tdm_planner.verification import check
 

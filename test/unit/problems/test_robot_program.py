@@ -16,15 +16,23 @@ from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.virtual_arc import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation.approaches import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.parameters import RobotStart
-from tdm_planner.problems.formation.polynomial_search import guesses
-from tdm_planner.problems.formation.program import PolynomialProgram
-from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
-from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
+from tdm_planner.problems.formation.polynomial_kernels import unpacked
+from tdm_planner.problems.formation.polynomial_plan import ThrustDirection
+from tdm_planner.problems.formation.polynomial_search import guesses, PolynomialProgram
+from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
+from tdm_planner.problems.formation.reference_motion import (
+    arcs_at,
+    end_derivatives,
+    MotionForm,
+)
+from tdm_planner.problems.formation.thrust_arcs_program import (
+    arc_trajectory,
+    ArcProgram,
+    cleaned,
+    remaining,
+)
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
-from tdm_planner.problems.formation.thrust_direction import ThrustDirection
 
 TASK = FORMATION.task
 FORMS = {
@@ -55,10 +63,9 @@ def task_where_one_stays():
 
 
 def program_and_point(form, task, hurry=0.7):
-    model, rng = ReferenceMotion(task, FORMS[form]), np.random.default_rng(0)
-    program = PolynomialProgram(model)
+    program, rng = PolynomialProgram(task, FORMS[form]), np.random.default_rng(0)
     x = next(guesses(program, rng))
-    x[:, : model.nb] *= hurry  # so little time that thrust is near its limit
+    x[:, : program.nb] *= hurry  # so little time that thrust is near its limit
     xi = program.reduce(x)
     return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
 
@@ -77,18 +84,21 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     task = replace(TASK, coast=rng.uniform(0, 2, 3))
     task = replace(task, velocity=velocity[:, :2], yaw_rate=velocity[:, 2])
     task = replace(task, acceleration=acceleration[:, :2], yaw_acceleration=acceleration[:, 2])
-    model = ReferenceMotion(task, form)
-    x = rng.normal(0, 0.3, (3, model.size))
-    x[:, : model.nb] = rng.uniform(0.6, 1.4, (3, model.nb))
-    motion = model.unpack(x * model.units)
+    program = PolynomialProgram(task, form)
+    x = rng.normal(0, 0.3, program.units.shape)
+    x[:, : program.nb] = rng.uniform(0.6, 1.4, (3, program.nb))
+    x *= program.units
+    ends = unpacked(program.manoeuvre, x)
+    yaws, _ = end_derivatives(form.yaw_order, False)
     given_axes = slice(2 if form.vary_ends else 0, 3)
     for s, place, yaw, rates in (
         (0.0, task.departure, task.departure_yaw, [velocity, acceleration]),
         (1.0, task.goal, task.goal_yaw, np.zeros((2, 3, 3))),
     ):
-        mu = [(motion.rates @ bernstein_basis(form.degree, s, d))[:, None] for d in range(2)]
-        path = [motion.position @ model.basis.basis.values(s, d) for d in range(3)]
-        turn = [motion.yaw @ model.yaw_basis.basis.values(s, d) for d in range(3)]
+        b = x[:, : program.nb]
+        mu = [(b @ bernstein_basis(form.degree, s, d))[:, None] for d in range(2)]
+        path = [program.positions(x) @ program.basis.values(s, d) for d in range(3)]
+        turn = [ends[:, 2, : form.yaw_order + 1] @ yaws.values(s, d) for d in range(3)]
         jet = [np.column_stack(both) for both in zip(path, turn, strict=True)]
         at, first, second = time_derivatives(jet, reciprocal(mu))
         assert at == pytest.approx(np.column_stack([place, yaw]), abs=1e-9)
@@ -122,11 +132,13 @@ def test_gradient_and_rows_against_differences(made):
 
 def places(program, xi, t):
     """Positions (n, 2, K) at common instants, coasting before and parked after."""
-    model, motion = program.model, program.motion(xi)
-    early = np.minimum(t - model.task.coast[:, None], 0.0)
-    arcs = np.stack([model.arcs_at(motion, i, t) for i in range(model.task.n)])
-    found = motion.position @ np.swapaxes(model.basis.basis.values(arcs), 1, 2)
-    return found + model.task.velocity[..., None] * early[:, None]
+    task, values = program.task, program.evaluate(xi).cache
+    since = t - task.coast[:, None]
+    arcs = [
+        arcs_at(*both) for both in zip(values.times, values.times.sum(axis=1), since, strict=True)
+    ]
+    found = program.positions(values.x) @ np.swapaxes(program.basis.values(np.stack(arcs)), 1, 2)
+    return found + task.velocity[..., None] * np.minimum(since, 0.0)[:, None]
 
 
 def test_separations_against_differences(made):
@@ -194,15 +206,14 @@ def test_names_the_constraint_that_is_violated_most():
 
 
 def test_held_motions_are_avoided_and_not_varied() -> None:
-    task, model = TASK, ReferenceMotion(TASK)
-    every = PolynomialProgram(model)
-    x = np.random.default_rng(3).normal(scale=0.05, size=(task.n, model.size)) * model.units
-    x[:, 0] = model.time
+    every = PolynomialProgram(TASK, FORMS['default'])
+    x = np.random.default_rng(3).normal(scale=0.05, size=every.units.shape) * every.units
+    x[:, 0] = every.time
     held = np.full_like(x, np.nan)
     held[1] = x[1]
-    program = PolynomialProgram(model, held=held)
+    program = PolynomialProgram(TASK, FORMS['default'], held)
     xi = program.reduce(x)
-    assert xi.size == every.reduce(x).size - model.size
+    assert xi.size == every.reduce(x).size - every.size
     np.testing.assert_array_equal(program.full(xi)[1], x[1])
     np.testing.assert_allclose(program.full(xi), x)
     with_it, without = (p.evaluate(p.reduce(x)).cache for p in (program, every))
@@ -212,7 +223,7 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
     assert rows.shape[1] == xi.size
     held[0] = x[0]  # two kept robots leave the third all the room there is
-    program = PolynomialProgram(model, held=held)
+    program = PolynomialProgram(TASK, FORMS['default'], held)
     found = program.evaluate(program.reduce(x)).cache.approaches
     assert (found[:, 1] >= 2).all()
 
@@ -245,7 +256,7 @@ def test_slopes_are_those_of_the_values(changes, count):
         point = program.evaluate(z)
         late = np.diff(point.cache.x[:, -1]) - program.task.interval
         same = len(point.cache.approaches) == rows
-        near = point.cache.closeness if same else np.full(rows, np.nan)
+        near = point.cache.approaches[:, CLOSENESS] if same else np.full(rows, np.nan)
         return np.append(near, point.cost - weight * np.abs(late).sum())
 
     *slopes, gradient = central(smooth, xi)

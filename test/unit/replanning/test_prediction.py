@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
-from tdm_planner.problems.formation.warm_start import kept_motions, LATE, turning_time
+from tdm_planner.problems.formation.search import kept_motions, LATE
 from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
@@ -201,7 +201,7 @@ def test_a_tuned_robot_is_predicted_with_its_own_gains(flight):
 def leg(flight):
     """Return a plan, and an instant at which the first robot is on its last leg."""
     rate = FORMATION.limits.thruster_rate
-    return flight, flight.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
+    return flight, flight.solution.trajectories['robot1'].duration - 0.8 * np.pi / rate
 
 
 def asked_at(plan, at, asked=FORMATION, **away):
