@@ -43,6 +43,7 @@ _IPOPT: dict[str, Any] = {
     'acceptable_iter': 0,
     'mu_strategy': 'monotone',
     'barrier_tol_factor': 30.0,  # how roughly the first barrier problems are solved
+    'min_refinement_steps': 0,  # of a linear solution that is good as it is
     # The program is scaled; for its size a plain ordering is the quickest.
     'mumps_scaling': 0,
     'mumps_permuting_scaling': 0,
@@ -67,8 +68,7 @@ class Settings:
 
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
-# A barrier of 1e-3 stalls: the multipliers begin at nothing.
-WARM = Settings(iterations=200, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
+WARM = Settings(iterations=200, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +251,13 @@ class Collocation:
         self._sizes = nx, nu
         smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
         self._cost = ca.Function('cost', [z, given], [cost])
-        ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
+        ipopt = {
+            **_IPOPT,
+            'max_iter': settings.iterations,
+            'mu_init': settings.barrier,
+            # From near a solution the limits' multipliers begin where the barrier has them.
+            'bound_mult_init_method': 'constant' if settings is COLD else 'mu-based',
+        }
         self._clock = _Clock(z.numel(), rows.numel(), given.numel())
         self._solver = ca.nlpsol(
             'collocation',
@@ -262,6 +268,7 @@ class Collocation:
                 'show_eval_warnings': False,
                 'calc_lam_p': False,
                 'no_nlp_grad': True,
+                'detect_simple_bounds': True,  # a limit on one variable takes no row
                 'ipopt': ipopt,
                 'iteration_callback': self._clock,
             },
