@@ -21,7 +21,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
-from tdm_planner.direct_method.collocation import COLD, Motion, WARM
+from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
