@@ -43,6 +43,7 @@ _IPOPT: dict[str, Any] = {
     'acceptable_iter': 0,
     'mu_strategy': 'monotone',
     'barrier_tol_factor': 30.0,  # how roughly the first barrier problems are solved
+    'min_refinement_steps': 0,  # of a linear solution that is good as it is
     # The program is scaled; for its size a plain ordering is the quickest.
     'mumps_scaling': 0,
     'mumps_permuting_scaling': 0,
@@ -67,8 +68,7 @@ class Settings:
 
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
-# A barrier of 1e-3 stalls: the multipliers begin at nothing.
-WARM = Settings(iterations=200, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
+WARM = Settings(iterations=200, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,9 +194,11 @@ class Collocation:
         sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1
         p, sx, su, sl, st, charged = (ca.SX.sym('s', size) for size in sizes)
         parts = trace.running, trace.rates, trace.unfolded.rows
-        self._rounded = running, motion, stated = [Rounded(part) for part in parts]
+        running, motion, stated = kinked = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
-        e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self._rounded)
+        self._limits = Call(trace.unfolded.rows, n + 1)
+        self._kinks = [Call(one.sizes, n + 1) for one in kinked]
+        e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
         u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
         h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
@@ -251,7 +253,13 @@ class Collocation:
         self._sizes = nx, nu
         smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
         self._cost = ca.Function('cost', [z, given], [cost])
-        ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
+        ipopt = {
+            **_IPOPT,
+            'max_iter': settings.iterations,
+            'mu_init': settings.barrier,
+            # From near a solution the limits' multipliers begin where the barrier has them.
+            'bound_mult_init_method': 'constant' if settings is COLD else 'mu-based',
+        }
         self._clock = _Clock(z.numel(), rows.numel(), given.numel())
         self._solver = ca.nlpsol(
             'collocation',
@@ -262,6 +270,7 @@ class Collocation:
                 'show_eval_warnings': False,
                 'calc_lam_p': False,
                 'no_nlp_grad': True,
+                'detect_simple_bounds': True,  # a limit on one variable takes no row
                 'ipopt': ipopt,
                 'iteration_callback': self._clock,
             },
@@ -270,7 +279,7 @@ class Collocation:
 
     def _rounding(self, along: tuple[Array, ...], share: float) -> Array:
         """Return how far the kinks of the running cost, the rates and the limits are rounded."""
-        running, motion, limits = (Call(one.sizes, self.intervals + 1) for one in self._rounded)
+        running, motion, limits = self._kinks
         inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
         shares = share, share, _LIMITS_ROUNDING
         largest = (np.abs(np.nan_to_num(sizes)).max(axis=0, initial=0.0) for sizes in inside)
@@ -302,7 +311,10 @@ class Collocation:
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         along = times, guess.states, guess.controls, numbers
-        rows = Call(self.trace.unfolded.rows, n + 1)(*along)[0]
+        charge = COLD if roughly else self._settings
+        with self._lock:
+            rows = self._limits(*along)[0].copy()
+            rounding = self._rounding(along, charge.rounding)
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
@@ -330,8 +342,6 @@ class Collocation:
         inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
         least = np.concatenate([np.zeros(self._equalities), kept.ravel(), inside])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        charge = COLD if roughly else self._settings
-        rounding = self._rounding(along, charge.rounding)
         given = np.concatenate([numbers, sx, su, sl, rounding, [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))

@@ -36,7 +36,8 @@ from tdm_planner.verification import usual_tolerance
 
 Array = NDArray[np.float64]
 
-COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
+# Intervals of the collocation: from first guesses, from earlier plans, of most plans, at most.
+FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
 _SHARE, _NEAR, _SHIFTS = 0.1, 10.0, 3  # of the end's tolerance: to be content, to shift the end
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
@@ -169,11 +170,12 @@ class Refinement:
             for values, given in ((states, self.ends.states), (controls, self.ends.controls)):
                 values += np.nan_to_num(given[side] - values[side]) * share[:, None]
         guess = Motion(states[::2], states[1::2], controls[::2], rest)
-        for duration, settings in ((rest, WARM), (_LONGER * rest, COLD)):
-            motion = self.solve(COARSE, replace(guess, duration=duration), settings)
-            if motion is not None:
-                return motion
-        return None
+        motion = self.solve(COARSE, guess, WARM)
+        if motion is None:
+            longer = replace(self._on(guess, FIRST), duration=_LONGER * rest)
+            motion = self.solve(FIRST, longer, COLD)
+            motion = motion and self.finer(motion, COARSE)
+        return motion
 
     def _left(self, plan: Trajectory) -> float:
         """Instant [s] at which a plan is nearest to the given part of the start."""
@@ -290,5 +292,5 @@ class Refinement:
 def prepare_refinement(trace: Trace) -> None:
     """Make the programs that most plans need."""
     trace.integrator  # noqa: B018 - it is made when it is first asked for
-    for intervals, settings in ((COARSE, COLD), (COARSE, WARM), (FINE, WARM)):
+    for intervals, settings in ((FIRST, COLD), (COARSE, WARM), (FINE, WARM)):
         Collocation.of(trace, intervals, settings)

@@ -21,7 +21,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
-from tdm_planner.direct_method.collocation import COLD, Motion, WARM
+from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
@@ -31,7 +31,7 @@ from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.refinement import COARSE, FINE, Refinement
+from tdm_planner.problems.direct.refinement import COARSE, FINE, FIRST, Refinement
 from tdm_planner.problems.direct.statement import (
     check_ends,
     check_limits,
@@ -51,7 +51,7 @@ _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obst
 _PLAIN, _BENDS = 4, (0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0)  # attempt without; of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
-_SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
+_SETTLED = 2e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
@@ -168,7 +168,7 @@ class DirectSearch(Search[Candidate]):
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
                 break
-            motion = self._refinement.solve(COARSE, guess, COLD, until)
+            motion = self._refinement.solve(FIRST, guess, COLD, until)
             if motion is None:
                 continue
             solved.append(motion)
@@ -187,9 +187,7 @@ class DirectSearch(Search[Candidate]):
                 break
         yield from sorted(solved[1:], key=lambda found: found.cost)
         if hurried:  # there was time after all
-            self._as_it_is = True
-            yield self._settled(solved[0])
-            self._as_it_is = False
+            yield solved[0]
 
     def _guesses(self) -> Iterator[Motion]:
         """Yield first guesses on the coarse intervals, mostly minima of the direct method."""
@@ -208,7 +206,7 @@ class DirectSearch(Search[Candidate]):
                 pair, side = divmod(next(lines) if attempt else 0, 2)
                 bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
                 rng = np.random.default_rng([self._seed, pair])
-                yield self._refinement.straight(COARSE, bend, rng)
+                yield self._refinement.straight(FIRST, bend, rng)
             elif attempt == _PLAIN:
                 yield from self._finite(minima.rough.first_guess)
             elif (minimum := minima.loose(attempt)) is not None:
@@ -232,7 +230,7 @@ class DirectSearch(Search[Candidate]):
 
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
-        motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
+        motion = coarse if self._warm else self._settled(coarse)
         solved, planned = self._accepted
         if motion.cost >= planned or abs(motion.cost - solved) <= _WORTHWHILE * abs(motion.cost):
             return  # on more intervals it is the motion that was verified, or a dearer one
@@ -246,15 +244,16 @@ class DirectSearch(Search[Candidate]):
             yield plan
 
     def _settled(self, motion: Motion) -> Motion:
-        """Solve on more intervals, as many as J asks for."""
-        intervals, coarse = FINE, motion.cost
+        """Solve on more intervals, as many as J asks for; in a hurry on few."""
+        intervals, coarse = COARSE if self._as_it_is else FINE, motion.cost
         while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
                 break
-            gain = abs(motion.cost - finer.cost)
+            # The error is that of a second-order method: controls are linear in an interval.
+            left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
-            if gain <= _SETTLED * abs(motion.cost):
+            if self._as_it_is or left <= _SETTLED * abs(motion.cost):
                 break
         self._coarse_error = abs(coarse - motion.cost)
         return motion
@@ -290,7 +289,7 @@ class DirectSearch(Search[Candidate]):
     def _from_minimum(self, minimum: Minimum) -> Motion | None:
         """Solve the collocation from a minimum of the direct method; None if that fails."""
         for guess in self._finite(minimum.point.xi):
-            return self._refinement.solve(COARSE, guess, WARM)
+            return self._refinement.finer(guess, COARSE)
         return None
 
     @cached_property
@@ -305,7 +304,7 @@ class DirectSearch(Search[Candidate]):
     @cached_property
     def _halves(self) -> Transcription:
         """Return the program on the ends and middles of the coarse intervals."""
-        return self._minima.on(np.linspace(0.0, 1.0, 2 * COARSE * self._minima.parts + 1))
+        return self._minima.on(np.linspace(0.0, 1.0, 2 * FIRST * self._minima.parts + 1))
 
     @property
     def _latest(self) -> float:
