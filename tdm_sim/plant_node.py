@@ -379,10 +379,8 @@ class PlantNode(ParameterNode):
         if self._clocks is not None and self._clocks.warning:
             warnings = [*warnings, self._clocks.warning]
         level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
-        if self.simulation.breakdowns:
-            errors.append(
-                f'reset {self.simulation.breakdowns} times: the motion could not be integrated'
-            )
+        if (lost := self.simulation.breakdowns) > 0:
+            errors.append(f'reset {lost} times: the motion could not be integrated')
         if errors or warnings:
             level = Level.ERROR if errors else Level.WARN
             message = '; '.join([*errors, *warnings])

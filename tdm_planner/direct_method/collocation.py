@@ -277,15 +277,6 @@ class Collocation:
         )
         self.seconds = time.thread_time() - began
 
-    def _rounding(self, along: tuple[Array, ...], share: float) -> Array:
-        """Return how far the kinks of the running cost, the rates and the limits are rounded."""
-        running, motion, limits = self._kinks
-        inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
-        shares = share, share, _LIMITS_ROUNDING
-        largest = (np.abs(np.nan_to_num(sizes)).max(axis=0, initial=0.0) for sizes in inside)
-        rounding = [part * size for part, size in zip(shares, largest, strict=True)]
-        return np.concatenate(rounding) + _LEAST_SCALE[1]
-
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
         """Return the program of this kind, made once."""
@@ -312,9 +303,14 @@ class Collocation:
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         along = times, guess.states, guess.controls, numbers
         charge = COLD if roughly else self._settings
+        shares = charge.rounding, charge.rounding, _LIMITS_ROUNDING
+        running, motion, limits = self._kinks
         with self._lock:
             rows = self._limits(*along)[0].copy()
-            rounding = self._rounding(along, charge.rounding)
+            inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
+            largest = [np.abs(np.nan_to_num(v)).max(axis=0, initial=0.0) for v in inside]
+        # How far the kinks of the running cost, the rates and the limits are rounded.
+        rounding = np.concatenate([by * size for by, size in zip(shares, largest, strict=True)])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
@@ -338,11 +334,10 @@ class Collocation:
             lower[at + index] = upper[at + index] = values[index] / scale[index]
         lower[-1], upper[-1] = durations[0] / st, durations[1] / st
         z = np.clip(z, lower, upper)
-        between = kept[1] if n > 1 else kept[0]
-        inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
-        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), inside])
+        between = np.tile(kept[1, self.inner_limits], n * (1 + len(INNER)))
+        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), between])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, rounding, [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, sl, rounding + _LEAST_SCALE[1], [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)

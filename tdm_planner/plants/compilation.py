@@ -20,6 +20,7 @@ import numba
 from numba.core import event
 from numba.core.caching import IndexDataCacheFile
 from numba.extending import register_jitable
+import numpy as np
 from tdm_planner.plants.slopes import DIGEST, FOLDER
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
@@ -72,3 +73,29 @@ def inlined(function: _Function) -> _Function:
     """Let compiled functions call this one, as part of themselves; called itself it is Python."""
     made: _Function = register_jitable(error_model='numpy', forceinline=True)(function)
     return made
+
+
+@compiled
+def sine_and_cosine(angle: float) -> tuple[float, float]:
+    """
+    Both to the last bit or nearly, up to some 1e6 rad, without a branch.
+
+    The angle less the nearest multiple of pi / 2, itself in three parts (Cody and Waite), then
+    the polynomials of fdlibm's kernels.
+    """
+    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
+    x = angle - quarters * 1.57079632673412561417
+    x -= quarters * 6.07710050630396597660e-11
+    x -= quarters * 2.02226624879595063154e-21
+    z = x * x
+    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155e-10)
+    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
+    s = x + x * z * (-1.66666666666666324348e-01 + z * s)
+    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.135964755778819e-11)
+    c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
+    c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * c)
+    half = 0.5 * quarters
+    odd = half > np.floor(half)
+    quarter = 0.5 * np.floor(half)
+    sign = 1.0 - 4.0 * (quarter - np.floor(quarter))
+    return sign * (c if odd else s), sign * (-s if odd else c)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from tdm_planner.plants import rotary_pendulum as stated
-from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
 
@@ -37,32 +37,6 @@ _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
-
-
-@compiled
-def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """
-    Both to the last bit or nearly, up to some 1e6 rad, without a branch.
-
-    The angle less the nearest multiple of pi / 2, itself in three parts (Cody and Waite), then
-    the polynomials of fdlibm's kernels.
-    """
-    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
-    x = angle - quarters * 1.57079632673412561417
-    x -= quarters * 6.07710050630396597660e-11
-    x -= quarters * 2.02226624879595063154e-21
-    z = x * x
-    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155e-10)
-    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
-    s = x + x * z * (-1.66666666666666324348e-01 + z * s)
-    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.135964755778819e-11)
-    c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
-    c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * c)
-    half = 0.5 * quarters
-    odd = half > np.floor(half)
-    quarter = 0.5 * np.floor(half)
-    sign = 1.0 - 4.0 * (quarter - np.floor(quarter))
-    return sign * (c if odd else s), sign * (-s if odd else c)
 
 
 @inlined

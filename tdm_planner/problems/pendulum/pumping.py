@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import (
     HELD,
     LANES,
@@ -32,7 +32,6 @@ from tdm_planner.plants.pendulum_kernels import (
     PSI_DOT,
     quick_accelerations,
     quick_time,
-    sine_and_cosine,
     STEP,
     step_lanes,
     THETA_DOT,
@@ -100,9 +99,8 @@ class Laws(NamedTuple):
     `first`: sign of the first arc; `share` of the torque that is used; `on_place`, `on_momentum`:
     gains on Q and L; `band`: of the energy, in m g l, in which pumping fades; `brake`: share of
     the disk's limit before which it stands; `lead`: tangent of the phase by which it switches
-    early, late below 0; `hold`: duration of the first arc [1/w0], 0 for what the law says;
-    `weight` [1/w0] of the root of the distance from the goal beside the time, which decides where
-    a motion is cut.
+    early; `hold`: duration of the first arc [1/w0], 0 for what the law says; `weight` [1/w0] of
+    the root of the distance from the goal beside the time: it decides where a motion is cut.
     """
 
     first: Array
@@ -332,8 +330,7 @@ def pumped(
     def few(near: int) -> bool:
         return near < LANES or (near < _MANY * LANES and budget.elapsed < _AT_LEISURE * until)
 
-    swings: list[Candidate] = []
-    tried = 0
+    swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not late() and few(len(swings)):
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS), most, budget, enough)

@@ -23,7 +23,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFai
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.pumping import pumped
 from tdm_planner.problems.pendulum.shooting import ARRIVED
-from tdm_planner.problems.pendulum.switching_refinement import collocated
+from tdm_planner.problems.pendulum.switching_refinement import collocated, with_new_arcs
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -37,7 +37,6 @@ from tdm_planner.problems.pendulum.switching_search import (
     starts,
     trajectory,
     warm_starts,
-    with_new_arcs,
     without_short_arcs,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE

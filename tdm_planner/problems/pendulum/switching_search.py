@@ -6,15 +6,6 @@ Candidates of the search for switching times: initial guesses, arrivals, polish,
 
 Initial guesses are random, or the arcs of an earlier plan; torques of random ones alternate
 between their extremes from arc to arc, either sign may come first.
-
-Of a polished candidate multipliers lambda of the ends and mu >= 0 of the disk's limit make the
-Lagrangian of (10) stationary in the arcs there are. An empty arc of the opposite torque then has
-the derivative
-
-    dL/dxi = 1 + lambda d(ends)/dxi - mu d(margins)/dxi,
-
-the Hamiltonian of the minimum principle under that torque. Where it is negative the torque has the
-wrong sign, and an arc begun there shortens the swing-up.
 """
 
 from __future__ import annotations
@@ -30,7 +21,7 @@ from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
-from tdm_planner.problems.pendulum.switching_motion import ArcPoint, ArcProgram, evaluate_arcs
+from tdm_planner.problems.pendulum.switching_motion import ArcProgram, evaluate_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
@@ -55,12 +46,6 @@ _POLISHED = 16  # last arcs whose time is minimised
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _CORRECTIONS = 10  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
-_PARTS = 4  # of an arc, before each of which an empty arc is tried
-_MOST = 2  # new arcs at a time: they change the multipliers
-_PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
-_STATIONARY = 0.1  # largest derivative by an arc that is there, at a minimum
-_ACTIVE = 2e-3  # [rad] from the disk's limit, of a peak that counts as at it
-_EMPTY = 1e-7  # w0 d of an arc that may only grow
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
@@ -367,55 +352,11 @@ def program_of(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgra
     )
 
 
-def with_new_arcs(
-    task: SwingUpTask, candidate: Candidate, steps: int, most: int
-) -> Candidate | None:
-    """
-    Return a candidate, all of whose arcs are varied, with empty arcs where they pay.
-
-    There are at most `most` arcs. Where none pays it comes back as it is to be minimised further,
-    or None at a minimum, and where the motion runs away.
-    """
-    durations = np.zeros(2 * _PARTS * candidate.durations.size + 1)
-    durations[1::2] = np.repeat(candidate.durations / _PARTS, _PARTS)
-    torques = np.empty(durations.size)
-    torques[1::2] = np.repeat(candidate.torques, _PARTS)
-    torques[:-1:2], torques[-1] = -torques[1::2], -candidate.torques[-1]
-    split = replace(candidate, durations=durations, torques=torques)
-    xi = task.plant.natural_frequency * durations
-    point = evaluate_arcs(program_of(task, split, -(-steps // _PARTS)), xi)
-    if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
-        return None
-    there = xi > _EMPTY
-    slopes = _lagrangian_slopes(point, there)
-    pays = np.flatnonzero(~there & (slopes < _PAYS))
-    room = max(0, min(_MOST, (most - candidate.durations.size) // 2))
-    begun = pays[np.argsort(slopes[pays])][:room]
-    if not begun.size:
-        return candidate if np.abs(slopes[there]).max() > _STATIONARY else None
-    kept = there.copy()
-    kept[begun] = True
-    return _joined(candidate, durations[kept], torques[kept])[0]
-
-
-def _joined(candidate: Candidate, durations: Array, torques: Array) -> tuple[Candidate, Integers]:
+def joined(candidate: Candidate, durations: Array, torques: Array) -> tuple[Candidate, Integers]:
     """Join arcs that follow one another with the same torque; the first of those each is of."""
     firsts = np.flatnonzero(np.append(True, torques[1:] != torques[:-1]))
-    joined = np.add.reduceat(durations, firsts)
-    return replace(candidate, durations=joined, torques=torques[firsts]), firsts
-
-
-def _lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
-    """Return dL/dxi (K,), by multipliers with which it is nearest to zero for the arcs `there`."""
-    active = np.flatnonzero(point.margins < _ACTIVE)
-    while True:
-        rows = np.concatenate([point.jacobian, -point.slopes[active]])
-        multipliers = np.linalg.lstsq(rows[:, there].T, -np.ones(there.sum()), rcond=1e-6)[0]
-        pushed = multipliers[4:] >= 0.0
-        if pushed.all():
-            slopes: Array = 1.0 + multipliers @ rows
-            return slopes
-        active = active[pushed]
+    together = np.add.reduceat(durations, firsts)
+    return replace(candidate, durations=together, torques=torques[firsts]), firsts
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
@@ -426,7 +367,7 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
     """
     shortest = min(_SHORTEST_ARC / task.plant.natural_frequency, 1e-4 * candidate.total)
     kept = np.flatnonzero(candidate.durations >= shortest)
-    fewer, firsts = _joined(candidate, candidate.durations[kept], candidate.torques[kept])
+    fewer, firsts = joined(candidate, candidate.durations[kept], candidate.torques[kept])
     fixed = int(np.count_nonzero(kept[firsts] < candidate.fixed))
     return candidate if firsts.size < fixed + FEWEST_ARCS else replace(fewer, fixed=fixed)
 

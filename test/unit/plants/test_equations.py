@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
+from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_lanes, roll_states
 from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
@@ -127,7 +128,7 @@ def test_ends_of_many_motions_are_those_one_by_one(seed):
 @given(st.floats(-1e6, 1e6))
 @settings(max_examples=200)
 def test_sine_and_cosine(angle):
-    sine, cosine = pendulum_kernels.sine_and_cosine(angle)
+    sine, cosine = sine_and_cosine(angle)
     assert abs(sine - np.sin(angle)) < 3e-16
     assert abs(cosine - np.cos(angle)) < 3e-16
 

@@ -30,13 +30,12 @@ from tdm_planner.problems.pendulum import switching_motion
 from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
 from tdm_planner.problems.pendulum.switching_minimiser import minimise
 from tdm_planner.problems.pendulum.switching_motion import ArcProgram, evaluate_arcs
-from tdm_planner.problems.pendulum.switching_refinement import collocated
+from tdm_planner.problems.pendulum.switching_refinement import collocated, with_new_arcs
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     polish,
     starts,
     trajectory,
-    with_new_arcs,
     without_short_arcs,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
