@@ -52,7 +52,7 @@ _PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
 _STATIONARY = 0.1  # largest derivative by an arc that is there, at a minimum
 _ACTIVE = 2e-3  # [rad] from the disk's limit, of a peak that counts as at it
 _EMPTY = 1e-7  # w0 d of an arc that may only grow
-_INTERVALS = 60  # of the collocation
+_INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-2)  # of the collocation; the optimum is far
 _SWITCH = 0.8  # of the torque, by which it changes within an interval that a switch divides
 _EXTREME = 0.97  # of the torque, from which it counts as all of it
 _ALIKE = 0.1, 0.3  # of the torque, by which that of one arc may vary: finely and coarsely read
@@ -104,7 +104,7 @@ def _lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
 
 def prepare_collocation(stated: StatedSwingUp) -> None:
     """Make the program, so that the first plan does not wait."""
-    Collocation.of(Trace.of(CheckedFormulation(stated)), _INTERVALS, WARM)
+    Collocation.of(Trace.of(CheckedFormulation(stated)), _INTERVALS, _SETTINGS)
 
 
 def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterator[Candidate]:
@@ -117,7 +117,7 @@ def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterat
     states, torques = sample.state, sample.control[::2]
     guess = Motion(states[::2], states[1::2], torques, motion.duration)
     refinement = Refinement(checked, trace, DirectPlant(stated, trace), until)
-    found = refinement.solve(_INTERVALS, guess, WARM)
+    found = refinement.solve(_INTERVALS, guess, _SETTINGS)
     if found is not None:
         shares = np.clip(found.controls[:, 0] / task.torque, -1.0, 1.0)
         for alike in _ALIKE:

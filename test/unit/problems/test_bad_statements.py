@@ -158,7 +158,8 @@ def test_random_statements_are_planned_for_or_refused():
 
 def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
     words = "the start leaves 0.2 to the limit 'pole', less than its reserve 0.5"
-    made = changed(Car, reserve={'pole': 0.5}, **limits(ax=(-1e-3, 1e-3)))
+    short = {'duration': lambda s: Duration(guess=4.0, longest=4.0)}  # it takes a minute and more
+    made = changed(Car, reserve={'pole': 0.5}, **limits(ax=(-1e-3, 1e-3)), **short)
     near = made(start=-math.sqrt(0.44), solver=SolverParameters(deadline=0.3))
     assert check_problem(near).reasons == [words]
     with pytest.raises(Infeasible, match=words):

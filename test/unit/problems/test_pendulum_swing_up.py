@@ -373,22 +373,22 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
 
 
 def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
-    """A light disk and a strong motor: the law that pumps takes half as long again."""
     scaled = [
-        0.444, 0.466, 0.038, 0.161, 0.265, 0.14, 0.245, 0.203, 0.259, 0.242, 0.208,
-        0.223, 0.165, 0.166, 0.127, 1.018, 0.454, 0.402, 1.129, 0.314,
+        0.189, 1.379, 1.74, 0.674, 0.302, 0.086, 0.756, 0.313, 0.129, 0.141, 0.097, 0.191,
+        0.11, 0.705, 0.167,
     ]  # fmt: skip
-    task, budget = random_rig(2056).task, Budget(ENOUGH)
+    task, budget = random_rig(2020).task, Budget(ENOUGH)
     durations = np.array(scaled) / task.plant.natural_frequency
-    pumped = Candidate(durations, task.torque * (-1.0) ** np.arange(len(scaled)), 0)
-    read = list(collocated(task, pumped, budget))
-    assert np.abs([arc for other in read for arc in other.torques]).max() <= task.torque
+    first = Candidate(durations, -task.torque * (-1.0) ** np.arange(len(scaled)), 0)
+    read = list(collocated(task, first, budget))
+    assert np.abs(np.concatenate([arcs.torques for arcs in read])).max() <= task.torque
     assert read[0].total == pytest.approx(read[1].total)  # the same motion, finely and coarsely
     assert read[0].durations.size > read[1].durations.size
-    means = [float(other.durations @ other.torques / task.torque) for other in read]
+    means = [float(arcs.durations @ arcs.torques / task.torque) for arcs in read]
     assert means[0] == pytest.approx(means[1], abs=0.05 * read[0].total)
-    best, violation = polish(task, read[0], task.steps(96), 1e-8, budget)
+    polished = [polish(task, arcs, task.steps(96), 1e-8, budget) for arcs in read]
+    best, violation = min(polished, key=lambda found: found[1])
     assert violation < 1e-8
     assert task.plan(trajectory(task, best), best.durations, violation).verification.ok
-    assert best.total < 0.7 * pumped.total
-    assert list(collocated(task, pumped, Budget(0.0))) == []
+    assert best.total < 0.7 * first.total
+    assert list(collocated(task, first, Budget(0.0))) == []
