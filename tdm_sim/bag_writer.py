@@ -215,7 +215,7 @@ class BagWriter:
 
     def _fail(self, error: Exception) -> None:
         self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
-        self._reserve.unlink(missing_ok=True)
+        self._release()
         with suppress(*StorageError):
             self._storage.rescue(self._writer.counts)
 
@@ -242,9 +242,13 @@ class BagWriter:
             self._fail(error)
         return self
 
+    def _release(self) -> None:
+        with suppress(OSError):  # the disk may be read-only by now
+            self._reserve.unlink()
+
     def __exit__(self, *error: object) -> None:
         """Write index and metadata, also after an error: the messages stay readable."""
-        self._reserve.unlink(missing_ok=True)
+        self._release()
         try:
             try:
                 self._writer.close()

@@ -314,6 +314,9 @@ class Collocation:
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
+        kept[[0, -1]] -= _IPOPT[
+            'constr_viol_tol'
+        ]  # what is given may be on a limit, but for rounding
         # A guess may be no motion at all: the ends count, too.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))

@@ -286,7 +286,8 @@ class Refinement:
     def _on(self, motion: Motion, intervals: int) -> Motion:
         rates: Any = Call(self.trace.rates, motion.intervals + 1)
         given = motion.states, motion.controls, self.numbers
-        return motion.on(intervals, rates(*given)[0])
+        # Where something is at rest they may be 0 / 0.
+        return motion.on(intervals, np.nan_to_num(rates(*given)[0], posinf=0.0, neginf=0.0))
 
 
 def prepare_refinement(trace: Trace) -> None:

@@ -187,10 +187,10 @@ class DirectSearch(Search[Candidate]):
                 break
         yield from sorted(solved[1:], key=lambda found: found.cost)
         if hurried:  # there was time after all
-            yield solved[0]
+            yield self._settled(solved[0])
 
     def _guesses(self) -> Iterator[Motion]:
-        """Yield first guesses on the coarse intervals, mostly minima of the direct method."""
+        """Yield first guesses on the first intervals, mostly minima of the direct method."""
         try:
             minima: DirectMinima | None = self._minima
         except NotFinite:  # as an unstable plant is that is integrated under a rough control
@@ -214,7 +214,7 @@ class DirectSearch(Search[Candidate]):
                 yield from self._finite(minimum.point.xi)
 
     def _finite(self, xi: Array) -> Iterator[Motion]:
-        """Yield the direct method's motion on the coarse intervals if it is finite everywhere."""
+        """Yield the direct method's motion on the first intervals if it is finite everywhere."""
         motion, parts = self._halves.motion(xi), self._minima.parts
         times = motion.times[::parts]
         even = np.linspace(0.0, times[-1], times.size)
@@ -230,7 +230,8 @@ class DirectSearch(Search[Candidate]):
 
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
-        motion = coarse if self._warm else self._settled(coarse)
+        as_it_is = self._warm or coarse.intervals >= FINE
+        motion = coarse if as_it_is else self._settled(coarse)
         solved, planned = self._accepted
         if motion.cost >= planned or abs(motion.cost - solved) <= _WORTHWHILE * abs(motion.cost):
             return  # on more intervals it is the motion that was verified, or a dearer one
@@ -303,7 +304,7 @@ class DirectSearch(Search[Candidate]):
 
     @cached_property
     def _halves(self) -> Transcription:
-        """Return the program on the ends and middles of the coarse intervals."""
+        """Return the program on the ends and middles of the first intervals."""
         return self._minima.on(np.linspace(0.0, 1.0, 2 * FIRST * self._minima.parts + 1))
 
     @property

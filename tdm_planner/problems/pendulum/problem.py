@@ -99,7 +99,7 @@ class PendulumSwingUp(Problem, Validated):
     goal: PendulumGoal = group(PendulumGoal)
     method: str = parameter(
         'switching',
-        'switching: quickest, the torque jumps between its extremes; smooth: the torque is '
+        'switching: quickest, the torque jumps, mostly to its extremes; smooth: the torque is '
         'continuous, for strong motors that cannot switch; virtual_arc: continuous as well, and '
         'theta goes one way all along, as in (9)-(16) of the paper',
         choices=('switching', 'smooth', 'virtual_arc'),

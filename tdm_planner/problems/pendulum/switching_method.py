@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Method `switching`: the quickest verified swing-up with the torque at its extremes.
+Method `switching`: the quickest verified swing-up in arcs of constant torque.
 
 Shooting brings rounds of initial guesses, random and pumping ones, upright. The quickest
 arrivals are polished coarsely, then in order of their time finely, until one passes the
@@ -19,7 +19,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    VerificationFailed,
+)
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.pumping import pumped
 from tdm_planner.problems.pendulum.shooting import ARRIVED
@@ -53,7 +58,7 @@ _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts ha
 # at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 # The quickest candidate, if it has no more arcs than this, is given further ones: in so many turns
-# at most, of such a relative gain at least, until that share of the deadline.
+# at most, of such a relative gain at least, until that share of the deadline, collocation apart.
 _MOST_SHORTENED, _TURNS, _LEAST_GAIN, _SHORTENED = 40, 6, 1e-3, 0.3
 # Fewest arcs of a swing-up by a strong motor that collocation starts from; shares of the deadline
 # after which it does not begin, and ends.
@@ -300,11 +305,11 @@ class SwitchingMethod(Search[Candidate]):
         done.sort(key=lambda c: c.total)
         if not done or self._replans:
             return done
-        shorter = done[0]
+        shorter, left = done[0], _SHORTENED * budget.seconds - budget.elapsed
         if self._task.drive >= _WEAK and shorter.durations.size >= _FEWEST_COLLOCATED:
             shorter = self._collocated(shorter)
         if shorter.durations.size <= _MOST_SHORTENED:
-            shorter = self._shortened(shorter)
+            shorter = self._shortened(shorter, budget.part(left))
         return [shorter, *done] if shorter.total < done[0].total else done
 
     @property
@@ -319,10 +324,9 @@ class SwitchingMethod(Search[Candidate]):
         steps = self._polish_steps
         return polish(self._task, candidate, steps, self._tolerance, until, cutoff)
 
-    def _shortened(self, candidate: Candidate) -> Candidate:
+    def _shortened(self, candidate: Candidate, until: Budget) -> Candidate:
         """Return a candidate with further arcs, as long as they shorten it and there is time."""
-        budget, task = self.budget, self._task
-        until = budget.part(_SHORTENED * budget.seconds - budget.elapsed)
+        task = self._task
         best = without_short_arcs(task, replace(candidate, fixed=0))
         for _ in range(_TURNS):
             if until.spent:
@@ -345,10 +349,12 @@ class SwitchingMethod(Search[Candidate]):
         budget = self.budget
         if budget.elapsed < _COLLOCATED[0] * budget.seconds:
             until = budget.part(_COLLOCATED[1] * budget.seconds - budget.elapsed)
-            for other in collocated(self._task, candidate, until):
-                better, violation = self._coarsely(other, until, candidate.total)
-                if violation < _FEASIBLE and better.total < candidate.total:
-                    return better
+            with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
+                for other in collocated(self._task, candidate, until):
+                    better, violation = self._coarsely(other, until, candidate.total)
+                    few = better.durations.size <= self._arcs
+                    if few and violation < _FEASIBLE and better.total < candidate.total:
+                        return better
         return candidate
 
     def _reason(self) -> str:

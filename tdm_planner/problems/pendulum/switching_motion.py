@@ -4,7 +4,7 @@
 """
 The swing-up as the nonlinear program (10): the varied parameters are the switching times.
 
-Xi = w0 (d_1, ..., d_K), the durations of arcs of alternating extreme torque; J = sum Xi. The
+Xi = w0 (d_1, ..., d_K), the durations of arcs of constant torque; J = sum Xi. The
 argument tau is time itself: torque and initial state already determine the motion, so that the
 states follow by integration and the terminal conditions become equalities,
 

@@ -109,7 +109,7 @@ def prepare_collocation(stated: StatedSwingUp) -> None:
 
 def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterator[Candidate]:
     """Yield arcs of what collocation makes of a candidate in time: finely and coarsely read."""
-    stated = StatedSwingUp.of(task, candidate.turns)
+    stated = StatedSwingUp.of(replace(task, start_torque=None), candidate.turns)
     checked = CheckedFormulation(stated)
     trace = Trace.of(checked)
     motion = trajectory(task, candidate)

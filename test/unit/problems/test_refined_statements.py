@@ -11,7 +11,7 @@ from brachistochrone import Brachistochrone, cycloid_time
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from stated import Car, changed, LONG
+from stated import Car, Cart, changed, LONG
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
@@ -261,3 +261,12 @@ def test_what_collocation_does_not_find_the_direct_method_does(free: int) -> Non
     problem = Brachistochrone(free=free)
     best = cycloid_time(problem.across, problem.down, problem.gravity)
     assert problem.solve().cost == pytest.approx(best, rel=1e-4)
+
+
+@pytest.mark.parametrize('fastest', [0.1, 0.3, 0.7, 1.1])
+@pytest.mark.parametrize('beyond', [0.0, 1e-9])
+def test_a_given_end_on_a_limit_but_for_rounding_is_collocated(fastest, beyond) -> None:
+    ends = {'x': Output((0.0, (1.0 + beyond) * fastest), (fastest, 0.0), free=3)}
+    limit = {'margins': lambda s, t, x, u: {'speed': fastest - x[1]}}
+    plan = changed(Cart, outputs=lambda s: ends, **limit)(solver=LONG).solve()
+    assert plan.trajectory.interpolation == 'linear'  # else the direct method's own

@@ -21,11 +21,7 @@ from tdm_planner.problems.formation.polynomial_kernels import unpacked
 from tdm_planner.problems.formation.polynomial_plan import ThrustDirection
 from tdm_planner.problems.formation.polynomial_search import guesses, PolynomialProgram
 from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
-from tdm_planner.problems.formation.reference_motion import (
-    arcs_at,
-    end_derivatives,
-    MotionForm,
-)
+from tdm_planner.problems.formation.reference_motion import arcs_at, end_derivatives, MotionForm
 from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
     ArcProgram,
@@ -134,9 +130,8 @@ def places(program, xi, t):
     """Positions (n, 2, K) at common instants, coasting before and parked after."""
     task, values = program.task, program.evaluate(xi).cache
     since = t - task.coast[:, None]
-    arcs = [
-        arcs_at(*both) for both in zip(values.times, values.times.sum(axis=1), since, strict=True)
-    ]
+    each = zip(values.times, values.times.sum(axis=1), since, strict=True)
+    arcs = [arcs_at(*both) for both in each]
     found = program.positions(values.x) @ np.swapaxes(program.basis.values(np.stack(arcs)), 1, 2)
     return found + task.velocity[..., None] * np.minimum(since, 0.0)[:, None]
 

@@ -20,18 +20,11 @@ from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim import simulation as simulated
-from tdm_sim.simulation import (
-    mismatched,
-    pendulum_push,
-    PlantSetup,
-    SimulatedPlant,
-    Walls,
-    WheeledRobot,
-)
+from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
 
 SETTINGS = settings(max_examples=25)
 ANGLES = st.floats(-10.0, 10.0)
-PLANT, WHEELED = RotaryPendulum(), WheeledRobot(FloatingRobot())
+PLANT, WHEELED = RotaryPendulum(), simulated.WheeledRobot(FloatingRobot())
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
 MOVING, TORQUE = np.array([2.0, 0.3, -4.0, 3.0]), np.array([0.01])
 LIMIT = np.array([0.02])
@@ -162,7 +155,7 @@ def test_the_wheel_takes_up_the_angular_momentum(torque, omega, wheel):
 
 def test_bounces_are_elastic_reported_and_stay_inside() -> None:
     hits: list[tuple[str, float]] = []
-    walls = Walls(4.0, 2.0, 0.15, lambda axis, speed: hits.append((axis, speed)))
+    walls = simulated.Walls(4.0, 2.0, 0.15, lambda axis, speed: hits.append((axis, speed)))
     state = np.array([2.0, 1.0, 1.3, -0.7, *np.zeros(5)])
     positions = []
     for _ in range(1000):
