@@ -90,7 +90,7 @@ class DirectSearch(Search[Candidate]):
         check_limits(trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
-        self._found = self._warm = self._as_it_is = False
+        self._found = self._warm = self._hurried = False
         self._coarse_error = 0.0  # of J on few intervals, if known
         # J of the last motion; of the one that was verified, and of its plan.
         self._solved, self._accepted = np.inf, (np.inf, np.inf)
@@ -175,9 +175,9 @@ class DirectSearch(Search[Candidate]):
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 hurried = _HURRY * self.budget.elapsed > self.budget.remaining
-                self._as_it_is = hurried
+                self._hurried = hurried
                 yield motion
-                self._as_it_is = False
+                self._hurried = False
             best = min(found.cost for found in solved)
             alike = _ALIKE * abs(best) + self._coarse_error
             again = sum(found.cost <= best + alike for found in solved)
@@ -230,8 +230,8 @@ class DirectSearch(Search[Candidate]):
 
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
-        as_it_is = self._warm or coarse.intervals >= FINE
-        motion = coarse if as_it_is else self._settled(coarse)
+        settled = self._warm or coarse.intervals >= FINE
+        motion = coarse if settled else self._settled(coarse)
         solved, planned = self._accepted
         if motion.cost >= planned or abs(motion.cost - solved) <= _WORTHWHILE * abs(motion.cost):
             return  # on more intervals it is the motion that was verified, or a dearer one
@@ -246,7 +246,7 @@ class DirectSearch(Search[Candidate]):
 
     def _settled(self, motion: Motion) -> Motion:
         """Solve on more intervals, as many as J asks for; in a hurry on few."""
-        intervals, coarse = COARSE if self._as_it_is else FINE, motion.cost
+        intervals, coarse = COARSE if self._hurried else FINE, motion.cost
         while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
@@ -254,7 +254,7 @@ class DirectSearch(Search[Candidate]):
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
-            if self._as_it_is or left <= _SETTLED * abs(motion.cost):
+            if self._hurried or left <= _SETTLED * abs(motion.cost):
                 break
         self._coarse_error = abs(coarse - motion.cost)
         return motion
