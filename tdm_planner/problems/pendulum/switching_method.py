@@ -235,6 +235,8 @@ class SwitchingMethod(Search[Candidate]):
             return True
         if self.rejected:
             self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
+        if self._pumping:
+            self._task = replace(self._task, whole_range=True)
         # From near upright random starts arrive, however weak the motor: they get one turn.
         tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
         self._pumping = tried or not self._pumping

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
+_RANGE_KEPT = 0.1  # share of the disk's range that is left to the feedback, by that of the torque
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _PEAK_STEP = 0.05  # of the time scale of the quickest swings, to look for peaks
@@ -33,7 +34,8 @@ class SwingUpTask:
 
     `torque` is what the plan may use, `torque_limit` the actuator's; `turns` the number n of
     theta = 2 pi n at the end, None for whichever is reached first; `start_torque` the torque that
-    a smooth one goes on from, None for any.
+    a smooth one goes on from, None for any. Plans leave some of the disk's range to the feedback,
+    as of the torque, unless they may take the `whole_range`.
     """
 
     plant: RotaryPendulum
@@ -43,11 +45,20 @@ class SwingUpTask:
     disk_angle: float
     turns: int | None
     start_torque: float | None = None
+    whole_range: bool = False
 
     @property
     def planned_disk_angle(self) -> float:
-        """Limit of |psi| while planning, a hair inside the true one."""
-        return max((1.0 - 1e-5) * self.disk_angle, abs(float(self.start[1])))
+        """
+        Limit of |psi| [rad] while planning.
+
+        A hair inside the true one where the disk cannot be stopped earlier from the start.
+        """
+        kept = _RANGE_KEPT * (1.0 - self.torque / self.torque_limit) * (not self.whole_range)
+        _, psi, _, psi_dot = self.start.tolist()
+        stopped = abs(psi + psi_dot * abs(psi_dot) / (2.0 * self.disk_acceleration))
+        most = (1.0 - 1e-5) * self.disk_angle
+        return max(abs(psi), most if stopped > (1.0 - kept) * most else (1.0 - kept) * most)
 
     @property
     def drive(self) -> float:

@@ -80,6 +80,17 @@ def test_weak_motors_and_narrow_disks_are_planned_for_from_near_upright(torque, 
         checked(dataclasses.replace(made, limits=PendulumLimits(torque, disk_angle)), 10.0)
 
 
+def test_some_of_the_range_of_the_disk_is_left_to_the_feedback_where_the_start_allows_it():
+    narrow, outwards = PendulumLimits(0.02, 0.6), PendulumStart(0.3, 0.57, 0.0, 1.5)
+    peaks = []
+    for start, reserve in ((HANGING, 0.0), (HANGING, 0.2), (outwards, 0.2)):
+        plan = checked(PendulumSwingUp(limits=narrow, start=start, torque_reserve=reserve))
+        peaks.append(np.abs(plan.trajectory.state('psi')).max() / narrow.disk_angle)
+    assert 0.99 < peaks[0] <= 1.0
+    assert peaks[1] <= 0.98 + 1e-6
+    assert 0.98 < peaks[2] <= 1.0
+
+
 @pytest.mark.parametrize(('torque', 'longest'), [(0.09, 0.387), (0.02, 1.06)])
 def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
     made = problem(torque)
