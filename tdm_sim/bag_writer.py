@@ -17,14 +17,12 @@ from contextlib import suppress
 import os
 from pathlib import Path
 import sqlite3
-import sys
 import time
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from rclpy.qos import QoSProfile
 from rosbags.interfaces import (
-    Nodetype,
     Qos,
     QosDurability,
     QosHistory,
@@ -35,9 +33,8 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosbags.typesys import get_typestore, Stores
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.resources import ament_prefixes
 
 RESERVE = 8 * 2**20  # bytes: a block of messages, the index of all, the metadata
 LONGEST_OPEN = 1.0  # s that messages wait to be completed or committed
@@ -286,39 +283,17 @@ def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
     """
     Return the definition of a message type, those of its members appended, and its type hash.
 
-    They are read from the .msg files in the share folders of the installed packages; the hash is
-    that on the wire, where there is one.
+    The hash is that on the wire, where there is one.
 
     Raises
     ------
     InvalidProblem
-        If the definition of the type is not to be found.
+        If it is no type of ROS 2 Jazzy itself.
 
     """
-    store = get_typestore(Stores.EMPTY)
-    wanted = [type_name]
-    while wanted:
-        name = wanted.pop()
-        if name not in store.fielddefs:
-            found = get_types_from_msg(_definition_file(name).read_text(), name)
-            store.register(found)
-            wanted += _members(found[name])
+    store = get_typestore(Stores.ROS2_JAZZY)
+    if type_name not in store.fielddefs:
+        raise InvalidProblem(f"its message type '{type_name}' does not come with ROS 2 Jazzy")
     on_wire = str(wire_hash) if getattr(wire_hash, 'version', 0) > 0 else ''
     definition, _ = store.generate_msgdef(type_name, ros_version=2)
     return definition, on_wire or store.hash_rihs01(type_name)
-
-
-def _members(definition: Any) -> list[str]:
-    """Names of the message types that a definition of `rosbags` refers to."""
-    kinds = [kind for _, kind in definition[1]]
-    plain = [k[1][0] if k[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else k for k in kinds]
-    return [detail for kind, detail in plain if kind == Nodetype.NAME]
-
-
-def _definition_file(type_name: str) -> Path:
-    package, _, name = type_name.partition('/msg/')
-    file = Path('share', package, 'msg', f'{name}.msg')
-    for prefix in (*ament_prefixes(package), Path(sys.prefix)):
-        if (prefix / file).is_file():
-            return prefix / file
-    raise InvalidProblem(f"the definition of its message type '{type_name}' is not found")

@@ -50,6 +50,7 @@ _DECLARED: Mapping[str, tuple[Callable[[], Mapping[str, ParameterSpec]], tuple[s
     'plant': (partial(specifications, SimulationParameters), ('command_timeout',)),
 }
 _NODES = 100  # that may speak at once
+_RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
 
 
 class Part(NamedTuple):
@@ -98,9 +99,8 @@ class Scene:
     """
     Planner, trackers and plants in the planner's namespace and below it, seen from outside.
 
-    `file` is the parameter file of all nodes; `parts` are the nodes, plants first; `rates` is how
-    many times more often than at real time they may be called in a second. `now` is the instant
-    [s] of the newest state, in the plants' time; -inf before the first.
+    `file` is the parameter file of all nodes; `parts` are the nodes, plants first. `now` is the
+    instant [s] of the newest state, in the plants' time; -inf before the first.
     """
 
     def __init__(
@@ -109,12 +109,10 @@ class Scene:
         namespace: str,
         parts: tuple[Part, ...],
         file: Path,
-        rates: float = 1.0,
     ) -> None:
         self.problem, self.namespace, self.parts, self.file = problem, namespace, parts, file
         self.speed = 1.0  # of simulated time
         self.connections = Connections()
-        self._rates = rates
         self._view = view_of(problem)
         self.now = -math.inf
         self._plan: dict[str, Any] = {}
@@ -141,7 +139,7 @@ class Scene:
                 self.file,
                 self.speed,
                 drives_clock=part == self.plants[0],
-                rates=self._rates,
+                rates=_RATES if len(self.plants) == 1 else 1.0,
                 followers=followers,
                 namespace=part.namespace,
             )
@@ -261,28 +259,39 @@ def make_scene(plant: str, parameters: Path | None, output: Path) -> Scene:
         If there is no such problem, or the parameter file cannot be used.
 
     """
-    built_in = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}.get(plant)
-    kind = load_problem(built_in or plant)
+    built_in = _BUILT_IN.get(plant)
+    kind = load_problem(built_in[0] if built_in else plant)
     space = f'/{plant if built_in else kind.name}'
     if built_in:
         file = config_file(f'{plant}.yaml') if parameters is None else parameters
         values = read_parameters(file, namespace=space)
+        parts = built_in[1](space, values)
     else:
         file = output / 'parameters.yaml' if parameters is None else parameters
         values = read_parameters(file, node='planner', required=False) if parameters else {}
-    if plant == 'pendulum':
-        parts = [Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner')]
-    elif plant == 'robots':
-        planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
-        parts = [
-            Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
-            for node in (*others, planner)
-        ]
-    else:
         named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
         parts = [Part(node, space, {parameter: plant}) for node, parameter in named]
-    rates = 2.0 if plant == 'pendulum' else 1.0
-    return Scene(kind.from_parameters(values), space, tuple(parts), file.resolve(), rates)
+    return Scene(kind.from_parameters(values), space, tuple(parts), file.resolve())
+
+
+def _pendulum_parts(space: str, values: Mapping[str, Any]) -> list[Part]:
+    del values
+    return [Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner')]
+
+
+def _robots_parts(space: str, values: Mapping[str, Any]) -> list[Part]:
+    planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
+    return [
+        Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
+        for node in (*others, planner)
+    ]
+
+
+# Plants of this package: the problem, and the nodes for a namespace and the planner's parameters.
+_BUILT_IN: Mapping[str, tuple[str, Callable[[str, Mapping[str, Any]], list[Part]]]] = {
+    'pendulum': ('pendulum_swing_up', _pendulum_parts),
+    'robots': ('robot_formation', _robots_parts),
+}
 
 
 def speed_settings(

@@ -10,7 +10,7 @@ offer and the wire's type hashes. One thread subscribes, opens, writes and close
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import importlib
@@ -30,12 +30,11 @@ from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_planner.starting import SIGNALS
 from tdm_sim.bag_writer import BagWriter, RecordingError
-from tdm_sim.progress import Progress as Shown
+from tdm_sim.progress import Progress
 from tdm_sim.record_command import RECORDING, TopicChoice
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
-PROGRESS_PERIOD = 0.5  # s between updates of the live line
-PLAIN_PERIOD = 10.0  # s between plain lines, where there is no terminal
+LIVE_PERIOD, PLAIN_PERIOD = 0.5, 10.0  # s between updates of the live line, and plain lines
 # Quality of service that every publisher's offer matches, as strong as all of them allow; deep
 # enough for a burst that arrives while a chunk is written to disk.
 AS_OFFERED = QoSProfile(
@@ -45,14 +44,13 @@ AS_OFFERED = QoSProfile(
 )
 
 
-@dataclass(frozen=True)
-class Progress:
-    """
-    Progress of a recording.
+class IncompleteRecording(RecordingError):
+    """A recording ended before it was asked to."""
 
-    Seconds since its start, messages written by topic, messages that the middleware says were
-    lost on the way here, bytes on disk, messages a second of late.
-    """
+
+@dataclass(frozen=True)
+class Figures:
+    """Seconds since the start, messages by topic, those lost on the way, bytes, messages/s."""
 
     elapsed: float
     counts: Mapping[str, int]
@@ -81,19 +79,13 @@ class Recorder(Node):
     """
 
     def __init__(
-        self,
-        writer: BagWriter,
-        topics: Sequence[str] = (),
-        namespace: str | None = None,
-        **options: Any,
+        self, writer: BagWriter, topics: Sequence[str], namespace: str | None, **options: Any
     ) -> None:
         super().__init__(
             'recorder', start_parameter_services=False, enable_rosout=False, **options
         )
         self._writer = writer
-        self._choice = TopicChoice(
-            frozenset(self.resolve_topic_name(topic) for topic in topics), namespace
-        )
+        self._choice = TopicChoice(frozenset(map(self.resolve_topic_name, topics)), namespace)
         self._known: set[str] = set()  # topics, recorded or skipped
         self._lost: dict[str, int] = {}
         self._start = self._read_at = time.monotonic()
@@ -101,18 +93,18 @@ class Recorder(Node):
         self.create_timer(DISCOVERY_PERIOD, self.subscribe_new_topics)
         self.subscribe_new_topics()
 
-    @property
-    def progress_due(self) -> bool:
-        """Whether it is time to show the figures again."""
-        return time.monotonic() - self._read_at >= PROGRESS_PERIOD
-
-    def progress(self) -> Progress:
+    def figures(self) -> Figures:
         """Return the figures as they are, the rate since they were read last."""
         now, counts = time.monotonic(), self._writer.counts
         messages, dropped = sum(counts.values()), sum(self._lost.values())
         rate = (messages - self._messages) / (now - self._read_at)
         self._read_at, self._messages = now, messages
-        return Progress(now - self._start, counts, dropped, self._writer.size, rate)
+        return Figures(now - self._start, counts, dropped, self._writer.size, rate)
+
+    def tell(self, shown: Progress) -> None:
+        """Show the figures twice a second, or now and then where lines stay."""
+        if time.monotonic() - self._read_at >= (LIVE_PERIOD if shown.live else PLAIN_PERIOD):
+            (shown.update if shown.live else shown.phase)(str(self.figures()))
 
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
@@ -166,18 +158,15 @@ def record(
     output: Path | str,
     topics: Sequence[str] = (),
     storage: str = 'mcap',
-    *,
     namespace: str | None = None,
-    on_start: Callable[[], None] | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
-) -> Progress:
+    shown: Progress | None = None,
+) -> Figures:
     """
-    Record topics to the new folder `output` until SIGINT or SIGTERM.
+    Record topics to the new folder `output` until SIGINT or SIGTERM; return the final figures.
 
     Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
-    and what nodes share (`TopicChoice`); topics that appear later are recorded. `on_start` is
-    called once the first message is written, `on_progress` about twice a second. Returns the final
-    figures. A recording that fails leaves what it has.
+    and what nodes share (`TopicChoice`); topics that appear later are recorded. A recording that
+    fails leaves what it has.
 
     Raises
     ------
@@ -187,7 +176,7 @@ def record(
         If the disk gets full; the bag holds, and is closed with, what was recorded until then.
 
     """
-    ended = threading.Event()
+    ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
     with _own_context(ended) as context, BagWriter(Path(output), storage) as writer:
         node = Recorder(writer, topics, namespace, context=context)
         executor = make_executor(context)
@@ -195,31 +184,22 @@ def record(
         try:
             while context.ok() and not ended.is_set() and not writer.failure:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
-                if on_start and any(writer.counts.values()):
-                    on_start()
-                    on_start = None
+                if not begun and any(writer.counts.values()):
+                    begun = True
+                    shown.phase(f'{RECORDING} {output}: Ctrl-C ends')
                 writer.keep()
-                if on_progress and node.progress_due:
-                    on_progress(node.progress())
+                node.tell(shown)
         except ExternalShutdownException:
             pass
         finally:
             executor.shutdown()
             node.destroy_node()
-    done = node.progress()
+    done = node.figures()
     if writer.failure:
         raise IncompleteRecording(
-            f'{writer.failure}; the recording ends there, with {done.messages} messages', done
+            f'{writer.failure}; the recording ends there, with {done.messages} messages'
         )
     return done
-
-
-class IncompleteRecording(RecordingError):
-    """A recording ended before it was asked to; `progress` has its final figures."""
-
-    def __init__(self, message: str, progress: Progress) -> None:
-        super().__init__(message)
-        self.progress = progress
 
 
 @contextmanager
@@ -242,34 +222,13 @@ def _own_context(ended: threading.Event) -> Iterator[rclpy.Context]:
 
 
 def run(
-    output: Path,
-    topics: Sequence[str],
-    storage: str,
-    quiet: bool = False,
-    namespace: str | None = None,
+    output: Path, topics: Sequence[str], storage: str, quiet: bool, namespace: str | None
 ) -> int:
     """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
-    shown = Shown(quiet)
-    plain = PLAIN_PERIOD
-
-    def tell(progress: Progress) -> None:
-        nonlocal plain
-        if shown.live:
-            shown.update(str(progress))
-        elif progress.elapsed >= plain:
-            plain += PLAIN_PERIOD
-            shown.phase(str(progress))
-
+    shown = Progress(quiet)
     try:
         with shown:
-            done = record(
-                output,
-                topics,
-                storage,
-                namespace=namespace,
-                on_start=lambda: shown.phase(f'{RECORDING} {output}: Ctrl-C ends'),
-                on_progress=tell,
-            )
+            done = record(output, topics, storage, namespace, shown)
     except RecordingError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1 if isinstance(error, IncompleteRecording) else 2

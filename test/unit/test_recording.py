@@ -26,6 +26,7 @@ if find_spec('rclpy') is None:
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
+from rclpy.type_hash import TypeHash
 from rosbags.typesys import get_typestore, Stores
 from std_msgs.msg import String
 from tdm_planner.cli import _parser, main
@@ -37,16 +38,17 @@ from tdm_sim.demo_scene import Connections, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 from tdm_sim.recorder import (
+    Figures,
     IncompleteRecording,
     message_class,
-    Progress,
     record,
     RecordingError,
     run,
 )
 
+HASH = TypeHash(version=1, value=bytes(32))
 ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
-DONE = Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
+DONE = Figures(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
 TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
 SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
 OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
@@ -141,37 +143,37 @@ def test_folders_and_storages_that_cannot_be_are_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('name', ['sensor_msgs/msg/JointState', 'nav_msgs/msg/Odometry'])
-def test_definitions_of_installed_packages_have_the_wires_hash(name: str) -> None:
-    """Types are read from their package: those that `rosbags` knows must come out alike."""
+def test_definitions_have_their_members_and_the_hash_of_the_wire(name: str) -> None:
     standard, type_hash = definition_and_hash(name, None)
     assert get_typestore(Stores.ROS2_JAZZY).hash_rihs01(name) == type_hash
+    assert definition_and_hash(name, HASH) == (standard, str(HASH))
     for member in ('std_msgs/Header', 'builtin_interfaces/Time'):
         assert f'MSG: {member}' in standard
     for absent in ('nowhere_msgs/msg/Thing', 'std_msgs/msg/Thing'):
         with pytest.raises(InvalidProblem, match=f"its message type '{absent}' is not installed"):
             message_class(absent)
+        with pytest.raises(InvalidProblem, match=f"its message type '{absent}' does not come"):
+            definition_and_hash(absent, None)
 
 
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
     failures: list[Exception] = []
 
-    def pretend(*_, on_start, on_progress, **__) -> Progress:
-        on_start()
-        on_progress(DONE)
+    def pretend(*_) -> Figures:
         if failures:
             raise failures[0]
         return DONE
 
     monkeypatch.setattr(recorder, 'record', pretend)
-    assert run(Path('bag'), [], 'mcap', quiet) == 0
+    assert str(DONE) == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
+    assert run(Path('bag'), [], 'mcap', quiet, None) == 0
     shown = capsys.readouterr().out
-    figures = '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
-    for words in ('Ctrl-C ends', figures, 'written to bag, 2 dropped', '       4  /b'):
+    for words in ('written to bag, 2 dropped', '       4  /b'):
         assert (words in shown) != quiet
-    for failure, code in ((IncompleteRecording('full', DONE), 1), (RecordingError('x'), 2)):
+    for failure, code in ((IncompleteRecording('full'), 1), (RecordingError('x'), 2)):
         failures[:] = [failure]
-        assert run(Path('bag'), [], 'mcap', quiet) == code
+        assert run(Path('bag'), [], 'mcap', quiet, None) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
 
 

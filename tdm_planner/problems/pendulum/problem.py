@@ -92,8 +92,8 @@ class PendulumSwingUp(Problem, Validated):
     limits: PendulumLimits = group(PendulumLimits)
     torque_reserve: float = parameter(
         0.3,
-        'share of limits.torque that plans leave to the feedback, and of limits.disk_angle a tenth '
-        'of that',
+        'share of limits.torque that plans leave to the feedback, a tenth of it of '
+        'limits.disk_angle',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
     start: PendulumStart = group(PendulumStart)

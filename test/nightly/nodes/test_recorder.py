@@ -37,7 +37,6 @@ def test_a_recording_that_fills_the_disk_has_a_reason_and_a_whole_bag(ros, tmp_p
     assert len(found) > 50
     assert found == list(range(found[0], found[0] + len(found)))
     assert f'with {len(found)} messages' in str(of.value)
-    assert of.value.progress.messages == len(found)
 
 
 @pytest.mark.parametrize(
