@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import RobotDrawing
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import (
     group,
@@ -32,7 +29,6 @@ from tdm_sim.plant_node import (
     PlantModel,
     PlantNode,
     SimulationParameters,
-    WARNING_PERIOD,
 )
 from tdm_sim.simulation import (
     mismatched,
@@ -40,7 +36,6 @@ from tdm_sim.simulation import (
     robot_actuators,
     robot_push,
     SimulatedPlant,
-    Walls,
     WheeledRobot,
 )
 
@@ -105,11 +100,8 @@ class RobotDisturbance(Validated):
 
 @dataclass(frozen=True)
 class RobotArena(Validated):
-    """Walls of the arena [0, length] x [0, width], and the separation that is drawn."""
+    """What is drawn of the robot: its body, and the separation to be kept."""
 
-    walls: bool = parameter(False, 'whether the robot bounces off the walls')
-    length: float = parameter(4.0, 'length along x', unit='m', allowed=POSITIVE)
-    width: float = parameter(4.0, 'width along y', unit='m', allowed=POSITIVE)
     robot_radius: float = parameter(
         0.15, "radius of the robot's body", unit='m', allowed=NON_NEGATIVE
     )
@@ -161,8 +153,7 @@ class RobotModel(PlantModel):
     kind = ROBOT
 
     def __init__(self, node: PlantNode) -> None:
-        self._logger, self._namespace = node.get_logger(), node.get_namespace()
-        self._collisions = 0
+        self._namespace = node.get_namespace()
 
     def drawn(self, parameters: RobotPlantParameters) -> RobotDrawing:
         """Return the robot with these parameters."""
@@ -190,25 +181,6 @@ class RobotModel(PlantModel):
             **robot_actuators(parameters.limits, parameters.mismatch, parameters.mismatch_seed),
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
-            contact=self._walls(parameters.arena, self.name(parameters)),
-        )
-
-    def _walls(self, arena: RobotArena, name: str) -> Walls | None:
-        if not arena.walls:
-            return None
-        if 2.0 * arena.robot_radius >= min(arena.length, arena.width):
-            raise InvalidProblem(
-                f"parameter 'arena.robot_radius' = {arena.robot_radius:g} is not allowed: must be "
-                f'in [0, {min(arena.length, arena.width) / 2.0:g}) m, half of the shorter wall'
-            )
-        collided = partial(self._on_collision, name)
-        return Walls(arena.length, arena.width, arena.robot_radius, collided)
-
-    def _on_collision(self, name: str, axis: str, speed: float) -> None:
-        self._collisions += 1
-        self._logger.warning(
-            f'{name} hit a wall with {speed:.3g} m/s along {axis}',
-            throttle_duration_sec=WARNING_PERIOD,
         )
 
     def push(self, parameters: RobotPlantParameters, simulation: SimulatedPlant) -> str:
@@ -220,11 +192,6 @@ class RobotModel(PlantModel):
             direction = simulation.direction()
         simulation.push(lambda state: robot_push(plant.robot, state, impulse, direction))
         return f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad'
-
-    def conditions(self, parameters: RobotPlantParameters) -> tuple[list[str], Mapping[str, Any]]:
-        """Report collisions with the walls."""
-        warnings = [f'{self._collisions} collisions with a wall'] if self._collisions else []
-        return warnings, {'collisions': self._collisions}
 
 
 RobotPlant = partial(PlantNode, 'robot_plant', RobotModel)

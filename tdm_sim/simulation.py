@@ -93,34 +93,6 @@ class WheeledRobot:
         return np.concatenate([motion, wheel], axis=-1)
 
 
-@dataclass(frozen=True)
-class Walls:
-    """
-    Walls of the arena [0, length] x [0, width], off which a disk of `radius` bounces.
-
-    The contact is elastic and without friction. `on_collision` is called at every bounce, with
-    the axis and the speed of the impact [m/s].
-    """
-
-    length: float
-    width: float
-    radius: float
-    on_collision: Callable[[str, float], None]
-
-    def __call__(self, state: Array) -> Array:
-        """Return the state (nx,) after a contact, or as it is."""
-        for axis, (name, side) in enumerate((('x', self.length), ('y', self.width))):
-            position, speed = float(state[axis]), float(state[2 + axis])
-            nearest = min(max(position, self.radius), side - self.radius)
-            if (position - nearest) * speed > 0.0:
-                state = state.copy()
-                # Mirror the part of the motion that went through the wall.
-                state[axis] = 2.0 * nearest - position
-                state[2 + axis] = -speed
-                self.on_collision(name, abs(speed))
-        return state
-
-
 @dataclass(frozen=True, eq=False)
 class PlantSetup:
     """
@@ -129,9 +101,8 @@ class PlantSetup:
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
     multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are
     zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
-    deviations of measured states. `contact`, where given, replaces the state after every step. A
-    plant that is `held` stays in its initial state until its `release`, or until the first command
-    that is not zero.
+    deviations of measured states. A plant that is `held` stays in its initial state until its
+    `release`, or until the first command that is not zero.
     """
 
     plant: Plant
@@ -142,7 +113,6 @@ class PlantSetup:
     gains: Array | None = None
     command_timeout: float = 0.1
     command_loss: float = 0.0
-    contact: Callable[[Array], Array] | None = None
     largest_step: float = LARGEST_STEP
     held: bool = False
 
@@ -258,9 +228,7 @@ class SimulatedPlant:
             return
         setup, span = self.setup, until - self.time
         try:
-            state = integrate(
-                setup.plant, self._state, self.control, span, setup.largest_step, setup.contact
-            )
+            state = integrate(setup.plant, self._state, self.control, span, setup.largest_step)
         except NotFinite:  # as a stated plant says itself
             state = np.full_like(self._state, np.nan)
         self.time = until

@@ -138,15 +138,13 @@ def integrate(
     control: Array,
     duration: float,
     largest_step: float = LARGEST_STEP,
-    after_step: Callable[[Array], Array] | None = None,
 ) -> Array:
     """
     State(s) after `duration` s under held control(s), in equal steps of at most `largest_step`.
 
     By the classical Runge-Kutta method, for simulated plants and predictions.
 
-    `after_step`, where given, replaces the state after every step (contacts). A duration of zero
-    returns the state unchanged; a negative one raises ValueError.
+    A duration of zero returns the state unchanged; a negative one raises ValueError.
     """
     if duration < 0.0:
         raise ValueError(f'cannot integrate over a negative duration of {duration} s')
@@ -154,6 +152,4 @@ def integrate(
     steps = math.ceil(duration / largest_step * (1.0 - 1e-12))
     for _ in range(steps):
         state = runge_kutta_step(plant, state, control, duration / steps)
-        if after_step is not None:
-            state = after_step(state)
     return state

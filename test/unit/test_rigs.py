@@ -50,12 +50,12 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
 
 
 @pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9697, True)])
-def test_a_swing_up_that_uses_the_whole_range_of_the_disk_is_held(seed: int, slow: bool) -> None:
-    """It overshoots the limit by what the noise of sensors does, and settles at its own pace."""
+def test_a_swing_up_that_uses_all_it_may_of_the_range_is_held(seed: int, slow: bool) -> None:
+    """Sensors are noisy, it settles at its own pace; a tenth of the torque's reserve is left."""
     problem = replace(rig(seed), torque_reserve=0.2)
     plan = problem.solve(deadline=20.0)
     (motion,) = plan.trajectories.values()
-    assert np.abs(motion.state('psi')).max() > 0.999 * problem.limits.disk_angle
+    assert 0.979 < np.abs(motion.state('psi')).max() / problem.limits.disk_angle <= 0.98
     assert (view_of(problem).settling > 10.0) is slow
     for off in range(2):
         found = judge(fly(problem, plan, ClosedLoop(), off))

@@ -58,7 +58,8 @@ class SwingUpTask:
         _, psi, _, psi_dot = self.start.tolist()
         stopped = abs(psi + psi_dot * abs(psi_dot) / (2.0 * self.disk_acceleration))
         most = (1.0 - 1e-5) * self.disk_angle
-        return max(abs(psi), most if stopped > (1.0 - kept) * most else (1.0 - kept) * most)
+        limit = most if stopped > (1.0 - kept) * most else (1.0 - kept) * most
+        return float(max(abs(psi), limit))
 
     @property
     def drive(self) -> float:

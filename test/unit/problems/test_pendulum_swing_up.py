@@ -360,7 +360,8 @@ def test_when_the_minimiser_gives_up():
 
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     scaled, collocation = [0.61, 1.798, 2.336, 2.498, 2.689, 2.019, 0.681], 8.699
-    task, budget = random_rig(1079).task, Budget(ENOUGH)
+    task = dataclasses.replace(random_rig(1079).task, whole_range=True)
+    budget = Budget(ENOUGH)
     w0, steps = task.plant.natural_frequency, task.steps(24)
     torques = task.torque * (-1.0) ** np.arange(len(scaled))
     first = Candidate(np.array(scaled) / w0, torques, 1)
