@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -25,7 +26,7 @@ class Call:
     """A CasADi function on numpy arrays without copies, for `count` nodes at once if given."""
 
     def __init__(self, function: Any, count: int | None = None) -> None:
-        mapped = function if count is None else function.map(count)
+        mapped = function if count is None else _mapped(function, count)
         self._buffer, self._run = mapped.buffer()
 
         def flat(size: tuple[int, int]) -> tuple[int, ...]:
@@ -52,6 +53,11 @@ class Call:
         """Return the values for what stands in `given`, one array an argument."""
         self._run()
         return self._found
+
+
+@lru_cache(maxsize=256)
+def _mapped(function: Any, count: int) -> Any:
+    return function.map(count)
 
 
 class Differentiated:

@@ -206,8 +206,12 @@ class Refinement:
     def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
         """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
         reserve, ends, shifts = np.zeros(self._reserve.size), self.ends, 0
+        shifted: tuple[Motion, _Flown] | None = None
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
+            if shifted is not None and not flown.gap < shifted[1].gap:  # a shift is of no use
+                (motion, flown), shifts = shifted, _SHIFTS
+            shifted = None
             near = abs(flown.cost - expected) <= _COARSE * abs(flown.cost)
             kept = bool((flown.least >= -_TOUCHED).all())
             if (flown.gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
@@ -217,6 +221,7 @@ class Refinement:
                 reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
                 guess = motion
             elif near and flown.gap <= _NEAR and shifts < _SHIFTS:
+                shifted = motion, flown
                 ends, shifts = (
                     replace(ends, states=ends.states - [0.0 * flown.miss, flown.miss]),
                     1 + shifts,

@@ -48,13 +48,14 @@ Array = NDArray[np.float64]
 _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
-_PLAIN, _BENDS = 4, (0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0)  # attempt without; of lines
+_PLAIN = 4, 5  # attempt without a minimum: after lines, before
+_BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 2e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _ROUNDS = 4  # of refinement of one candidate
-_WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
+_WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _LEAST_CHECK = 0.04  # s that a check may take past the deadline
 _GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
@@ -92,6 +93,7 @@ class DirectSearch(Search[Candidate]):
         self._rounds = 0
         self._found = self._warm = self._hurried = False
         self._coarse_error = 0.0  # of J on few intervals, if known
+        self._lowest = np.inf  # J on few intervals of what was refined
         # J of the last motion; of the one that was verified, and of its plan.
         self._solved, self._accepted = np.inf, (np.inf, np.inf)
         self._closest, self._nearest_miss = np.inf, ''
@@ -117,7 +119,10 @@ class DirectSearch(Search[Candidate]):
             c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
             for c in (candidate, than)
         ]
-        return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
+        below = costs[1] - _WORTHWHILE * abs(costs[1])
+        if isinstance(candidate, Motion):  # one that was cheaper on few intervals gave no more
+            below = min(below, self._lowest + self._coarse_error)
+        return costs[0] < below
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
@@ -197,17 +202,18 @@ class DirectSearch(Search[Candidate]):
             if not self._refinement.ends.regular:
                 raise
             minima = None
-        lines = itertools.count()
+        lines, parity = itertools.count(), int(self._trace.obstacles)
         for attempt in range(_MOST):
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if attempt >= _TRIED and (self._found or late):
                 break
-            if attempt % 2 or minima is None:  # to either side of what may be in the way
+            # Lines to either side of what may be in the way, sooner where something is.
+            if minima is None or (attempt and attempt % 2 == parity):
                 pair, side = divmod(next(lines) if attempt else 0, 2)
                 bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
                 rng = np.random.default_rng([self._seed, pair])
                 yield self._refinement.straight(FIRST, bend, rng)
-            elif attempt == _PLAIN:
+            elif attempt in _PLAIN:
                 yield from self._finite(minima.rough.first_guess)
             elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
@@ -230,6 +236,7 @@ class DirectSearch(Search[Candidate]):
 
     def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
+        self._lowest = min(self._lowest, coarse.cost)
         settled = self._warm or coarse.intervals >= FINE
         motion = coarse if settled else self._settled(coarse)
         solved, planned = self._accepted
