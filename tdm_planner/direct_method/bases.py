@@ -292,10 +292,9 @@ def basis_of(shapes: Shapes | None, start: Orders, end: Orders, free: int) -> Ou
         given, varied = _by_conditions(start, end, free)
     matrix = orthonormal(varied, len(start) + len(end), (0, 2))
 
-    def orthonormal_shapes(s: ArrayLike, derivative: int) -> Array:
-        return np.asarray(varied(s, derivative) @ matrix)
-
-    return OutputBasis(start, end, len(matrix), given, orthonormal_shapes)
+    return OutputBasis(
+        start, end, len(matrix), given, lambda s, k: np.asarray(varied(s, k) @ matrix)
+    )
 
 
 def orthonormal(varied: Sampled, conditions: int, derivatives: Orders) -> Array:
@@ -320,9 +319,8 @@ def orthonormal(varied: Sampled, conditions: int, derivatives: Orders) -> Array:
 def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
     """Return polynomials whose further end derivatives are varied."""
     basis = PolynomialBasis.raised(start, end, free)
-    given = [k < len(start) for k in range(len(basis.start))]
-    given += [k < len(end) for k in range(len(basis.end))]
-    is_given = np.array(given, dtype=bool)
+    pairs = (start, basis.start), (end, basis.end)
+    is_given = np.array([k < len(few) for few, all_of in pairs for k in range(len(all_of))])
 
     def part(which: NDArray[np.bool_]) -> Sampled:
         return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
@@ -396,11 +394,7 @@ def _taranenko(shapes: Shapes, start: Orders, end: Orders) -> tuple[Sampled, Sam
     _, sizes, directions = np.linalg.svd(matrix)
     rank = int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum())
     free = directions[rank:].T
-
-    def given(s: ArrayLike, derivative: int) -> Array:
-        return np.asarray(line(s, derivative) + shapes.values(s, derivative) @ by_given)
-
-    def varied(s: ArrayLike, derivative: int) -> Array:
-        return np.asarray(shapes.values(s, derivative) @ free)
-
-    return given, varied
+    return (
+        lambda s, k: np.asarray(line(s, k) + shapes.values(s, k) @ by_given),
+        lambda s, k: np.asarray(shapes.values(s, k) @ free),
+    )

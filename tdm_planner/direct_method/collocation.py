@@ -184,10 +184,8 @@ class Collocation:
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
         began = time.thread_time()
-        self.trace = trace
-        self.intervals = n = intervals
-        self._settings = settings
-        self._lock = threading.Lock()
+        self.trace, self.intervals, n = trace, intervals, intervals
+        self._settings, self._lock = settings, threading.Lock()
         nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
         x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
         u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
@@ -314,9 +312,8 @@ class Collocation:
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
-        kept[[0, -1]] -= _IPOPT[
-            'constr_viol_tol'
-        ]  # what is given may be on a limit, but for rounding
+        # What is given may be on a limit, but for rounding.
+        kept[[0, -1]] -= _IPOPT['constr_viol_tol']
         # A guess may be no motion at all: the ends count, too.
         sx, su = (
             _scales(np.vstack([values, np.nan_to_num(given)]))
@@ -375,9 +372,7 @@ class _Clock(ca.Callback):
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         ca.Callback.__init__(self)
-        self._sizes = dict.fromkeys(('x', 'lam_x'), variables) | dict.fromkeys(
-            ('g', 'lam_g'), rows
-        )
+        self._sizes = {'x': variables, 'lam_x': variables, 'g': rows, 'lam_g': rows}
         self._sizes |= {'f': 1, 'lam_p': parameters}
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.begin(None)

@@ -4,11 +4,11 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-A loose minimum of the direct method is the initial guess of a collocation on few intervals; lines
-bent to either side are others. The first such solution is solved again on more, then the cheapest
-of the others if it is cheaper. It is replayed and repaired: by corrected controls, a reserve at a
-limit that the replay violates, or more intervals. Where nothing comes of that, the direct method's
-own motion, minimised to the end, is the plan.
+Loose minima of the direct method are initial guesses of a collocation on few intervals, bent lines
+are others, sooner where something is in the way. The first solution is solved again on more, then
+the cheapest of the others if it is cheaper. It is replayed and repaired: by corrected controls, a
+reserve at a limit that the replay violates, or more intervals. Where nothing comes of that, the
+direct method's own motion, minimised to the end, is the plan.
 """
 
 from __future__ import annotations
@@ -102,11 +102,7 @@ class DirectSearch(Search[Candidate]):
         """
         Yield refined motions, the cheapest first; the direct method's own if there are none.
 
-        Raises
-        ------
-        InvalidProblem
-            If what the problem states does not fit together, or gives numbers that are not finite.
-
+        Raise InvalidProblem if what is stated does not fit together, or gives no finite numbers.
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
@@ -184,8 +180,8 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._hurried = False
             best = min(found.cost for found in solved)
-            alike = _ALIKE * abs(best) + self._coarse_error
-            again = sum(found.cost <= best + alike for found in solved)
+            most = best + _ALIKE * abs(best) + self._coarse_error
+            again = sum(found.cost <= most for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
             if agreed or len(solved) >= _ENOUGH or late:
@@ -245,8 +241,7 @@ class DirectSearch(Search[Candidate]):
         self._solved = motion.cost
         for found, states in self._refinement.refined(motion):
             xi = np.concatenate([[found.duration], found.controls.ravel()])
-            written = found.times, states, found.controls
-            plan = self._planned(*written, 'linear', found.cost, xi)
+            plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
             if plan is None:
                 return
             yield plan
@@ -296,9 +291,8 @@ class DirectSearch(Search[Candidate]):
 
     def _from_minimum(self, minimum: Minimum) -> Motion | None:
         """Solve the collocation from a minimum of the direct method; None if that fails."""
-        for guess in self._finite(minimum.point.xi):
-            return self._refinement.finer(guess, COARSE)
-        return None
+        guess = next(self._finite(minimum.point.xi), None)
+        return guess and self._refinement.finer(guess, COARSE)
 
     @cached_property
     def _minima(self) -> DirectMinima:

@@ -147,7 +147,8 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             apart = np.abs(np.diff(cost(function, places)))
             if not apart.max() > 0.5 * jumps.max():  # what is only steep flattens out
                 break
-            jump, (low, high) = apart.max(), places[np.argmax(apart) :][:2]
+            jump, at = apart.max(), int(np.argmax(apart))
+            low, high = places[at], places[at + 1]
         else:
             raise InvalidProblem(
                 f'{name} jumps by {jump:.3g} along the initial guess: the '
