@@ -45,7 +45,7 @@ class Rig:
         file = folder / f'{plant}.yaml'
         sections = {f'/**/{name}': {'ros__parameters': v} for name, v in parameters.items()}
         file.write_text(yaml.safe_dump(sections))
-        scene = make_scene(plant, file, folder)
+        scene = make_scene(plant, file)
         self.space, self._spaces = scene.namespace, [part.namespace for part in scene.plants]
         self._rclpy, self._request = rclpy, Trigger.Request
         self._context = rclpy.Context()
@@ -62,7 +62,7 @@ class Rig:
         make = self._node.create_subscription
         make(JointState, f'{self._spaces[0]}/joint_command', on_command, 1000)
         make(String, f'{self.space}/plan_summary', self.plans.append, 10)
-        scene.connections.listen(self._node)
+        scene.listen(self._node)
         client = self._node.create_client
         self._plan = client(Trigger, f'{self.space}/plan')
         self._reset = client(Trigger, f'{self.space}/reset')

@@ -48,7 +48,7 @@ _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its
 _LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
-_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
+_OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'cost_terms',
               'verification', 'summary', 'parameters')  # fmt: skip
@@ -82,11 +82,9 @@ def run_demo(
         If a node did not come up, ended, or did not answer.
 
     """
-    scene = make_scene(plant, parameters, output)
+    scene = make_scene(plant, parameters)
     scene.speed = SPEED.check(speed)
     _prepare_folder(output)
-    if not scene.file.exists():
-        scene.file.write_text('/**:\n  ros__parameters: {}\n')
     with Progress(quiet) as progress:
         unclean = _conduct(scene, output, progress)
         progress.phase(f'reading {output}/bag')

@@ -5,22 +5,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from functools import partial
 import math
 import sys
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import PendulumDrawing
 from tdm_planner.nodes.runtime import run
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED, Validated
+from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_sim.plant_node import MarkerParameters, PlantModel, PlantNode, SimulationParameters
+from tdm_sim.plant_node import (
+    deviation,
+    Disturbance,
+    MarkerParameters,
+    PlantModel,
+    PlantNode,
+    SimulationParameters,
+)
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
@@ -42,20 +47,14 @@ class InitialState(Validated):
 class PendulumNoise(Validated):
     """Standard deviations of the measurements (white, Gaussian)."""
 
-    theta: float = parameter(
-        0.0, "noise of the pendulum's angle", unit='rad', allowed=NON_NEGATIVE
-    )
-    psi: float = parameter(0.0, "noise of the disk's angle", unit='rad', allowed=NON_NEGATIVE)
-    theta_dot: float = parameter(
-        0.0, "noise of the pendulum's angular velocity", unit='rad/s', allowed=NON_NEGATIVE
-    )
-    psi_dot: float = parameter(
-        0.0, "noise of the disk's angular velocity", unit='rad/s', allowed=NON_NEGATIVE
-    )
+    theta: float = deviation("the pendulum's angle", 'rad')
+    psi: float = deviation("the disk's angle", 'rad')
+    theta_dot: float = deviation("the pendulum's angular velocity", 'rad/s')
+    psi_dot: float = deviation("the disk's angular velocity", 'rad/s')
 
 
 @dataclass(frozen=True)
-class PendulumDisturbance(Validated):
+class PendulumDisturbance(Disturbance):
     """Disturbances of the pendulum."""
 
     impulse: float = parameter(
@@ -63,9 +62,6 @@ class PendulumDisturbance(Validated):
         "angular impulse of one push about the pendulum's pivot",
         unit='N m s',
         allowed=SIGNED,
-    )
-    command_loss: float = parameter(
-        0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)
     )
 
 
@@ -86,7 +82,7 @@ class PendulumModel(PlantModel):
     A simulated rotary pendulum.
 
     Joints pendulum (theta, 0 upright, not wrapped) and disk (psi, and the torque applied). The
-    disk has no mechanical stop: angles beyond `limits.disk_angle` are reported, not prevented.
+    disk has no mechanical stop.
     """
 
     parameters = PendulumPlantParameters
@@ -94,7 +90,6 @@ class PendulumModel(PlantModel):
 
     def __init__(self, node: PlantNode) -> None:
         del node
-        self._largest_disk_angle = 0.0
 
     def make_setup(self, parameters: PendulumPlantParameters) -> PlantSetup:
         """Return the pendulum, its limits and its disturbances as `parameters` say."""
@@ -123,21 +118,6 @@ class PendulumModel(PlantModel):
         assert isinstance(plant, RotaryPendulum)
         simulation.push(lambda state: pendulum_push(plant, state, impulse))
         return f'pushed the pendulum with {impulse:g} N m s'
-
-    def observe(self, state: Array) -> None:
-        """Record the disk's angle."""
-        self._largest_disk_angle = max(self._largest_disk_angle, abs(state[1]))
-
-    def conditions(
-        self, parameters: PendulumPlantParameters
-    ) -> tuple[list[str], Mapping[str, Any]]:
-        """Report the disk's angle beyond its limit since the last report."""
-        largest, limit = self._largest_disk_angle, parameters.limits.disk_angle
-        self._largest_disk_angle = 0.0
-        warnings = []
-        if largest > limit:
-            warnings.append(f'disk at {largest:.3f} rad, beyond limits.disk_angle = {limit:g} rad')
-        return warnings, {'largest disk angle [rad]': largest}
 
 
 PendulumPlant = partial(PlantNode, 'pendulum_plant', PendulumModel)

@@ -43,6 +43,7 @@ from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
+    NON_NEGATIVE,
     parameter,
     ParameterSpec,
     POSITIVE,
@@ -129,6 +130,20 @@ class MarkerParameters(Validated):
     )
 
 
+def deviation(of: str, unit: str) -> Any:
+    """Declare the standard deviation of a measurement (white, Gaussian noise)."""
+    return parameter(0.0, f'noise of {of}', unit=unit, allowed=NON_NEGATIVE)
+
+
+@dataclass(frozen=True)
+class Disturbance(Validated):
+    """Disturbances of a plant; subclasses add the `impulse` of a push."""
+
+    command_loss: float = parameter(
+        0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)
+    )
+
+
 class PlantModel(ABC):
     """
     A plant to be simulated: its joints, parameters and drawing, and what a push does to it.
@@ -161,15 +176,6 @@ class PlantModel(ABC):
         """Return the plant's URDF, '' if it has none."""
         del parameters
         return ''
-
-    def observe(self, state: Array) -> None:
-        """Record a true state (nx,)."""
-        del state
-
-    def conditions(self, parameters: Any) -> tuple[list[str], Mapping[str, Any]]:
-        """Return warnings about what was observed, and figures for the diagnostics."""
-        del parameters
-        return [], {}
 
 
 class PlantNode(ParameterNode):
@@ -293,7 +299,6 @@ class PlantNode(ParameterNode):
             self._clock_source.advance()
         now = self.advance()
         measured = self.simulation.measure()
-        self.model.observe(self.simulation.state)
         self._publish(measured, now.to_msg())
         self._counts['states published'] += 1
         self._show(measured, now)
@@ -369,31 +374,23 @@ class PlantNode(ParameterNode):
         self._last = self._time.now()
 
     def _report(self) -> Report:
-        warnings, figures = self.model.conditions(self.parameters)
+        simulation, slow = self.simulation, self._rate.problem()
         errors = list(self.invalid_overrides.values())
+        if simulation.breakdowns:
+            lost = f'reset {simulation.breakdowns} times'
+            errors.append(f'{lost}: the motion could not be integrated')
+        warnings = [] if self._clocks is None else [self._clocks.warning]
         if self._skipped > 0.0:
-            warnings = [*warnings, f'{self._skipped:.3g} s skipped: the process was stalled']
-        slow = self._rate.problem()
-        if slow:
-            warnings = [*warnings, f'states at {slow}']
-        if self._clocks is not None and self._clocks.warning:
-            warnings = [*warnings, self._clocks.warning]
-        level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
-        if (lost := self.simulation.breakdowns) > 0:
-            errors.append(f'reset {lost} times: the motion could not be integrated')
-        if errors or warnings:
-            level = Level.ERROR if errors else Level.WARN
-            message = '; '.join([*errors, *warnings])
-        return Report(
-            level,
-            message,
-            {
-                'simulated time [s]': self.simulation.time,
-                'time skipped [s]': self._skipped,
-                'rate [Hz]': self._rate.measured(),
-                **self._counts,
-                'command time-outs': self.simulation.timeouts,
-                **({'held': self.simulation.held} if self.simulation.setup.held else {}),
-                **figures,
-            },
-        )
+            warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled')
+        warnings.append(slow and f'states at {slow}')
+        told = '; '.join(filter(None, [*errors, *warnings]))
+        level = Level.ERROR if errors else Level.WARN if told else Level.OK
+        figures = {
+            'simulated time [s]': simulation.time,
+            'time skipped [s]': self._skipped,
+            'rate [Hz]': self._rate.measured(),
+            **self._counts,
+            'command time-outs': simulation.timeouts,
+            **({'held': simulation.held} if simulation.setup.held else {}),
+        }
+        return Report(level, told or ('driven' if simulation.commanded else 'no command'), figures)

@@ -25,6 +25,8 @@ from tdm_planner.parameters import (
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.plant_node import (
+    deviation,
+    Disturbance,
     MarkerParameters,
     PlantModel,
     PlantNode,
@@ -42,7 +44,6 @@ from tdm_sim.simulation import (
 Array = NDArray[np.float64]
 
 DEFAULT_NAME = 'robot1'
-
 
 _PLACE, _RATE = Range(-1e4, 1e4), Range(-100.0, 100.0)
 
@@ -69,19 +70,15 @@ class RobotInitialState(Validated):
 class RobotNoise(Validated):
     """Standard deviations of the measurements (white, Gaussian)."""
 
-    position: float = parameter(0.0, 'noise of x and of y', unit='m', allowed=NON_NEGATIVE)
-    velocity: float = parameter(
-        0.0, 'noise of the velocity along x and along y', unit='m/s', allowed=NON_NEGATIVE
-    )
-    yaw: float = parameter(0.0, 'noise of the yaw', unit='rad', allowed=NON_NEGATIVE)
-    omega: float = parameter(0.0, 'noise of the yaw rate', unit='rad/s', allowed=NON_NEGATIVE)
-    alpha: float = parameter(
-        0.0, "noise of the thruster's angle", unit='rad', allowed=NON_NEGATIVE
-    )
+    position: float = deviation('x and of y', 'm')
+    velocity: float = deviation('the velocity along x and along y', 'm/s')
+    yaw: float = deviation('the yaw', 'rad')
+    omega: float = deviation('the yaw rate', 'rad/s')
+    alpha: float = deviation("the thruster's angle", 'rad')
 
 
 @dataclass(frozen=True)
-class RobotDisturbance(Validated):
+class RobotDisturbance(Disturbance):
     """Disturbances of the robot."""
 
     impulse: float = parameter(
@@ -92,9 +89,6 @@ class RobotDisturbance(Validated):
         "direction of a push in the arena's frame; unset: at random",
         unit='rad',
         allowed=SIGNED,
-    )
-    command_loss: float = parameter(
-        0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)
     )
 
 
@@ -166,19 +160,15 @@ class RobotModel(PlantModel):
 
     def make_setup(self, parameters: RobotPlantParameters) -> PlantSetup:
         """Return the robot, its limits and its disturbances as `parameters` say."""
-        start, noise = parameters.initial, parameters.noise
-        robot = mismatched(parameters.plant, parameters.mismatch, parameters.mismatch_seed)
-        plant = WheeledRobot(robot)
-        deviations = {
-            **dict.fromkeys(('x', 'y'), noise.position),
-            **dict.fromkeys(('u', 'v'), noise.velocity),
-            **vars(noise),
-        }
+        start, noise = vars(parameters.initial), parameters.noise
+        off = parameters.mismatch, parameters.mismatch_seed
+        plant, deviations = WheeledRobot(mismatched(parameters.plant, *off)), dict(vars(noise))
+        deviations |= dict.fromkeys('xy', noise.position) | dict.fromkeys('uv', noise.velocity)
         return PlantSetup(
             plant=plant,
-            initial=np.array([vars(start).get(name, 0.0) for name in plant.state_names]),
+            initial=np.array([start.get(name, 0.0) for name in plant.state_names]),
             noise=np.array([deviations.get(name, 0.0) for name in plant.state_names]),
-            **robot_actuators(parameters.limits, parameters.mismatch, parameters.mismatch_seed),
+            **robot_actuators(parameters.limits, *off),
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
         )

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import InvalidProblem, NotFinite
+from tdm_planner.exceptions import NotFinite
 from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
@@ -115,23 +115,6 @@ class PlantSetup:
     command_loss: float = 0.0
     largest_step: float = LARGEST_STEP
     held: bool = False
-
-    def __post_init__(self) -> None:
-        """Check shapes and values."""
-        nx, nu = len(self.plant.state_names), len(self.plant.control_names)
-        sizes = {'initial': nx, 'noise': nx, 'lower': nu, 'upper': nu}
-        if self.gains is not None:
-            sizes['gains'] = nu
-        for name, size in sizes.items():
-            values = np.array(getattr(self, name), dtype=float)
-            if values.shape != (size,) or not np.isfinite(values).all():
-                raise InvalidProblem(f"simulation '{name}' must be {size} finite numbers")
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
-        if (self.noise < 0.0).any():
-            raise InvalidProblem("simulation 'noise' must be standard deviations in [0, inf)")
-        if (self.lower > self.upper).any():
-            raise InvalidProblem("simulation 'lower' must not exceed 'upper'")
 
 
 class SimulatedPlant:

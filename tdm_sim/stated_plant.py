@@ -19,22 +19,20 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import TOPIC
-from tdm_planner.parameters import (
-    group,
-    NON_NEGATIVE,
-    parameter,
-    ParameterSpec,
-    Range,
-    SIGNED,
-    Validated,
-)
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, ParameterSpec, SIGNED
 from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_sim.pendulum_plant import PendulumModel
-from tdm_sim.plant_node import MarkerParameters, PlantModel, PlantNode, SimulationParameters
+from tdm_sim.plant_node import (
+    Disturbance,
+    MarkerParameters,
+    PlantModel,
+    PlantNode,
+    SimulationParameters,
+)
 from tdm_sim.robot_plant import RobotModel
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 
@@ -50,14 +48,11 @@ PROBLEM = ParameterSpec(
 
 
 @dataclass(frozen=True)
-class StatedDisturbance(Validated):
+class StatedDisturbance(Disturbance):
     """Disturbances of the plant."""
 
     impulse: float = parameter(
         0.1, 'jump of the last state by one push, as a share of its unit', allowed=SIGNED
-    )
-    command_loss: float = parameter(
-        0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)
     )
 
 

@@ -65,9 +65,7 @@ def run_live(
         if plant is not None:
             os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
             output.mkdir(parents=True, exist_ok=True)
-            scene = make_scene(plant, parameters, output)
-            if not scene.file.exists():
-                scene.file.write_text('/**:\n  ros__parameters: {}\n')
+            scene = make_scene(plant, parameters)
             namespace = scene.namespace
             nodes = Nodes(scene, output / 'log')
             stack.enter_context(nodes)

@@ -67,29 +67,40 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     )
     plotly = get_plotlyjs()
     script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
-    policy = (
+    speeds = ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS)
+    player = {'speeds': speeds, 'data': data, 'plotly': plotly, 'script': script}
+    return page_html(
+        mission.title,
+        _subtitle(mission),
+        _columns(mission, comparison, charts, scene is not None),
+        source=_source(mission),
+        missing=_missing(mission.missing),
+        details=f'<div class="column details">{_details(mission)}</div>',
+        player=_filled(_asset('player.html'), player),
+        scripts=(plotly, script),
+    )
+
+
+def page_html(
+    title: str,
+    subtitle: str,
+    columns: Iterable[Iterable[str]],
+    source: str = f'tdm_planner {__version__}',
+    scripts: Iterable[str] = (),
+    **parts: str,
+) -> str:
+    """Return a page with `columns` of cards; only its `scripts` run, and nothing is loaded."""
+    slots = {'missing': '', 'details': '', 'player': ''} | parts
+    allowed = ' '.join(map(content_hash, scripts)) or "'none'"
+    slots['policy'] = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
-        f'script-src {content_hash(plotly)} {content_hash(script)}; '
-        "base-uri 'none'; form-action 'none'"
+        f"script-src {allowed}; base-uri 'none'; form-action 'none'"
     )
-    return _filled(
-        _asset('page.html'),
-        {
-            'policy': policy,
-            'version': __version__,
-            'title': escape(mission.title),
-            'subtitle': escape(_subtitle(mission)),
-            'style': _asset('page.css'),
-            'missing': _missing(mission.missing),
-            'columns': _columns(mission, comparison, charts, scene is not None),
-            'details': _details(mission),
-            'source': escape(_source(mission)),
-            'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),
-            'data': data,
-            'plotly': plotly,
-            'script': script,
-        },
-    )
+    halves = (''.join(half) for half in columns)
+    slots['columns'] = ''.join(f'<div class="column">{half}</div>' for half in halves if half)
+    slots |= {'title': escape(title), 'subtitle': escape(subtitle), 'source': escape(source)}
+    slots |= {'version': __version__, 'style': _asset('page.css')}
+    return _filled(_asset('page.html'), slots)
 
 
 def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
@@ -151,9 +162,9 @@ def _source(mission: Mission) -> str:
 
 def _columns(
     mission: Mission, comparison: Comparison, charts: Iterable[Chart], moving: bool
-) -> str:
+) -> tuple[list[str], list[str]]:
     """
-    Return animation, summary and charts in two columns.
+    Return the cards of animation, summary and charts in two columns.
 
     On a phone they are read one after the other, in the order of their `order`.
     """
@@ -165,10 +176,10 @@ def _columns(
         note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
         drawn = f'{note}<div class="chart" id="chart-{chart.key}"></div>'
         cards.append((int(chart.key not in _LEFT), chart.title, drawn, ''))
-    halves = ['', '']
+    halves: tuple[list[str], list[str]] = ([], [])
     for order, (side, title, body, identity) in enumerate(cards):
-        halves[side] += card(title, body, f'style="order: {order}" {identity}'.rstrip())
-    return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
+        halves[side].append(card(title, body, f'style="order: {order}" {identity}'.rstrip()))
+    return halves
 
 
 def _missing(sentences: Iterable[str]) -> str:

@@ -13,7 +13,6 @@ import base64
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from importlib.resources import files
 import io
 from pathlib import Path
 from statistics import mode
@@ -28,10 +27,10 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner import __version__
 from tdm_planner.drawing import COLOURS
 from tdm_planner.plan_files import write_file
 from tdm_planner.plotting import legend_above
+from tdm_sim.report.page import page_html
 from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
@@ -56,55 +55,32 @@ _MARKERS = 'xv^<>sd'
 _DPI = 110
 _FIGURES = ('cost', 'duration', 'solve_time', 'evaluations', 'caught', 'held')
 _REASONS = 8  # that are told of a code, the most frequent
-_PAGE = """\
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<meta name="generator" content="tdm_planner {version}">
-<title>{title}</title>
-<link rel="icon" href="data:,">
-<style>{style}
-figure {{ margin: 0; }} figure img {{ max-width: 100%; border-radius: 6px; }}</style>
-</head>
-<body>
-<header><h1>{title}</h1><p class="subtitle">{subtitle}</p></header>
-<main><div class="columns">{columns}</div></main>
-<footer>tdm_planner {version}</footer>
-</body>
-</html>
-"""
 
 
 class Variable:
     """
-    A parameter as it runs along a picture's axis.
+    A parameter along an axis of a picture.
 
-    `places` (n,) are where the values lie; of what are no numbers their count. `edges` (n + 1,)
+    `places` (n,) are where its values lie; of what are no numbers their count. `edges` (n + 1,)
     lie between them.
     """
 
     def __init__(self, axis: Axis, unit: str) -> None:
         numbers = all(type(value) in (int, float) for value in axis.values)
         self.name, self.unit, self.spacing = axis.name, unit, axis.spacing
-        self.values = tuple(sorted(set(axis.values))) if numbers else axis.values
-        self.labels = () if numbers else tuple(map(str, self.values))
-        self.places = np.array(self.values if numbers else range(len(self.values)), dtype=float)
+        values = sorted(set(axis.values)) if numbers else list(axis.values)
+        self.labels = [] if numbers else [str(value) for value in values]
+        self.places = np.array(values if numbers else range(len(values)), dtype=float)
+        self._number = {_key(value): number for number, value in enumerate(values)}
         log = axis.spacing == 'log'
         at = np.log(self.places) if log else self.places
-        between = 0.5 * (at[1:] + at[:-1])
         ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
-        edges = np.concatenate([ends[:1], between, ends[1:]])
+        edges = np.array([ends[0], *(0.5 * (at[1:] + at[:-1])), ends[1]])
         self.edges = np.exp(edges) if log else edges
 
     def place(self, column: Sequence[Any]) -> NDArray[np.intp]:
         """Return which of the values every row has (N,)."""
-        numbers = {_key(value): number for number, value in enumerate(self.values)}
-        return np.array([numbers[_key(value)] for value in column], dtype=np.intp)
+        return np.array([self._number[_key(value)] for value in column], dtype=np.intp)
 
     def label(self, axes: Axes, which: str) -> None:
         """Name the axis x or y of a picture, and its values where they are no numbers."""
@@ -139,19 +115,13 @@ class Quantity(NamedTuple):
 
 def quantities(columns: Columns) -> list[Quantity]:
     """Return what there is to show: cost, duration where it is another, shares of flights."""
-
-    def numbers(name: str) -> Array:
-        return np.array([np.nan if v is None else float(v) for v in columns[name]])
-
-    cost, duration = numbers('cost'), numbers('duration')
+    names = ('cost', 'duration', *(('flights', 'caught', 'held') if 'flights' in columns else ()))
+    cost, duration, *flown = (np.array(columns[name], dtype=float) for name in names)
     same = np.array_equal(cost, duration, equal_nan=True)
     found = [] if same else [Quantity('cost', 'cost J', cost)]
     found.append(Quantity('duration', 'duration [s]', duration))
-    if 'flights' in columns:
-        flights = numbers('flights')
-        for name in ('caught', 'held'):
-            share = numbers(name) / flights
-            found.append(Quantity(name, f'share of flights {name}', share, share=True))
+    for name, count in zip(names[3:], flown[1:], strict=True):
+        found.append(Quantity(name, f'share of flights {name}', count / flown[0], share=True))
     return found
 
 
@@ -214,26 +184,22 @@ def _map(
             of = np.array([c == code for c in codes])
             axis.plot(x.places[i[of]], y.places[j[of]], marker, color=_INK, ms=4, label=code)
     else:
-        cells: dict[tuple[int, int], list[int]] = {}
-        for row, cell in enumerate(zip(j.tolist(), i.tolist(), strict=True)):
-            cells.setdefault(cell, []).append(row)
         values = np.full((y.places.size, x.places.size), np.nan)
         hatched: dict[str, list[Rectangle]] = {}
-        for (q, p), rows in cells.items():
+        for q, p in sorted({*zip(j.tolist(), i.tolist(), strict=True)}):
+            rows = np.flatnonzero((j == q) & (i == p)).tolist()
             known = quantity.values[rows]
             if not np.isnan(known).all():
                 values[q, p] = np.nanmedian(known)
                 continue
-            corner = float(x.edges[p]), float(y.edges[q])
-            sides = float(x.edges[p + 1]) - corner[0], float(y.edges[q + 1]) - corner[1]
-            code = mode(codes[row] for row in rows)
-            hatched.setdefault(code, []).append(Rectangle(corner, *sides))
+            corner, end = (x.edges[p], y.edges[q]), (x.edges[p + 1], y.edges[q + 1])
+            cell = Rectangle(corner, end[0] - corner[0], end[1] - corner[1])
+            hatched.setdefault(mode(codes[row] for row in rows), []).append(cell)
         drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), norm=norm)
         drawn.set_rasterized(True)
-        for code, cells_of in hatched.items():
-            axis.add_collection(PatchCollection(cells_of, **_hatched(code)))
-        axis.set_xlim(x.edges[0], x.edges[-1])
-        axis.set_ylim(y.edges[0], y.edges[-1])
+        for code, cells in hatched.items():
+            axis.add_collection(PatchCollection(cells, **_hatched(code)))
+        axis.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
     x.label(axis, 'x')
     y.label(axis, 'y')
     return drawn
@@ -316,7 +282,7 @@ def write_page(
         figure.savefig(png, format='png', dpi=_DPI)
         write_file(folder / f'{name}.png', png.getvalue())
         source = f'data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}'
-        body = f'<figure><img alt="{escape(title)}" src="{source}"></figure>'
+        body = f'<img alt="{escape(title)}" src="{source}">'
         cards.append(card(title[:1].upper() + title[1:], body))
     verified, total = sum(columns['verified']), len(columns['row'])
     over = ', '.join(f'{axis.name} ({len(axis.values)} values)' for axis in axes)
@@ -325,15 +291,9 @@ def write_page(
     cards.append(card('What was varied', _table(('parameter', 'values'), map(_values, axes))))
     if shared:
         cards.append(card('What was the same', _table(('', ''), shared.items())))
-    halves = cards[::2], cards[1::2]
-    page = _PAGE.format(
-        version=__version__,
-        title=escape(f'Study of {problem}'),
-        subtitle=escape(f'{verified} of {total} plans verified; {over}'),
-        style=files('tdm_sim.report').joinpath('assets', 'page.css').read_text(encoding='utf-8'),
-        columns=''.join(f'<div class="column">{"".join(part)}</div>' for part in halves),
-    )
-    write_file(folder / PAGE, page.encode())
+    title = f'Study of {problem}'
+    subtitle = f'{verified} of {total} plans verified; {over}'
+    write_file(folder / PAGE, page_html(title, subtitle, (cards[::2], cards[1::2])).encode())
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
