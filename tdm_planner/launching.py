@@ -41,11 +41,7 @@ class Launch:
     """
     The arguments of a launch under way, and the processes that they describe.
 
-    Raises
-    ------
-    InvalidProblem
-        If the parameter file cannot be read, or the namespace cannot be one.
-
+    Raise InvalidProblem if the parameter file cannot be read, or the namespace cannot be one.
     """
 
     def __init__(self, context: LaunchContext) -> None:

@@ -74,11 +74,7 @@ def read_parameters(
 
     `node`, `namespace` and `required` are those of `ros_parameters`.
 
-    Raises
-    ------
-    InvalidProblem
-        If the file cannot be read or a setting is not of that form.
-
+    Raise InvalidProblem if the file cannot be read or a setting is not of that form.
     """
     values: dict[str, Any] = {}
     if path is not None:
@@ -106,12 +102,8 @@ def ros_parameters(
     name, as well as a plain mapping of parameters. With a `namespace` only those sections count
     that a node of that name and namespace takes; of several that do, the later one wins.
 
-    Raises
-    ------
-    InvalidProblem
-        If the document is not a mapping, or, where a section is `required`, holds parameters only
-        for other nodes.
-
+    Raise InvalidProblem if the document is not a mapping, or, where a section is `required`, holds
+    parameters only for other nodes.
     """
     if document is None:
         return {}

@@ -136,11 +136,7 @@ def kind_of(problem: Formulation) -> PlantKind:
     """
     Return the plant of a stated problem: its `joints`, the other states and controls by name.
 
-    Raises
-    ------
-    InvalidProblem
-        If `joints` names what is not a state.
-
+    Raise InvalidProblem if `joints` names what is not a state.
     """
     joints = [(name, *pair) for name, pair in problem.joints().items()]
     for name, *pair in joints:

@@ -83,11 +83,7 @@ def check_problem(problem: Problem) -> Checked:
     """
     Trace everything that a problem states, and compare it.
 
-    Raises
-    ------
-    InvalidProblem
-        For what cannot be traced, or does not fit together.
-
+    Raise InvalidProblem for what cannot be traced, or does not fit together.
     """
     if not isinstance(problem, DirectProblem):
         raise InvalidProblem(

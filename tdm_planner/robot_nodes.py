@@ -41,11 +41,8 @@ def robot_nodes(
     with. `namespace` is the planner's; the trackers ask for new plans there. With a `number` that
     many robots take part, see `resized`.
 
-    Raises
-    ------
-    InvalidProblem
-        If the names cannot be used, a start is not allowed, or there is no room for so many.
-
+    Raise InvalidProblem if the names cannot be used, a start is not allowed, or there is no room
+    for so many.
     """
     values = ros_parameters(document, 'planner', namespace)
     changed = {} if number is None else resized(values, number)

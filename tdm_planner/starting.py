@@ -72,11 +72,7 @@ def require_packages() -> None:
     """
     Have all required packages, in a process of the user's own.
 
-    Raises
-    ------
-    ImportError
-        If one is missing, with a sentence that says how to install it.
-
+    Raise ImportError if one is missing, with a sentence that says how to install it.
     """
     fault = _missing()
     if fault:
@@ -98,11 +94,7 @@ def require_one_ros() -> None:
     """
     Go on only where ROS 2 is there once, natively or as wheels: both would be loaded at random.
 
-    Raises
-    ------
-    ImportError
-        Naming both, and the ways out.
-
+    Raise ImportError naming both, and the ways out.
     """
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     native = [p for p in prefixes if p and any(Path(p).glob('lib/python*/*-packages/rclpy'))]

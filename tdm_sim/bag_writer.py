@@ -139,11 +139,8 @@ class BagWriter:
     written, as on a full disk, `failure` says why. Further messages are then dropped, and earlier
     ones stay readable.
 
-    Raises
-    ------
-    RecordingError
-        On entering, if the folder exists or cannot be made; at once, if `storage` is unknown.
-
+    Raise RecordingError on entering, if the folder exists or cannot be made; at once, if `storage`
+    is unknown.
     """
 
     def __init__(self, path: Path, storage: str = 'mcap') -> None:
@@ -285,11 +282,7 @@ def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
 
     The hash is that on the wire, where there is one.
 
-    Raises
-    ------
-    InvalidProblem
-        If it is no type of ROS 2 Jazzy itself.
-
+    Raise InvalidProblem if it is no type of ROS 2 Jazzy itself.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     if type_name not in store.fielddefs:

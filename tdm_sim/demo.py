@@ -70,17 +70,10 @@ def run_demo(
     """
     Run the demo of a plant and leave bag, plan and report in `output`.
 
-    Simulated time runs `speed` times as fast as real time.
-
-    Returns whether the goal was reached and held without a violated limit.
-
-    Raises
-    ------
-    InvalidProblem
-        If the parameter file or the folder cannot be used.
-    DemoFailed, ProcessFailed
-        If a node did not come up, ended, or did not answer.
-
+    Simulated time runs `speed` times as fast as real time. Returns whether the goal was reached
+    and held without a violated limit. Raise InvalidProblem if the parameter file or the folder
+    cannot be used, DemoFailed or ProcessFailed if a node did not come up, ended, or did not
+    answer.
     """
     scene = make_scene(plant, parameters)
     scene.speed = SPEED.check(speed)

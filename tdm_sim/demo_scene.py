@@ -170,11 +170,7 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     """
     Return the scene of a built-in plant, or of a stated problem by its name.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is no such problem, or the parameter file cannot be used.
-
+    Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
     """
     built_in = _BUILT_IN.get(plant)
     kind = load_problem(built_in[0] if built_in else plant)

@@ -186,11 +186,7 @@ class PlantNode(ParameterNode):
     plant has them, `plant_markers` and `/diagnostics`, serves `reset` and `push`. Changed
     parameters act at once, without a jump of the state (`initial.*` at `reset`).
 
-    Raises
-    ------
-    InvalidProblem
-        If the parameters given at the start contradict each other.
-
+    Raise InvalidProblem if the parameters given at the start contradict each other.
     """
 
     decisive = frozenset({'problem'})

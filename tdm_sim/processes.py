@@ -60,11 +60,7 @@ class NodeProcesses:
         """
         Raise if a process has ended by itself.
 
-        Raises
-        ------
-        ProcessFailed
-            Naming the process, its exit code and the last line it printed.
-
+        Raise ProcessFailed naming the process, its exit code and the last line it printed.
         """
         for name, code in self.ended().items():
             raise ProcessFailed(f'{name} ended with exit code {code}: {self.last_line(name)}')

@@ -141,11 +141,7 @@ def message_class(type_name: str) -> Any:
     """
     Return the Python class of a message type such as ``sensor_msgs/msg/JointState``.
 
-    Raises
-    ------
-    InvalidProblem
-        If the package of the type is not installed.
-
+    Raise InvalidProblem if the package of the type is not installed.
     """
     package, _, name = type_name.partition('/msg/')
     try:

@@ -229,11 +229,8 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
     The errors are independent and uniform in +-`mismatch`; the same seed gives the same plant.
     Constants are the numbers declared as parameters of the plant's dataclass, groups included.
 
-    Raises
-    ------
-    InvalidProblem
-        If the disturbed constants do not make a plant (a mismatch of 1 or more may do that).
-
+    Raise InvalidProblem if the disturbed constants do not make a plant (a mismatch of 1 or more
+    may do that).
     """
     generator = np.random.default_rng(seed)
     constants = {

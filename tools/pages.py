@@ -60,11 +60,7 @@ def documentation(folder: Path) -> dict[Path, str]:
     """
     Return path and content of every generated or partly generated file of the documentation.
 
-    Raises
-    ------
-    SystemExit
-        If a text has nothing to describe, or something public has no text.
-
+    Raise SystemExit if a text has nothing to describe, or something public has no text.
     """
     check_texts()
     found = {}

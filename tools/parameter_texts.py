@@ -31,11 +31,7 @@ def parameter_file(
     `nodes` maps a node's name to its parameters and to the values that differ from the defaults;
     the sections apply in any namespace. Optional parameters without a value stand as comments.
 
-    Raises
-    ------
-    InvalidProblem
-        If a value is not allowed.
-
+    Raise InvalidProblem if a value is not allowed.
     """
     lines = [f'# {line}'.rstrip() for line in title.splitlines()]
     for node, (specifications, values) in nodes.items():

@@ -113,11 +113,7 @@ class Adapter:
 
         `values` are the parameters of the request. Called in the worker's thread.
 
-        Raises
-        ------
-        InvalidProblem, NoState
-            Naming what is missing or too old, and how old it is.
-
+        Raise InvalidProblem or NoState naming what is missing or too old, and how old it is.
         """
         plan = self.plans.at(now)
         return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
@@ -132,11 +128,7 @@ class Adapter:
         """
         Return the newest measured state of every vehicle, and what its tracker does.
 
-        Raises
-        ------
-        NoState
-            Naming what is missing or older than `start.max_age`, and how old it is.
-
+        Raise NoState naming what is missing or older than `start.max_age`, and how old it is.
         """
         return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
 
@@ -212,11 +204,7 @@ class Adapter:
 
         Called in the worker's thread.
 
-        Raises
-        ------
-        TdmError
-            If they are no plan of such a problem.
-
+        Raise TdmError if they are no plan of such a problem.
         """
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})

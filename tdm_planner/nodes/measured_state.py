@@ -85,11 +85,8 @@ class MeasuredState:
         """
         Return the newest state (nx,) and its instant [s], not older than `max_age` s at `now`.
 
-        Raises
-        ------
-        NoState
-            If there is none, or it is too old, or from the future by more than `max_age`.
-
+        Raise NoState if there is none, or it is too old, or from the future by more than
+        `max_age`.
         """
         if missing := self.missing:
             raise NoState(missing[0])

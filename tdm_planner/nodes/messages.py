@@ -60,11 +60,7 @@ def from_wire(data: bytes, kind: type) -> Any:
     """
     Return a message of the type `kind` from its serialised form.
 
-    Raises
-    ------
-    InvalidProblem
-        If it is no such message.
-
+    Raise InvalidProblem if it is no such message.
     """
     try:
         return deserialize_message(data, kind)

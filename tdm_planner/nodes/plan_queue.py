@@ -60,11 +60,7 @@ class PlanQueue:
         """
         Solve a request next.
 
-        Raises
-        ------
-        Busy
-            While another request waits or is being solved.
-
+        Raise Busy while another request waits or is being solved.
         """
         if self.solving:
             raise Busy('a request is being solved: ask again when it is answered')

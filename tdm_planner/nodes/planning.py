@@ -42,11 +42,7 @@ def make_plan(
     From a measured state, plan for an earlier start than `start.delay` if that is infeasible: a
     plant in motion may have left its limits by then.
 
-    Raises
-    ------
-    TdmError
-        Saying why there is no plan.
-
+    Raise TdmError saying why there is no plan.
     """
     measured = values['start.source'] == 'measured' and adapter.measures
     if measured:

@@ -48,12 +48,8 @@ def read_plan(
     plant's kind says so, efforts that stay equal over most intervals are held (switched controls),
     others are read as linear between the points.
 
-    Raises
-    ------
-    InvalidProblem
-        For another frame, joints that are missing, lengths that do not match, values that are not
-        finite, or times that do not increase strictly from 0 or later.
-
+    Raise InvalidProblem for another frame, joints that are missing, lengths that do not match,
+    values that are not finite, or times that do not increase strictly from 0 or later.
     """
     check_frame(kind, message, 'trajectory')
     points, known = message.points, {*kind.state_names, *kind.control_names}
@@ -141,11 +137,8 @@ def read_joints(joints: Sequence[Joint], message: Any, names: Iterable[str]) -> 
     """
     Return those of `names` (states or controls) that `joints` have in a JointState.
 
-    Raises
-    ------
-    InvalidProblem
-        For joints that are missing, lengths that do not match, or values that are not finite.
-
+    Raise InvalidProblem for joints that are missing, lengths that do not match, or values that are
+    not finite.
     """
     known, placed, found = set(names), _placed(joints, message.name), {}
     for quantity in QUANTITIES:
@@ -167,11 +160,7 @@ def read_command(kind: PlantKind, message: Any) -> Array:
     """
     Return the controls (nu,) of a command.
 
-    Raises
-    ------
-    InvalidProblem
-        As `read_joints` does.
-
+    Raise InvalidProblem as `read_joints` does.
     """
     values = read_joints(kind.actuated, message, kind.control_names)
     return np.array([values[name] for name in kind.control_names])
@@ -181,11 +170,8 @@ def read_odometry(kind: PlantKind, message: Any) -> dict[str, float]:
     """
     Return the states that an odometry measures; its twist is turned into the pose's frame.
 
-    Raises
-    ------
-    InvalidProblem
-        If the frame is another, a value is not finite, or the quaternion not of unit length.
-
+    Raise InvalidProblem if the frame is another, a value is not finite, or the quaternion not of
+    unit length.
     """
     check_frame(kind, message, 'odometry')
     place, rates = message.pose.pose, message.twist.twist
@@ -211,11 +197,7 @@ def yaw_of(rotation: Any) -> float:
     """
     Return the angle about the vertical [rad], in [-pi, pi].
 
-    Raises
-    ------
-    InvalidProblem
-        If the quaternion is not of unit length.
-
+    Raise InvalidProblem if the quaternion is not of unit length.
     """
     x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
     length = math.sqrt(x * x + y * y + z * z + w * w)

@@ -132,11 +132,7 @@ class ParameterNode(Node):
         """
         Check values against each other before they are set; to be overridden.
 
-        Raises
-        ------
-        InvalidProblem
-            To reject the change with its sentence.
-
+        Raise InvalidProblem to reject the change with its sentence.
         """
 
     def values_changed(self) -> None:
@@ -166,11 +162,8 @@ class ParameterNode(Node):
         """
         Return values in their declared types by name, None where a parameter is to be unset.
 
-        Raises
-        ------
-        InvalidProblem
-            For a parameter that is unknown or fixed, or a value that is not allowed.
-
+        Raise InvalidProblem for a parameter that is unknown or fixed, or a value that is not
+        allowed.
         """
         found = {}
         for item in parameters:

@@ -110,11 +110,8 @@ class Vehicle:
         A plant that follows the active `plan`, within the tracking tolerance, is predicted along
         it, plus the rest of its deviation. Any other plant is predicted without control.
 
-        Raises
-        ------
-        InvalidProblem, NoState
-            Naming what is missing or too old, or why it cannot be predicted.
-
+        Raise InvalidProblem or NoState naming what is missing or too old, or why it cannot be
+        predicted.
         """
         state, measured = self.measured.fresh(now, values['start.max_age'])
         motion, wait = None if plan is None else self.follows(plan, now), start - measured

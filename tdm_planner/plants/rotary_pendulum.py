@@ -157,11 +157,8 @@ class RotaryPendulum(Validated, StatedPlant):
     """
     A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
 
-    Raises
-    ------
-    InvalidProblem
-        For a parameter that is not allowed, or values whose equations of motion are singular.
-
+    Raise InvalidProblem for a parameter that is not allowed, or values whose equations of motion
+    are singular.
     """
 
     mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=POSITIVE)

@@ -46,11 +46,7 @@ def load_problem(name: str) -> type[Problem]:
     """
     Import the class of the problem called `name`, or of ``module:Class``.
 
-    Raises
-    ------
-    InvalidProblem
-        If the name is unknown, or the class registered under it cannot be loaded.
-
+    Raise InvalidProblem if the name is unknown, or the class registered under it cannot be loaded.
     """
     if ':' in name:
         if os.getcwd() not in sys.path:

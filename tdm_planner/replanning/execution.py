@@ -164,11 +164,7 @@ class Execution(ABC):
         """
         Return the same problem, with the predicted states as its start.
 
-        Raises
-        ------
-        InvalidProblem
-            If they contradict the limits.
-
+        Raise InvalidProblem if they contradict the limits.
         """
 
 

@@ -93,11 +93,7 @@ class PlannedPlant:
         """
         Return a state (nx,) `duration` s later, without a plan.
 
-        Raises
-        ------
-        InvalidProblem, NoState
-            If it cannot be predicted.
-
+        Raise InvalidProblem or NoState if it cannot be predicted.
         """
         return state
 

@@ -54,11 +54,7 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     """
     Regulate x' = a x + b u, u held over steps of `step` s, by step times the sum of the cost.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If (a, b) cannot be stabilised.
-
+    Raise numpy.linalg.LinAlgError if (a, b) cannot be stabilised.
     """
     a, b = discretise(a, b, step)
     q, r = q * step, r * step
@@ -79,11 +75,8 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     (..., nx, nx), (..., nx, nu) -> the same shapes; the exponential of [[a, b], [0, 0]] by its
     series, scaled and squared.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrices are not finite, or so large that the exponential is not.
-
+    Raise numpy.linalg.LinAlgError if the matrices are not finite, or so large that the exponential
+    is not.
     """
     nx, nu = b.shape[-2:]
     # The result is linear in b: in units of its largest entry no large number of it overflows.
@@ -170,11 +163,7 @@ class PlanLaw:
         end. States that the plant has beyond the trajectory's are gains of its model, 1 along the
         plan.
 
-        Raises
-        ------
-        TrajectoryRejected
-            If there is no feedback along the plan.
-
+        Raise TrajectoryRejected if there is no feedback along the plan.
         """
         nx = len(trajectory.state_names)
 

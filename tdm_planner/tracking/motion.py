@@ -120,11 +120,7 @@ def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: fl
     """
     Check that a trajectory is one of the plant's, and that it can be followed from `start` [s] on.
 
-    Raises
-    ------
-    TrajectoryRejected
-        If it cannot; TrajectoryMissed if it is over.
-
+    Raise TrajectoryRejected if it cannot; TrajectoryMissed if it is over.
     """
     for kind, has, wanted in (
         ('states', trajectory.state_names, plant.state_names),

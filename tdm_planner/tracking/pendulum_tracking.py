@@ -58,11 +58,7 @@ class PendulumTracker(TrajectoryTracker):
     `upright` is the regulator about upright for torques held over a command interval;
     `recovery_gain` (4,) that of the spring and damper by which the disk is brought to rest.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is no feedback about upright.
-
+    Raise InvalidProblem if there is no feedback about upright.
     """
 
     parameters: PendulumTrackerParameters

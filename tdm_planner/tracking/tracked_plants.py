@@ -36,11 +36,7 @@ def stated_problem(name: str) -> type[DirectProblem]:
     """
     Return the class of a stated problem, by its registered name or ``module:Class``.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is none, or it brings its own transcription.
-
+    Raise InvalidProblem if there is none, or it brings its own transcription.
     """
     found = load_problem(name)
     if not issubclass(found, DirectProblem):
@@ -57,11 +53,7 @@ def with_parameters_of(
     """
     Return the dataclass of a node's parameters: those of `base`, and the problem's but `besides`.
 
-    Raises
-    ------
-    InvalidProblem
-        If both have one of the same name.
-
+    Raise InvalidProblem if both have one of the same name.
     """
     mine = {item.name for item in dataclasses.fields(base)} | _NODE
     added: list[tuple[str, Any, Any]] = []
@@ -131,11 +123,7 @@ def tracked_plant(kind: str) -> TrackedPlant:
     """
     Return the plant of a kind: pendulum, robot, or the problem of that name.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is none of that name.
-
+    Raise InvalidProblem if there is none of that name.
     """
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]

@@ -360,11 +360,7 @@ class TrajectoryTracker(ABC):
         """
         Go on from where another tracker of the same plant is; gains are computed anew.
 
-        Raises
-        ------
-        TrajectoryRejected
-            If there are none for an active trajectory.
-
+        Raise TrajectoryRejected if there are none for an active trajectory.
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
         self.current, self.following = (

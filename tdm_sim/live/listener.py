@@ -286,11 +286,7 @@ class Listener:
         """
         Set parameters of nodes.
 
-        Raises
-        ------
-        InvalidProblem
-            With the reason of the first node that rejects them.
-
+        Raise InvalidProblem with the reason of the first node that rejects them.
         """
         messages = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()

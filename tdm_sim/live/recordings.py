@@ -48,11 +48,7 @@ class Recordings:
         """
         Begin a recording; returns its folder once the first message is written.
 
-        Raises
-        ------
-        RecordingFailed
-            If the recorder ends instead, or no message comes.
-
+        Raise RecordingFailed if the recorder ends instead, or no message comes.
         """
         while (bag := self._folder / f'recording_{self._number + 1}').exists():
             self._number += 1
@@ -73,11 +69,7 @@ class Recordings:
         """
         End the recording.
 
-        Raises
-        ------
-        RecordingFailed
-            If it is not complete.
-
+        Raise RecordingFailed if it is not complete.
         """
         if any(self._recorder.end().values()):
             raise RecordingFailed(self._recorder.last_line('recorder'))
@@ -88,11 +80,7 @@ class Recordings:
 
         `problem` is the planner's. Reports load no class that only a recording names.
 
-        Raises
-        ------
-        ReportFailed
-            If there is none, or nothing can be told of it.
-
+        Raise ReportFailed if there is none, or nothing can be told of it.
         """
         if self.last is None:
             raise ReportFailed('nothing was recorded yet')

@@ -44,11 +44,7 @@ class Rig:
         """
         Update from the planner's parameters; returns whether the vehicles have changed.
 
-        Raises
-        ------
-        InvalidProblem
-            If they do not make a problem.
-
+        Raise InvalidProblem if they do not make a problem.
         """
         kind = load_problem(values['problem'])
         known = kind.parameter_specifications(values)

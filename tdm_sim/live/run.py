@@ -52,11 +52,7 @@ def run_live(
     The nodes are those of `plant`, started here, or those that run in the namespace `attach`.
     Recordings and logs go to the folder `output`.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is no such problem, or the parameter file cannot be used.
-
+    Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
     """
     require_one_ros()
     with ExitStack() as stack:

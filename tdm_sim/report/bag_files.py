@@ -55,11 +55,7 @@ def check_recording(path: Path) -> None:
     """
     Reject what cannot be a recording.
 
-    Raises
-    ------
-    UnreadableRecording
-        Saying what it is instead.
-
+    Raise UnreadableRecording saying what it is instead.
     """
     if not path.exists():
         raise UnreadableRecording(f"there is no file or folder '{path}'")

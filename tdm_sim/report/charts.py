@@ -124,11 +124,7 @@ def json_for_html(data: Any) -> str:
     """
     Return `data` as JSON that may stand inside a ``<script>`` element.
 
-    Raises
-    ------
-    ValueError
-        For a number that is not finite, which JSON cannot hold.
-
+    Raise ValueError for a number that is not finite, which JSON cannot hold.
     """
     return json.dumps(data, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
 

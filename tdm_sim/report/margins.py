@@ -111,11 +111,7 @@ def separations(mission: Mission) -> History:
 
     Of more than `MOST_PAIRS` pairs those that come closest.
 
-    Raises
-    ------
-    InvalidProblem
-        If a vehicle lacks a state of its place.
-
+    Raise InvalidProblem if a vehicle lacks a state of its place.
     """
     moving = [v for v in mission.vehicles if v.view.place]
     planned = [v for v in moving if v.plans]

@@ -42,11 +42,7 @@ def write_report(mission: Mission, path: Path, comparison: Comparison | None = N
     """
     Write the report on a mission to `path`.
 
-    Raises
-    ------
-    UnusableFile
-        If the file cannot be written.
-
+    Raise UnusableFile if the file cannot be written.
     """
     write_file(path, report_page(mission, comparison).encode())
 
@@ -236,11 +232,7 @@ def make_report(
     `namespace` chooses among several planners in one recording; `problem` names one that is not
     installed, ``module:Class``.
 
-    Raises
-    ------
-    TdmError
-        If the source cannot be read or the report not be written.
-
+    Raise TdmError if the source cannot be read or the report not be written.
     """
     check_path(output, ('.html', '.htm'))
     progress.phase(f'reading {source}')

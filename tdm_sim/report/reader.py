@@ -53,11 +53,7 @@ def read_mission(
     A rosbag2 may be given by its metadata.yaml too. `namespace` chooses among several planners in
     one recording; `problem` is the class of a problem that is not installed.
 
-    Raises
-    ------
-    TdmError
-        In one sentence, if nothing can be made of it.
-
+    Raise TdmError in one sentence, if nothing can be made of it.
     """
     path = Path(path)
     if path.name == 'metadata.yaml' and path.is_file():

@@ -137,11 +137,7 @@ def choose(
     That is one for which a planned motion was measured; else, or of several such, the one with
     most plans. `notes` name the others.
 
-    Raises
-    ------
-    UnreadableRecording
-        If nothing was recorded in the namespace.
-
+    Raise UnreadableRecording if nothing was recorded in the namespace.
     """
     planners = list(dict.fromkeys(site.planner for site in sites))
     if namespace is None:

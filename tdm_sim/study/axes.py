@@ -44,11 +44,7 @@ def parse_axis(text: str) -> Axis:
     """
     Return what ``--over`` says: a range, linear, logarithmic or random, or a list of values.
 
-    Raises
-    ------
-    InvalidProblem
-        If `text` has none of these forms.
-
+    Raise InvalidProblem if `text` has none of these forms.
     """
     name, equals, given = text.partition('=')
     if not (name and equals and given.strip()):
@@ -89,11 +85,7 @@ def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -
     """
     Return an axis whose values have the type that the problem declares for the parameter.
 
-    Raises
-    ------
-    InvalidProblem
-        If the problem has no such parameter, or does not allow a value of it.
-
+    Raise InvalidProblem if the problem has no such parameter, or does not allow a value of it.
     """
     spec = problem.parameter_specifications(parameters).get(axis.name)
     values = []
@@ -119,11 +111,8 @@ def points_of(axes: Sequence[Axis]) -> list[Point]:
 
     Random axes are drawn together: the n-th values of all of them make one combination.
 
-    Raises
-    ------
-    InvalidProblem
-        If a parameter is varied twice, or random axes have different numbers of values.
-
+    Raise InvalidProblem if a parameter is varied twice, or random axes have different numbers of
+    values.
     """
     names = [axis.name for axis in axes]
     for name in names:

@@ -270,11 +270,7 @@ def write_page(
     """
     Write the page of a study's table into a folder, and the pictures as they are `draw`n as PNG.
 
-    Raises
-    ------
-    UnusableFile
-        If it cannot be written.
-
+    Raise UnusableFile if it cannot be written.
     """
     cards = []
     for name, (figure, title) in pictures.items():

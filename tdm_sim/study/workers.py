@@ -38,11 +38,7 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
     `scheduler` is the cluster's, ``HOST:PORT``. Local processes are ended at the end, and listen
     on this machine only.
 
-    Raises
-    ------
-    InvalidProblem
-        If no scheduler answers there.
-
+    Raise InvalidProblem if no scheduler answers there.
     """
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # what is lost is done again
     if scheduler is not None:

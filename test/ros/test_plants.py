@@ -15,7 +15,7 @@ from stepped_ros import Stepped
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
-WARN, ERROR = 1, 2
+OK, WARN, ERROR = 0, 1, 2
 
 
 class Plant(Space):

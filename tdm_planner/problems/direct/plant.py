@@ -53,11 +53,7 @@ class DirectPlant:
         """
         Time derivative of the states: (..., nx), (..., nu) -> (..., nx); of many by numpy.
 
-        Raises
-        ------
-        NotFinite
-            Naming the state, if a rate is not a finite number.
-
+        Raise NotFinite naming the state, if a rate is not a finite number.
         """
         if state.ndim == 1:
             rates: Array = self._one(state, control, self._numbers)[0].copy()

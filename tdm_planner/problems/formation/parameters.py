@@ -235,11 +235,7 @@ def robot_names(names: Sequence[str]) -> tuple[str, ...]:
     """
     Check the names of the robots.
 
-    Raises
-    ------
-    InvalidProblem
-        If there is none, one occurs twice, or one cannot be a name of ROS.
-
+    Raise InvalidProblem if there is none, one occurs twice, or one cannot be a name of ROS.
     """
     if not names:
         raise InvalidProblem("parameter 'robots' = [] is not allowed: at least one name is needed")
@@ -326,11 +322,7 @@ def resized(values: Mapping[str, Any], number: int) -> dict[str, Any]:
     wanted, robot4, robot5, ... are added: each starts as far as possible from all others, facing
     the formation, and takes the free place in it that is nearest to the anchor.
 
-    Raises
-    ------
-    InvalidProblem
-        If the number is not in [1, 100], or the arena has no room for so many.
-
+    Raise InvalidProblem if the number is not in [1, 100], or the arena has no room for so many.
     """
     if not 1 <= number <= _MOST_ROBOTS:
         raise InvalidProblem(

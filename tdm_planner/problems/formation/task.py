@@ -153,11 +153,7 @@ def check_task(task: FormationTask) -> None:
     """
     Check arena, starts and goals.
 
-    Raises
-    ------
-    InvalidProblem
-        Naming robot or parameter, the value and what is allowed.
-
+    Raise InvalidProblem naming robot or parameter, the value and what is allowed.
     """
     for name, inertia, acceleration in (
         ('thrust', 'mass', task.thrust),

@@ -158,11 +158,8 @@ class SwingUpTask:
         """
         Return the n of theta = 2 pi n to aim at from a state (4,).
 
-        Raises
-        ------
-        FloatingPointError
-            For a state whose numbers left the range in which they can be computed.
-
+        Raise FloatingPointError for a state whose numbers left the range in which they can be
+        computed.
         """
         if not math.isfinite(state[0]):
             raise FloatingPointError(f'theta = {state[0]:g} rad')
@@ -182,11 +179,7 @@ class SwingUpTask:
         """
         Return the motion with its check; J is the time it takes.
 
-        Raises
-        ------
-        DeadlineExceeded
-            If the time allowed by `until` passes meanwhile.
-
+        Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
         """
         check = self.verify(trajectory, until)
         return Solution({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
