@@ -62,7 +62,7 @@ def parse_axis(text: str) -> Axis:
         low, high, count = float(found[1]), float(found[2]), int(found[4])
     except ValueError:
         raise _unusable(text) from None
-    spacing: Spacing = 'linear' if found[3] is None else 'log' if found[3] == 'log' else 'random'
+    spacing: Any = found[3] or 'linear'
     if not (math.isfinite(low) and math.isfinite(high) and 1 <= count <= _MOST):
         raise _unusable(text)
     if spacing == 'log' and not (low > 0.0 and high > 0.0):

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import timedelta
+from itertools import zip_longest
 import json
 import os
 from pathlib import Path
@@ -33,8 +35,7 @@ from tdm_sim.study.workers import each, workers
 Row = dict[str, Any]
 Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]
 
-_SAVED = 10.0  # s between two times at which the table is saved
-_SAID = 10.0  # s between two lines where nothing is live
+_SAVED = 10.0  # s between two times at which the table is saved, and between lines that stay
 MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 STATEMENT = 'study.json'
 ENDINGS = ('.parquet', '.csv')
@@ -81,14 +82,27 @@ def run(
     say = progress or Progress(quiet=True)
     kind = load_problem(problem) if isinstance(problem, str) else problem
     shared = dict(parameters or {})
-    axes = [checked(axis, kind, shared) for axis in _axes(over)]
+    if isinstance(over, Mapping):
+        over = [
+            parse_axis(f'{name}={given}') if isinstance(given, str) else Axis(name, tuple(given))
+            for name, given in over.items()
+        ]
+    axes = [checked(axis, kind, shared) for axis in over]
     points = points_of(axes)
     trial = Trial(kind, shared, closed_loop)
     folder = None if output is None else Path(output)
     if ending not in ENDINGS:
         raise InvalidProblem(f"the table cannot end in '{ending}': must be {' or '.join(ENDINGS)}")
     if folder is not None:
-        _claim(folder, _statement(problem, trial, axes))
+        named = problem if isinstance(problem, str) else f'{kind.__module__}:{kind.__qualname__}'
+        statement = {  # the same statement gives the same table
+            'version': __version__,
+            'problem': named,
+            'parameters': shared,
+            'over': {axis.name: list(axis.values) for axis in axes},
+            'closed_loop': closed_loop and asdict(closed_loop),
+        }
+        _claim(folder, statement)
     table = Table(None if folder is None else folder / f'table{ending}')
     done = table.rows
     left = [row for row in range(len(points)) if row not in done]
@@ -104,55 +118,24 @@ def run(
     return found
 
 
-def _axes(over: Over) -> list[Axis]:
-    if not isinstance(over, Mapping):
-        return list(over)
-    return [
-        parse_axis(f'{name}={given}') if isinstance(given, str) else Axis(name, tuple(given))
-        for name, given in over.items()
-    ]
-
-
-def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis]) -> Point:
-    """Return the statement of a study: the same statement gives the same table."""
-    name = problem if isinstance(problem, str) else f'{problem.__module__}:{problem.__qualname__}'
-    return {
-        'version': __version__,
-        'problem': name,
-        'parameters': dict(trial.parameters),
-        'over': {axis.name: list(axis.values) for axis in axes},
-        'closed_loop': trial.closed_loop and asdict(trial.closed_loop),
-    }
-
-
 def _collect(table: Table, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
     """Add the rows as they are computed; save the table now and then, and at any end."""
-    done = len(table.rows)
-    left = len(points) - done
-    began = saved = said = time.monotonic()
+    done, total = len(table.rows), len(points)
+    began = saved = time.monotonic()
     try:
-        for count, (row, found) in enumerate(results, 1):
+        for count, (row, found) in enumerate(results, done + 1):
             table.add({'row': row, **points[row], **found})
             now = time.monotonic()
-            began = now if count == 1 else began  # processes have started by then
-            text = f'{done + count} of {len(points)}'
-            if count > 1:
-                text += f', {_span((now - began) / (count - 1) * (left - count))} left'
+            left = timedelta(seconds=round((now - began) / (count - done) * (total - count)))
+            text = f'{count} of {total}, {left} left'
             say.update(f'planning: {text}')
-            if now - said > _SAID:
-                said = now
+            if now - saved > _SAVED:
                 if not say.live:
                     say.phase(text)
-            if now - saved > _SAVED:
                 table.save()
                 saved = time.monotonic()
     finally:
         table.save()
-
-
-def _span(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f'{minutes} min {rest:02d} s' if minutes else f'{rest} s'
 
 
 @dataclass(frozen=True)
@@ -173,9 +156,8 @@ class Trial:
         try:
             problem = self.problem.from_parameters({**self.parameters, **point})
             solution = problem.solve(counted=True)
-            row = _row('', '')
-            row |= {'cost': float(solution.cost), 'duration': float(solution.duration)}
-            row |= {'solve_time': solution.solve_time, 'evaluations': solution.evaluations}
+            figures = [float(solution.cost), float(solution.duration), solution.solve_time]
+            row = _row('', '', *figures, solution.evaluations)
             worst = solution.verification.worst
             row |= {f'{MARGIN}{name}': float(value) for name, value in worst.items()}
             if self.closed_loop is not None:
@@ -187,15 +169,15 @@ class Trial:
             return _row(PlannerFault.code, f'{type(error).__name__}: {error}')
         return row
 
-    def lost(self, point: Point) -> Row:
+    def lost(self, _: Point) -> Row:
         """Return the row of a point at which every process died."""
-        del point
         return _row(PlannerFault.code, 'every process that computed it died')
 
 
-def _row(code: str, reason: str) -> Row:
-    """Return a row without figures: of a point without a plan."""
-    return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
+def _row(code: str, reason: str, *figures: float) -> Row:
+    """Return a row; without figures that of a point without a plan."""
+    told = dict(zip_longest(_FIGURES, figures))
+    return {'verified': not code, 'code': code, 'reason': reason, **told}
 
 
 class Table:
@@ -218,31 +200,20 @@ class Table:
         self._fresh.append(row)
 
     def save(self) -> pa.Table:
-        """
-        Return all rows in their order, written to the disk.
-
-        Raises
-        ------
-        UnusableFile
-            If that cannot be written.
-
-        """
+        """Return all rows in their order, written to the disk; UnusableFile if that fails."""
         if self._fresh:
             names = dict.fromkeys(name for row in self._fresh for name in row)
             columns = {name: [_cell(row.get(name)) for row in self._fresh] for name in names}
             both = [self._kept, pa.table(columns)]
             found = pa.concat_tables(both, promote_options='permissive').sort_by('row')
-            self._kept = found.select(_ordered(found.column_names)).combine_chunks()
+            # Margins by name: an order that does not depend on which rows came first.
+            last = sorted(n for n in found.column_names if n.startswith((MARGIN, FLOWN)))
+            first = [name for name in found.column_names if name not in last]
+            self._kept = found.select([*first, *reversed(last)]).combine_chunks()
             self._fresh = []
             if self._path is not None:
                 _write(self._kept, self._path)
         return self._kept
-
-
-def _ordered(names: Sequence[str]) -> list[str]:
-    """Return columns in an order that does not depend on the first rows: margins by name."""
-    margins = [name for name in names if name.startswith((MARGIN, FLOWN))]
-    return [name for name in names if name not in margins] + sorted(margins, reverse=True)
 
 
 def _cell(value: Any) -> Any:
@@ -261,10 +232,7 @@ def _read(path: Path) -> pa.Table:
 def _write(table: pa.Table, path: Path) -> None:
     new = path.with_suffix('.new')
     try:
-        if path.suffix == '.csv':
-            csv.write_csv(table, new)
-        else:
-            parquet.write_table(table, new)
+        (csv.write_csv if path.suffix == '.csv' else parquet.write_table)(table, new)
         os.replace(new, path)
     except OSError as error:
         raise UnusableFile(f"the table '{path}' cannot be written: {error.strerror}") from None
@@ -293,9 +261,7 @@ def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> 
 
     columns = {name: table[name].to_pylist() for name in table.column_names}
     specs = trial.problem.parameter_specifications(trial.parameters)
-    units = {axis.name: specs[axis.name].unit for axis in axes}
-    pictures = draw(columns, axes, units)
-    shared = dict(trial.parameters)
-    if trial.closed_loop is not None:
-        shared |= {f'closed loop: {name}': v for name, v in asdict(trial.closed_loop).items()}
+    pictures = draw(columns, axes, {axis.name: specs[axis.name].unit for axis in axes})
+    flown = {} if trial.closed_loop is None else asdict(trial.closed_loop)
+    shared = {**trial.parameters, **{f'closed loop: {name}': v for name, v in flown.items()}}
     write_page(folder, trial.problem.name, columns, axes, shared, pictures)
