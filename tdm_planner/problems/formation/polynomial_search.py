@@ -74,6 +74,7 @@ _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a pla
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _NEARLY = 4.0  # times the accuracy of the end aimed at
+_OF_PROGRAM = ('low', 'high', 'clearances', 'centres', 'interval', 'kept', 'varied')
 
 
 class PolynomialProgram(FormationProgram):
@@ -122,14 +123,8 @@ class PolynomialProgram(FormationProgram):
             coast=np.ascontiguousarray(task.coast),
             thrust=float(task.thrust),
             torque=float(task.torque),
-            low=self.low,
-            high=self.high,
             separation=float(task.separation),
-            clearances=self.clearances,
-            centres=self.centres,
-            interval=self.interval,
-            kept=self.kept,
-            varied=self.varied,
+            **{name: getattr(self, name) for name in _OF_PROGRAM},
         )
 
     def _set_bounds(self) -> None:
@@ -243,11 +238,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
         self._guesses: tuple[FormationTask, PolynomialProgram, Iterator[Array]] | None = None
-        self._options = TrustRegionOptions(
-            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
-            feasibility=(self.feasible,),
-            radius=_RADIUS,
-            iterations=_ITERATIONS,
+        self._options = TrustRegionOptions((3.0 if self.task.n >= _MANY else 1.0,))._replace(
+            feasibility=(self.feasible,), radius=_RADIUS, iterations=_ITERATIONS
         )
         self._refining = self._options._replace(radius=_REFINING_RADIUS)
         self._careful = True  # whether to do all that can be done for a candidate
@@ -272,8 +264,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         """
         Yield the minimum that the remaining motion of a plan leads to.
 
-        Robots about to arrive keep theirs, more of them where that does not do; the turning that
-        the guess needs is reckoned with from the outset.
+        Robots about to arrive keep theirs, more of them where that does not do.
         """
         program = PolynomialProgram(self.task, form)
         x = program.warm_guess(self.rest)
@@ -380,9 +371,8 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
     def bowed(bows: Array, s: Array, derivative: int = 0) -> Array:
         """Motions (n, c, 2, K) bowed by `bows` (n, c), or a derivative, at arcs s (n, K)."""
         way = task.goal - task.departure
-        conditions = np.stack(
-            [task.departure, durations[:, None] * task.velocity, task.goal], axis=-1
-        )
+        begin = task.departure, durations[:, None] * task.velocity
+        conditions = np.stack([*begin, task.goal], axis=-1)
         quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
         straight = conditions @ np.swapaxes(quintic, 1, 2)
         normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
@@ -393,10 +383,9 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         return np.asarray(straight[:, None] + side)
 
     def fit(bows: Array) -> Array:
-        def bend(s: Array) -> Array:
-            return bowed(bows[:, None], np.broadcast_to(s, (task.n, s.size)), 2)[:, 0]
-
-        return program.fit(np.repeat(durations[:, None], program.nb, axis=1), bend)
+        alike = np.ones((task.n, 1))
+        rates = np.tile(durations[:, None], program.nb)
+        return program.fit(rates, lambda s: bowed(bows[:, None], alike * s, 2)[:, 0])
 
     t = np.linspace(0.0, (durations + task.coast).max(), INSTANTS)
     s = np.clip((t - task.coast[:, None]) / durations[:, None], 0.0, 1.0)
