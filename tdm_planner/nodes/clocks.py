@@ -130,7 +130,9 @@ class RateWatch:
 
     def tick(self) -> None:
         """Note that the timer has fired."""
-        self._ticks.append(self._clock())
+        now = self._clock()
+        self._began = self._began or now  # simulated time is 0 until a message came on /clock
+        self._ticks.append(now)
 
     def measured(self) -> float:
         """Return the rate of the last two seconds, or since the beginning [Hz]."""
