@@ -26,13 +26,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.clocks import (
-    MotionClock,
-    pacing_clock,
-    RateWatch,
-    seconds_by,
-    watch_set_back,
-)
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry
@@ -221,7 +215,7 @@ class PlantNode(ParameterNode):
         if self._clock_source is not None:
             clock = Clock(clock_type=ClockType.STEADY_TIME)
             period /= self._clock_source.speed
-        self._rate = RateWatch(1.0 / period, seconds_by(clock))
+        self._rate = RateWatch(1.0 / period, clock)
         return self.create_timer(period, self._on_timer, clock=clock)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
