@@ -11,7 +11,6 @@ import math
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.drawing import PendulumDrawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
@@ -27,8 +26,6 @@ from tdm_sim.plant_node import (
     SimulationParameters,
 )
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
-
-Array = NDArray[np.float64]
 
 _ANGLE, _RATE = Range(-1e6, 1e6), Range(-1e3, 1e3)
 
@@ -77,50 +74,35 @@ class PendulumPlantParameters(SimulationParameters):
     markers: MarkerParameters = group(MarkerParameters)
 
 
-class PendulumModel(PlantModel):
-    """
-    A simulated rotary pendulum.
-
-    Joints pendulum (theta, 0 upright, not wrapped) and disk (psi, and the torque applied). The
-    disk has no mechanical stop.
-    """
-
-    parameters = PendulumPlantParameters
-    kind = PENDULUM
-
-    def __init__(self, node: PlantNode) -> None:
-        del node
-
-    def make_setup(self, parameters: PendulumPlantParameters) -> PlantSetup:
-        """Return the pendulum, its limits and its disturbances as `parameters` say."""
-        torque = np.array([parameters.limits.torque])
-        return PlantSetup(
-            plant=mismatched(parameters.plant, parameters.mismatch, parameters.mismatch_seed),
-            initial=np.array(astuple(parameters.initial)),
-            lower=-torque,
-            upper=torque,
-            noise=np.array(astuple(parameters.noise)),
-            command_timeout=parameters.command_timeout,
-            command_loss=parameters.disturbance.command_loss,
-        )
-
-    def drawn(self, parameters: PendulumPlantParameters) -> PendulumDrawing:
-        """Return the rig with these parameters."""
-        return PendulumDrawing(parameters.plant, parameters.limits.torque)
-
-    def description(self, parameters: PendulumPlantParameters) -> str:
-        """Return the URDF."""
-        return pendulum_urdf(parameters.plant)
-
-    def push(self, parameters: PendulumPlantParameters, simulation: SimulatedPlant) -> str:
-        """Give an impulse about the pendulum's pivot."""
-        impulse, plant = parameters.disturbance.impulse, simulation.setup.plant
-        assert isinstance(plant, RotaryPendulum)
-        simulation.push(lambda state: pendulum_push(plant, state, impulse))
-        return f'pushed the pendulum with {impulse:g} N m s'
+def _setup(given: PendulumPlantParameters) -> PlantSetup:
+    torque = np.array([given.limits.torque])
+    return PlantSetup(
+        plant=mismatched(given.plant, given.mismatch, given.mismatch_seed),
+        initial=np.array(astuple(given.initial)),
+        lower=-torque,
+        upper=torque,
+        noise=np.array(astuple(given.noise)),
+    )
 
 
-PendulumPlant = partial(PlantNode, 'pendulum_plant', PendulumModel)
+def _push(given: PendulumPlantParameters, simulation: SimulatedPlant, _: str) -> str:
+    """Give an impulse about the pendulum's pivot."""
+    impulse, plant = given.disturbance.impulse, simulation.setup.plant
+    assert isinstance(plant, RotaryPendulum)
+    simulation.push(lambda state: pendulum_push(plant, state, impulse))
+    return f'pushed the pendulum with {impulse:g} N m s'
+
+
+# The disk has no mechanical stop.
+PENDULUM_MODEL = PlantModel(
+    PendulumPlantParameters,
+    PENDULUM,
+    _setup,
+    _push,
+    drawn=lambda given: PendulumDrawing(given.plant, given.limits.torque),
+    description=lambda given: pendulum_urdf(given.plant),
+)
+PendulumPlant = partial(PlantNode, 'pendulum_plant', lambda _: PENDULUM_MODEL)
 main = partial(run, PendulumPlant)
 
 if __name__ == '__main__':

@@ -10,13 +10,10 @@ messages, and never change the speed of the motion.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 
-from builtin_interfaces.msg import Time as TimeMessage
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +26,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.clocks import (
-    MotionClock,
-    pacing_clock,
-    RateWatch,
-    seconds_by,
-    watch_set_back,
-)
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry
@@ -70,11 +61,7 @@ class SimulationParameters(Validated):
     """Parameters of every simulated plant; subclasses add the plant's own."""
 
     rate: float = parameter(
-        200.0,
-        'rate of the published states',
-        unit='Hz',
-        allowed=Range(0.1, 1000.0),
-        read_only=True,
+        200.0, 'rate of the published states', unit='Hz', allowed=Range(0.1, 1e3), read_only=True
     )
     real_time_factor: float = parameter(
         1.0,
@@ -144,38 +131,23 @@ class Disturbance(Validated):
     )
 
 
-class PlantModel(ABC):
+@dataclass(frozen=True)
+class PlantModel:
     """
-    A plant to be simulated: its joints, parameters and drawing, and what a push does to it.
+    A plant to be simulated: its joints, parameters (with a group `markers`) and functions of them.
 
-    `parameters` has a group `markers`. The joints may have states that the simulation alone knows
-    (the angle of a wheel).
+    The joints may have states that the simulation alone knows (the angle of a wheel). `push` gives
+    one push of `disturbance.impulse` and returns a description. `name`, of parameters and
+    namespace, is that of one of several plants. `description` is the URDF, '' if there is none.
     """
 
     parameters: type[SimulationParameters]
     kind: PlantKind
-
-    @abstractmethod
-    def make_setup(self, parameters: Any) -> PlantSetup:
-        """Return the plant, its limits and its disturbances as `parameters` say."""
-
-    @abstractmethod
-    def push(self, parameters: Any, simulation: SimulatedPlant) -> str:
-        """Give the plant one push of `disturbance.impulse`; returns a description."""
-
-    @abstractmethod
-    def drawn(self, parameters: Any) -> Drawn:
-        """Return what the plant looks like with these parameters."""
-
-    def name(self, parameters: Any) -> str:
-        """Return the name of one of several plants, the child frame of its odometry."""
-        del parameters
-        return ''
-
-    def description(self, parameters: Any) -> str:
-        """Return the plant's URDF, '' if it has none."""
-        del parameters
-        return ''
+    setup: Callable[[Any], PlantSetup]  # without what is common to all plants
+    push: Callable[[Any, SimulatedPlant, str], str]  # parameters, plant, its name
+    drawn: Callable[[Any], Drawn]
+    name: Callable[[Any, str], str] = lambda *_: ''
+    description: Callable[[Any], str] = lambda _: ''
 
 
 class PlantNode(ParameterNode):
@@ -184,9 +156,8 @@ class PlantNode(ParameterNode):
 
     Subscribes `joint_command`, publishes `joint_states`, `odom` and `robot_description` where the
     plant has them, `plant_markers` and `/diagnostics`, serves `reset` and `push`. Changed
-    parameters act at once, without a jump of the state (`initial.*` at `reset`).
-
-    Raise InvalidProblem if the parameters given at the start contradict each other.
+    parameters act at once, without a jump of the state (`initial.*` at `reset`); those that
+    contradict each other at the start raise InvalidProblem.
     """
 
     decisive = frozenset({'problem'})
@@ -195,7 +166,7 @@ class PlantNode(ParameterNode):
         self,
         name: str,
         make_model: Callable[[PlantNode], PlantModel],
-        first: Mapping[str, ParameterSpec] = MappingProxyType({}),
+        first: Mapping[str, ParameterSpec] | None = None,
         **options: Any,
     ) -> None:
         super().__init__(name, first, **options)
@@ -203,22 +174,24 @@ class PlantNode(ParameterNode):
         self.declare(specifications(self.model.parameters))
         self.warn_of_unknown_overrides()
         self.parameters: Any = build(self.model.parameters, self.parameter_values)
-        setup = self.model.make_setup(self.parameters)
-        self.simulation = SimulatedPlant(setup, self.parameters.seed)
-        kind = self.model.kind
-        self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
         given: Any = self.parameters
-        self._clock_source = None
+        kind = self.model.kind
+        self.simulation = SimulatedPlant(self._setup(given), given.seed)
+        self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
+        diagnostics = Diagnostics(self, 'simulation', self._report)
+        self._clock_source = self._clocks = None
         if given.publish_clock:
             speed = given.real_time_factor
             self._clock_source = ClockSource(self, 1.0 / given.rate, speed, given.clock_followers)
+            harm = 'simulated time leaps; let only one of them publish it'
+            self._clocks = PublisherCount(self, CLOCK_TOPIC, harm, diagnostics.update, 'nodes')
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._skipped = 0.0
         self._counts = dict.fromkeys(_COUNTED, 0)
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
-        self._name = self.model.name(given)
+        self._name = self.model.name(given, self.get_namespace())
         self._picture = Picture(self.model.drawn(given), given.markers.trail, self._name)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self._joint_states = self.create_publisher(JointState, 'joint_states', QUEUE)
@@ -226,17 +199,15 @@ class PlantNode(ParameterNode):
         self._described = ''
         self._description: Any = None
         self._describe()
-        self._diagnostics = Diagnostics(self, 'simulation', self._report)
-        self._clocks = None
-        if self._clock_source is not None:
-            harm = 'simulated time leaps; let only one of them publish it'
-            update = self._diagnostics.update
-            self._clocks = PublisherCount(self, CLOCK_TOPIC, harm, update, 'nodes')
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
         self._jump = watch_set_back(self, self._on_clock_jump, on_change=True)
         self._timer = self._make_timer()
+
+    def _setup(self, given: Any) -> PlantSetup:
+        own, loss = self.model.setup(given), given.disturbance.command_loss
+        return replace(own, command_timeout=given.command_timeout, command_loss=loss)
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate
@@ -244,22 +215,22 @@ class PlantNode(ParameterNode):
         if self._clock_source is not None:
             clock = Clock(clock_type=ClockType.STEADY_TIME)
             period /= self._clock_source.speed
-        self._rate = RateWatch(1.0 / period, seconds_by(clock))
+        self._rate = RateWatch(1.0 / period, clock)
         return self.create_timer(period, self._on_timer, clock=clock)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Reject values that contradict each other."""
-        self.model.make_setup(build(self.model.parameters, values))
+        self._setup(build(self.model.parameters, values))
 
     def values_changed(self) -> None:
         """Apply changed parameters."""
         self.advance()
-        self.parameters = build(self.model.parameters, self.parameter_values)
-        given = self.parameters
-        self.simulation.setup = self.model.make_setup(given)
+        given: Any = build(self.model.parameters, self.parameter_values)
+        self.parameters = given
+        self.simulation.setup = self._setup(given)
         self._picture.set_up(self.model.drawn(given), given.markers.trail)
         self._describe()
-        source, speed = self._clock_source, self.parameters.real_time_factor
+        source, speed = self._clock_source, given.real_time_factor
         if source is not None and source.speed != speed:
             source.advance()
             source.speed = speed
@@ -280,13 +251,11 @@ class PlantNode(ParameterNode):
         now = self._time.now()
         stamp: Time = self.get_clock().now()
         elapsed, self._last = now - self._last, now
-        if elapsed > LONGEST_CATCH_UP:
-            self._skipped += elapsed - LONGEST_CATCH_UP
-            elapsed = LONGEST_CATCH_UP
+        self._skipped += max(elapsed - LONGEST_CATCH_UP, 0.0)
         if elapsed > 0.0:
             # With a clock of its own the motion runs as fast as that clock.
-            own = self._clock_source is not None
-            self.simulation.step(elapsed * (1.0 if own else self.parameters.real_time_factor))
+            factor = 1.0 if self._clock_source else self.parameters.real_time_factor
+            self.simulation.step(factor * min(elapsed, LONGEST_CATCH_UP))
         return stamp
 
     def _on_timer(self) -> None:
@@ -295,28 +264,26 @@ class PlantNode(ParameterNode):
             self._clock_source.advance()
         now = self.advance()
         measured = self.simulation.measure()
-        self._publish(measured, now.to_msg())
+        self._publish(measured, now)
         self._counts['states published'] += 1
         self._show(measured, now)
         if self.simulation.timeouts > self._warned_timeouts:
             self._warned_timeouts = self.simulation.timeouts
-            self.get_logger().warning(
-                f'no command for {self.parameters.command_timeout:g} s (command_timeout): '
-                'actuators off',
-                throttle_duration_sec=WARNING_PERIOD,
-            )
+            timeout = self.parameters.command_timeout
+            told = f'no command for {timeout:g} s (command_timeout): actuators off'
+            self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
 
-    def _publish(self, measured: Array, stamp: TimeMessage) -> None:
+    def _publish(self, measured: Array, now: Time) -> None:
         """Publish the state (nx,) as measured, and the controls as applied."""
-        setup, kind = self.simulation.setup, self.model.kind
-        plant, noise = setup.plant, setup.noise
+        plant, stamp = self.simulation.setup.plant, now.to_msg()
         values = dict(zip(plant.state_names, measured.tolist(), strict=True))
         applied = dict(zip(plant.control_names, self.simulation.control.tolist(), strict=True))
         message = joint_states(self._joints, values | applied)
         message.header.stamp, message.header.frame_id = stamp, self._name
         self._joint_states.publish(message)
         if self._odometry is not None:
-            deviations = dict(zip(plant.state_names, noise.tolist(), strict=True))
+            noise = self.simulation.setup.noise.tolist()
+            deviations, kind = dict(zip(plant.state_names, noise, strict=True)), self.model.kind
             self._odometry.publish(odometry(kind, values, deviations, stamp, self._name))
 
     def _show(self, measured: Array, now: Time) -> None:
@@ -337,33 +304,23 @@ class PlantNode(ParameterNode):
             self.simulation.command(read_command(self.model.kind, message))
         except InvalidProblem as error:
             self._counts['commands ignored'] += 1
-            self.get_logger().warning(
-                f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
-            )
+            told = f'joint_command ignored: {error}'
+            self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
             return
         self._counts['commands accepted'] += 1
 
-    def release(self) -> None:
-        """Release a plant that is held."""
-        self.advance()
-        self.simulation.release()
-
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self, *_: Any) -> Trigger.Response:
         self.advance()
         self.simulation.reset()
         self._picture.clear()
-        response.success = True
-        response.message = 'back in the initial state'
-        return response
+        return Trigger.Response(success=True, message='back in the initial state')
 
-    def _on_push(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_push(self, *_: Any) -> Trigger.Response:
         self.advance()
-        description = self.model.push(self.parameters, self.simulation)
+        description = self.model.push(self.parameters, self.simulation, self._name)
         self._counts['pushes'] += 1
         self.get_logger().info(description)
-        response.success = True
-        response.message = description
-        return response
+        return Trigger.Response(success=True, message=description)
 
     def _on_clock_jump(self, _: Any) -> None:
         # The motion goes on from the simulated clock's new time.

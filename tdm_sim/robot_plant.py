@@ -10,7 +10,6 @@ from functools import partial
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.drawing import RobotDrawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import (
@@ -40,10 +39,6 @@ from tdm_sim.simulation import (
     SimulatedPlant,
     WheeledRobot,
 )
-
-Array = NDArray[np.float64]
-
-DEFAULT_NAME = 'robot1'
 
 _PLACE, _RATE = Range(-1e4, 1e4), Range(-100.0, 100.0)
 
@@ -134,57 +129,44 @@ class RobotPlantParameters(SimulationParameters):
     markers: RobotMarkers = group(RobotMarkers)
 
 
-class RobotModel(PlantModel):
-    """
-    A simulated floating robot.
-
-    Joints thruster (alpha, its rate, thrust [N]) and reaction_wheel (the wheel's angle, speed and
-    torque), the rest by odometry. The mismatch also makes thrust and torque differ from what is
-    commanded.
-    """
-
-    parameters = RobotPlantParameters
-    kind = ROBOT
-
-    def __init__(self, node: PlantNode) -> None:
-        self._namespace = node.get_namespace()
-
-    def drawn(self, parameters: RobotPlantParameters) -> RobotDrawing:
-        """Return the robot with these parameters."""
-        arena = parameters.arena
-        return RobotDrawing(arena.minimum_separation, parameters.limits.thrust, arena.robot_radius)
-
-    def name(self, parameters: RobotPlantParameters) -> str:
-        """Return the name that is given, or the last part of the node's namespace."""
-        return parameters.robot_name or self._namespace.rsplit('/', 1)[-1] or DEFAULT_NAME
-
-    def make_setup(self, parameters: RobotPlantParameters) -> PlantSetup:
-        """Return the robot, its limits and its disturbances as `parameters` say."""
-        start, noise = vars(parameters.initial), parameters.noise
-        off = parameters.mismatch, parameters.mismatch_seed
-        plant, deviations = WheeledRobot(mismatched(parameters.plant, *off)), dict(vars(noise))
-        deviations |= dict.fromkeys('xy', noise.position) | dict.fromkeys('uv', noise.velocity)
-        return PlantSetup(
-            plant=plant,
-            initial=np.array([start.get(name, 0.0) for name in plant.state_names]),
-            noise=np.array([deviations.get(name, 0.0) for name in plant.state_names]),
-            **robot_actuators(parameters.limits, *off),
-            command_timeout=parameters.command_timeout,
-            command_loss=parameters.disturbance.command_loss,
-        )
-
-    def push(self, parameters: RobotPlantParameters, simulation: SimulatedPlant) -> str:
-        """Give an impulse at the centre of mass."""
-        plant, given = simulation.setup.plant, parameters.disturbance
-        assert isinstance(plant, WheeledRobot)
-        impulse, direction = given.impulse, given.direction
-        if direction is None:
-            direction = simulation.direction()
-        simulation.push(lambda state: robot_push(plant.robot, state, impulse, direction))
-        return f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad'
+def _setup(given: RobotPlantParameters) -> PlantSetup:
+    off = given.mismatch, given.mismatch_seed
+    start, noise, names = vars(given.initial), given.noise, WheeledRobot.state_names
+    deviations = dict.fromkeys('xy', noise.position) | dict.fromkeys('uv', noise.velocity)
+    deviations |= vars(noise)
+    return PlantSetup(
+        plant=WheeledRobot(mismatched(given.plant, *off)),
+        initial=np.array([start.get(name, 0.0) for name in names]),
+        noise=np.array([deviations.get(name, 0.0) for name in names]),
+        **robot_actuators(given.limits, *off),
+    )
 
 
-RobotPlant = partial(PlantNode, 'robot_plant', RobotModel)
+def _push(given: RobotPlantParameters, simulation: SimulatedPlant, name: str) -> str:
+    """Give an impulse at the centre of mass."""
+    plant, impulse = simulation.setup.plant, given.disturbance.impulse
+    assert isinstance(plant, WheeledRobot)
+    direction = given.disturbance.direction
+    if direction is None:
+        direction = simulation.direction()
+    simulation.push(lambda state: robot_push(plant.robot, state, impulse, direction))
+    return f'pushed {name} with {impulse:g} N s towards {direction:.3f} rad'
+
+
+def _drawn(given: RobotPlantParameters) -> RobotDrawing:
+    arena = given.arena
+    return RobotDrawing(arena.minimum_separation, given.limits.thrust, arena.robot_radius)
+
+
+ROBOT_MODEL = PlantModel(
+    RobotPlantParameters,
+    ROBOT,
+    _setup,
+    _push,
+    _drawn,
+    name=lambda given, space: given.robot_name or space.rsplit('/', 1)[-1] or 'robot1',
+)
+RobotPlant = partial(PlantNode, 'robot_plant', lambda _: ROBOT_MODEL)
 main = partial(run, RobotPlant)
 
 if __name__ == '__main__':

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,7 @@ def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: fl
     `direction` [rad] is an angle in the arena's frame; the state begins with x, y, u, v.
     """
     pushed = state.copy()
-    pushed[2] += impulse / plant.mass * math.cos(direction)
-    pushed[3] += impulse / plant.mass * math.sin(direction)
+    pushed[2:4] += impulse / plant.mass * np.array([math.cos(direction), math.sin(direction)])
     return pushed
 
 
@@ -76,14 +75,9 @@ class WheeledRobot:
 
     robot: FloatingRobot
 
-    state_names: ClassVar[tuple[str, ...]] = (
-        *FloatingRobot.state_names,
-        'wheel_angle',
-        'wheel_speed',
-    )
-    state_units: ClassVar[tuple[str, ...]] = (*FloatingRobot.state_units, 'rad', 'rad/s')
-    control_names: ClassVar[tuple[str, ...]] = FloatingRobot.control_names
-    control_units: ClassVar[tuple[str, ...]] = FloatingRobot.control_units
+    state_names = (*FloatingRobot.state_names, 'wheel_angle', 'wheel_speed')
+    state_units = (*FloatingRobot.state_units, 'rad', 'rad/s')
+    control_names, control_units = FloatingRobot.control_names, FloatingRobot.control_units
 
     def derivative(self, state: Array, control: Array) -> Array:
         """Time derivative of the states: (..., 9), (..., 3) -> (..., 9)."""
@@ -123,8 +117,8 @@ class SimulatedPlant:
 
     `time` [s] counts the simulated time since the start. A command acts from the moment it is
     given until the next one, for at most the command time-out. `breakdowns` counts how often the
-    motion became too violent to be integrated; the plant is then reset. What is random follows
-    from `seed`.
+    motion became too violent to be integrated; the plant is then reset. A plant that is held is
+    let go by setting `released`. What is random follows from `seed`.
     """
 
     def __init__(self, setup: PlantSetup, seed: int = 0) -> None:
@@ -135,7 +129,7 @@ class SimulatedPlant:
         self._state = setup.initial
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
-        self._released = False
+        self.released = False
         # Independent streams: draws from one must not change the other.
         self._noise, self._loss, self._direction = (
             np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
@@ -149,7 +143,7 @@ class SimulatedPlant:
     @property
     def held(self) -> bool:
         """Whether the plant is kept where it is."""
-        return self.setup.held and not self._released
+        return self.setup.held and not self.released
 
     @property
     def commanded(self) -> bool:
@@ -172,12 +166,8 @@ class SimulatedPlant:
         if self._loss.random() < self.setup.command_loss:
             return
         self._command = values
-        self._released = self._released or bool(values.any())
+        self.released = self.released or bool(values.any())
         self._expiry = self.time + self.setup.command_timeout
-
-    def release(self) -> None:
-        """Let a plant that is held go."""
-        self._released = True
 
     def step(self, duration: float) -> None:
         """Advance by `duration` s."""
@@ -203,7 +193,7 @@ class SimulatedPlant:
         """Go back to the initial state, without a command; time and noise run on."""
         self._state = self.setup.initial
         self._expiry = -math.inf
-        self._released = False
+        self.released = False
 
     def _advance(self, until: float) -> None:
         if self.held:
@@ -233,10 +223,8 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
     may do that).
     """
     generator = np.random.default_rng(seed)
-    constants = {
-        name: value * (1.0 + mismatch * generator.uniform(-1.0, 1.0))
-        if isinstance(value, float)
-        else value
-        for name, value in to_mapping(plant).items()
-    }
+    constants = to_mapping(plant)
+    for name, value in constants.items():
+        if isinstance(value, float):
+            constants[name] = value * (1.0 + mismatch * generator.uniform(-1.0, 1.0))
     return build(type(plant), constants)

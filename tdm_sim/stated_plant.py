@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import sys
-from types import MappingProxyType
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -25,7 +23,7 @@ from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with_parameters_of
-from tdm_sim.pendulum_plant import PendulumModel
+from tdm_sim.pendulum_plant import PENDULUM_MODEL
 from tdm_sim.plant_node import (
     Disturbance,
     MarkerParameters,
@@ -33,7 +31,7 @@ from tdm_sim.plant_node import (
     PlantNode,
     SimulationParameters,
 )
-from tdm_sim.robot_plant import RobotModel
+from tdm_sim.robot_plant import ROBOT_MODEL
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 
 _LARGEST_CONTROL = 1e9  # of what has no limits
@@ -72,67 +70,46 @@ class StatedPlantParameters(SimulationParameters):
     markers: MarkerParameters = group(MarkerParameters)
 
 
-class StatedModel(PlantModel):
-    """
-    The plant of a `DirectProblem`, in the problem's start; controls act in `control_limits`.
+def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
+    """Return the plant of a problem, in the problem's start; controls act in `control_limits`."""
+    kind = kind_of(problem())
 
-    Its joints are those of the problem, see `tdm_planner.plant_kind`.
-    """
+    def setup(given: Any) -> PlantSetup:
+        made = problem_of(problem, given)
+        plant = DirectPlant(mismatched(made, given.mismatch, given.mismatch_seed))
+        begin = np.nan_to_num(Ends.of(CheckedFormulation(made)).states[0])
+        lower, upper = np.clip(plant.control_range, -_LARGEST_CONTROL, _LARGEST_CONTROL)
+        noise = np.full(begin.size, given.noise)
+        return PlantSetup(plant, begin, lower, upper, noise, held=given.held)
 
-    def __init__(self, problem: type[DirectProblem], node: PlantNode) -> None:
-        self._problem, self._node = problem, node
-        self.kind = kind_of(problem())
-        self.parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
-        node.create_subscription(GoalStatusArray, TOPIC, self._on_tracker_status, LATCHED)
+    def push(given: Any, simulation: SimulatedPlant, _: str) -> str:
+        """Let the last state jump."""
+        impulse = given.disturbance.impulse
+        simulation.push(lambda state: state + impulse * np.eye(state.size)[-1])
+        return f"pushed: '{kind.state_names[-1]}' by {impulse:g}"
 
-    def _on_tracker_status(self, message: GoalStatusArray) -> None:
+    def on_tracker_status(message: GoalStatusArray) -> None:
         """Release the plant when a plan has begun, even one that begins with controls of zero."""
         if any(goal.status == GoalStatus.STATUS_EXECUTING for goal in message.status_list):
-            self._node.release()
+            node.advance()
+            node.simulation.released = True
 
-    def make_setup(self, parameters: Any) -> PlantSetup:
-        """Return the plant, its limits and its disturbances as `parameters` say."""
-        problem = problem_of(self._problem, parameters)
-        plant = DirectPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
-        begin = np.nan_to_num(Ends.of(CheckedFormulation(problem)).states[0])
-        lower, upper = np.clip(plant.control_range, -_LARGEST_CONTROL, _LARGEST_CONTROL)
-        return PlantSetup(
-            plant=plant,
-            initial=begin,
-            lower=lower,
-            upper=upper,
-            noise=np.full(begin.size, parameters.noise),
-            command_timeout=parameters.command_timeout,
-            command_loss=parameters.disturbance.command_loss,
-            held=parameters.held,
-        )
+    def drawn(given: Any) -> StatedView:
+        return StatedView(problem_of(problem, given)).checked()
 
-    def drawn(self, parameters: Any) -> StatedView:
-        """Return the plant as its `drawing` has it with these parameters."""
-        return StatedView(problem_of(self._problem, parameters)).checked()
-
-    def push(self, parameters: Any, simulation: SimulatedPlant) -> str:
-        """Let the last state jump."""
-        impulse, name = parameters.disturbance.impulse, self.kind.state_names[-1]
-        jump = impulse * np.eye(len(self.kind.state_names))[-1]
-        simulation.push(lambda state: state + jump)
-        return f"pushed: '{name}' by {impulse:g}"
-
-
-_BUILT_IN: Mapping[str, Callable[[PlantNode], PlantModel]] = MappingProxyType(
-    {'pendulum_swing_up': PendulumModel, 'robot_formation': RobotModel}
-)
+    node.create_subscription(GoalStatusArray, TOPIC, on_tracker_status, LATCHED)
+    parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
+    return PlantModel(parameters, kind, setup, push, drawn)
 
 
 def _model_of(node: PlantNode) -> PlantModel:
     """Return the plant of the problem that the node's parameter names."""
     name = str(node.parameter_values[PROBLEM.name])
-    if name in _BUILT_IN:
-        return _BUILT_IN[name](node)
-    return StatedModel(stated_problem(name), node)
+    built_in = {'pendulum_swing_up': PENDULUM_MODEL, 'robot_formation': ROBOT_MODEL}
+    return built_in.get(name) or _stated_model(stated_problem(name), node)
 
 
-StatedPlant = partial(PlantNode, 'plant', _model_of, MappingProxyType({PROBLEM.name: PROBLEM}))
+StatedPlant = partial(PlantNode, 'plant', _model_of, {PROBLEM.name: PROBLEM})
 main = partial(run, StatedPlant)
 
 if __name__ == '__main__':

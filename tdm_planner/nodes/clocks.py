@@ -114,27 +114,27 @@ class MotionClock:
         return begin + round(instant / NANOSECOND)
 
 
-def seconds_by(clock: Clock) -> Callable[[], float]:
-    """Return a function that returns the seconds of a ROS clock."""
-    return lambda: float(clock.now().nanoseconds) * NANOSECOND
-
-
 class RateWatch:
-    """Counts ticks of a timer of `rate` Hz; `clock` returns the seconds that the timer goes by."""
+    """Counts ticks of a timer of `rate` Hz; `clock` is what the timer goes by."""
 
-    def __init__(self, rate: float, clock: Callable[[], float]) -> None:
+    def __init__(self, rate: float, clock: Clock) -> None:
         self.rate = rate
         self._clock = clock
-        self._began = clock()
+        self._began = self._now()
         self._ticks: deque[float] = deque(maxlen=math.ceil(_WINDOW * rate) + 1)
+
+    def _now(self) -> float:
+        return float(self._clock.now().nanoseconds) * NANOSECOND
 
     def tick(self) -> None:
         """Note that the timer has fired."""
-        self._ticks.append(self._clock())
+        now = self._now()
+        self._began = self._began or now  # simulated time is 0 until a message came on /clock
+        self._ticks.append(now)
 
     def measured(self) -> float:
         """Return the rate of the last two seconds, or since the beginning [Hz]."""
-        now = self._clock()
+        now = self._now()
         recent = sum(tick > now - _WINDOW for tick in self._ticks)
         return recent / max(min(now - self._began, _WINDOW), 1.0 / self.rate)
 
@@ -142,7 +142,7 @@ class RateWatch:
         """Return a sentence where the rate is not held, '' otherwise."""
         # At a few Hz, one tick more or less must not count.
         measured = self.measured()
-        if self._clock() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
+        if self._now() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
             return ''
         return (
             f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure, InvalidProblem
-from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
+from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
@@ -117,7 +117,7 @@ class TrackerNode(ManagedNode):
         self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
         self._activated = time.monotonic()
         clock, parameters = pacing_clock(self), self.tracker.parameters
-        self._rate = RateWatch(parameters.rate, seconds_by(clock))
+        self._rate = RateWatch(parameters.rate, clock)
         self._timer = self.create_timer(parameters.interval, self._on_tick, clock=clock)
         self._status.begin()
         newest = self._measured.newest
