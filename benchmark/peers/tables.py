@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.peers.attempts import against, summary
+from benchmark.peers.attempts import against, COLLOCATION_WARM, OURS, OURS_WARM, summary
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 _BLANK = '-'
 _COLOURS = {
     'tdm_planner': '#0b5394',
