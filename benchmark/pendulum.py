@@ -38,7 +38,8 @@ def start_state(seed: int | str) -> Array:
     if seed == 'hanging':
         return np.array([np.pi, 0.0, 0.0, 0.0])
     rng = np.random.default_rng(int(seed))
-    return rng.uniform(-1.0, 1.0, size=4) * np.array([np.pi, 1.0, 5.0, 5.0])
+    state: Array = rng.uniform(-1.0, 1.0, size=4) * np.array([np.pi, 1.0, 5.0, 5.0])
+    return state
 
 
 def problem(torque: float, state: Array, method: str = 'switching') -> PendulumSwingUp:

@@ -62,7 +62,7 @@ def energy_swing(task: SwingUpTask, gains: Pumping) -> Trajectory:
     away = path * np.array([1.0, 0.3, 1.0 / w0, 0.3 / w0])
     away[:, 0] -= 2 * np.pi * np.round(path[:, 0] / (2 * np.pi))
     last = int(np.argmin(np.linalg.norm(away, axis=1)[50:])) + 50
-    times = _STEP * np.arange(last + 1)
+    times = _STEP * np.arange(last + 1, dtype=np.float64)
     return _motion(task, times, path[: last + 1], np.array([*torques[:last], 0.0]))
 
 
@@ -70,7 +70,8 @@ def _pump(state: Array, w0: float, gains: Pumping) -> float:
     theta, psi, rate, disk_rate = state.tolist()
     lack = 0.5 * (rate / w0) ** 2 + math.cos(theta) - 1.0
     drive = gains.energy * lack * (rate / w0 or 1e-3) * math.cos(theta)
-    return max(-1.0, min(1.0, drive - gains.angle * psi - gains.rate * disk_rate / w0))
+    wanted: float = drive - gains.angle * psi - gains.rate * disk_rate / w0
+    return max(-1.0, min(1.0, wanted))
 
 
 def _motion(task: SwingUpTask, times: Array, states: Array, torques: Array) -> Trajectory:

@@ -181,7 +181,7 @@ class FormationCollocation:
 
     def guess_ways(self, task: FormationTask, bow: float, first: float = 33.0) -> FormationGuess:
         """Quintic laws of time on the straight ways, bowed sideways by a share of them."""
-        arrivals = first + task.interval * np.arange(task.n)
+        arrivals = first + task.interval * np.arange(task.n, dtype=np.float64)
         states, controls = [], []
         for i in range(task.n):
             t = self.instants(arrivals, i)
