@@ -14,7 +14,7 @@ them. Timings are of one run on this machine: compare ratios.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import json
 from pathlib import Path
 import sys
@@ -45,7 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if records[name]['figures'] is None:
                 failed.append(name)
             if options.docs:  # after each, so that none are lost
-                figures.write(folder, _in_order(records))
+                records = {each: records[each] for each in SECTIONS if each in records}
+                figures.write(folder, records)
         if options.docs:
             # From what is stored: written anew, the page is the same to the last digit.
             written = page.write(figures.read(folder), folder, options.quick)
@@ -66,10 +67,6 @@ def _measured(
     else:
         progress.line(f'{section.table(outcome.figures)}\n({outcome.seconds:.0f} s)')
     return figures.record(outcome)
-
-
-def _in_order(records: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: records[name] for name in SECTIONS if name in records}
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -21,8 +21,15 @@ import itertools
 from typing import Any
 
 from benchmark.progress import report
-from benchmark.scenarios import MINIMUM_SEPARATION
-from benchmark.vehicles import ARRIVED, crossing_of, DISK_ANGLE, HELD_ANGLE, MISMATCH, RIGS
+from benchmark.scenarios import (
+    ARRIVED,
+    crossing_of,
+    DISK_ANGLE,
+    HELD_ANGLE,
+    MINIMUM_SEPARATION,
+    MISMATCH,
+    RIGS,
+)
 from distributed import Client
 import numpy as np
 from tdm_planner.parameters import build

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 import importlib.metadata
 import json
 import math
@@ -47,7 +48,9 @@ def write(folder: Path, records: Mapping[str, Any]) -> Path:
 
 def record(outcome: Outcome) -> dict[str, Any]:
     """Return what is kept of a run, with the machine and the versions it was made with."""
-    return {**outcome.to_dict(), 'machine': machine(), 'versions': versions()}
+    kept = asdict(outcome)
+    del kept['log']
+    return {**kept, 'machine': machine(), 'versions': versions()}
 
 
 def _rounded(value: Any) -> Any:

@@ -14,7 +14,7 @@ again, so that plans are made at 5 Hz, and the periods between the tracker's com
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import gc
 import math
 from pathlib import Path
@@ -46,15 +46,8 @@ ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
 FIRST_MEMORY = 100  # replans after which memory is looked at first
 
 
-@dataclass(frozen=True)
-class Case:
-    """A problem to be solved on the way, and the rest of the active plan."""
-
-    problem: Problem
-    rest: Solution | None
-
-
-Cases = Callable[[int], Case]
+# Of a seed: a problem to be solved on the way, and the rest of the active plan.
+Cases = Callable[[int], tuple[Problem, Solution | None]]
 
 
 def pendulum_cases(torque: float, warm: bool) -> Cases:
@@ -64,12 +57,12 @@ def pendulum_cases(torque: float, warm: bool) -> Cases:
     plan = ActivePlan(problem, problem.solve(deadline=2.0), 0.0)
     motion = plan.solution.trajectory
 
-    def case(seed: int) -> Case:
+    def case(seed: int) -> tuple[Problem, Solution | None]:
         rng = np.random.default_rng(seed)
         elapsed = rng.uniform(0.0, 0.7) * motion.duration
         state = motion.sample(elapsed).state + PENDULUM_AWAY * rng.normal(size=4)
         start = PendulumStart(*state.tolist())
-        return Case(replace(problem, start=start), plan.remainder(elapsed) if warm else None)
+        return replace(problem, start=start), plan.remainder(elapsed) if warm else None
 
     return case
 
@@ -82,7 +75,7 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
         plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(problem))
 
-    def case(seed: int) -> Case:
+    def case(seed: int) -> tuple[Problem, Solution | None]:
         rng = np.random.default_rng(seed)
         plan, execution = plans[seed % crossings], executions[seed % crossings]
         elapsed = rng.uniform(0.05, 0.75) * plan.solution.duration
@@ -97,73 +90,54 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
         predicted = execution.predict(plan, seen, elapsed)
         assert isinstance(plan.problem, RobotFormation)
         problem = execution.problem_from(plan.problem, predicted)
-        return Case(problem, plan.remainder(elapsed) if warm else None)
+        return problem, plan.remainder(elapsed) if warm else None
 
     return case
 
 
-@dataclass
-class Timed:
-    """Times of many replans [s], and how many gave a plan."""
-
-    wall: list[float]
-    processor: list[float]
-    planned: int = 0
-
-
-def timed(cases: Cases, seeds: range, deadline: float) -> Timed:
-    """Solve the cases of `seeds`."""
-    found = Timed([], [])
-    for seed in seeds:
-        case = cases(seed)
-        wall, processor = time.perf_counter(), time.process_time()
-        try:
-            case.problem.solve(deadline=deadline, seed=seed, warm_start=case.rest)
-            found.planned += 1
-        except TdmError:
-            pass
-        found.wall.append(time.perf_counter() - wall)
-        found.processor.append(time.process_time() - processor)
-    return found
+def timed(cases: Cases, seed: int, deadline: float) -> tuple[float, float, bool]:
+    """Solve the case of a seed: wall time, processor time [s], and whether there is a plan."""
+    problem, rest = cases(seed)
+    wall, processor, planned = time.perf_counter(), time.process_time(), True
+    try:
+        problem.solve(deadline=deadline, seed=seed, warm_start=rest)
+    except TdmError:
+        planned = False
+    return time.perf_counter() - wall, time.process_time() - processor, planned
 
 
 def latency(name: str, cases: Cases, count: int, deadline: float) -> dict[str, Any]:
     """Return the times of `count` replans."""
     report(f'{name}: {count} replans')
-    found = timed(cases, range(count), deadline)
+    wall, processor, planned = np.array([timed(cases, k, deadline) for k in range(count)]).T
     return {
         'replans': count,
-        'planned': found.planned,
-        **{f'p{p}_ms': 1e3 * float(np.quantile(found.wall, p / 100)) for p in (50, 95, 99)},
-        'worst_ms': 1e3 * max(found.wall),
-        'processor_p50_ms': 1e3 * float(np.median(found.processor)),
-        'processor_p99_ms': 1e3 * float(np.quantile(found.processor, 0.99)),
+        'planned': int(planned.sum()),
+        **{f'p{p}_ms': 1e3 * float(np.quantile(wall, p / 100)) for p in (50, 95, 99)},
+        'worst_ms': 1e3 * float(wall.max()),
+        'processor_p50_ms': 1e3 * float(np.median(processor)),
+        'processor_p99_ms': 1e3 * float(np.quantile(processor, 0.99)),
     }
 
 
 def overruns(kinds: dict[str, Cases], count: int) -> dict[str, Any]:
     """Return how late `count` replans or more ended after a deadline of 30 ms; their memory."""
-    share = math.ceil(count / len(kinds))
-    wall: list[float] = []
-    processor: list[float] = []
-    planned, memory = 0, resident()
-    for k in counted(range(share), f'rounds of {len(kinds)} replans with a deadline'):
-        for cases in kinds.values():
-            found = timed(cases, range(k, k + 1), DEADLINE)
-            wall += found.wall
-            processor += found.processor
-            planned += found.planned
-        if len(wall) - len(kinds) < FIRST_MEMORY <= len(wall):
+    rounds = math.ceil(count / len(kinds))
+    found, memory = [], resident()
+    for k in counted(range(rounds), f'rounds of {len(kinds)} replans with a deadline'):
+        found += [timed(cases, k, DEADLINE) for cases in kinds.values()]
+        if len(found) - len(kinds) < FIRST_MEMORY <= len(found):
             memory = resident()
-    late = np.array(wall) - DEADLINE
+    wall, processor, planned = np.array(found).T
+    late = wall - DEADLINE
     return {
-        'replans': len(wall),
-        'planned': planned,
+        'replans': len(found),
+        'planned': int(planned.sum()),
         'late': int((late > LATE).sum()),
-        'late_by_processor_time': int((np.array(processor) - DEADLINE > LATE).sum()),
+        'late_by_processor_time': int((processor - DEADLINE > LATE).sum()),
         'p99_late_ms': 1e3 * float(np.quantile(late, 0.99)),
         'worst_late_ms': 1e3 * float(late.max()),
-        'worst_processor_ms': 1e3 * max(processor),
+        'worst_processor_ms': 1e3 * float(processor.max()),
         'memory_after_100_mb': memory,
         'memory_mb': resident(),
     }

@@ -29,7 +29,7 @@ class Rig:
     """The nodes of a plant as processes, and one that listens."""
 
     every = 0.5  # s between pushes
-    executables = ('planner', 'tracker', 'pendulum_plant')
+    executables: tuple[str, ...] = ('planner', 'tracker', 'pendulum_plant')
 
     def __init__(self, plant: str, parameters: Mapping[str, Any], folder: Path) -> None:
         import rclpy
@@ -111,7 +111,8 @@ class Rig:
         while time.monotonic() < begin + seconds:
             self.act()
             self.spin(self.every)
-        return np.diff(self.stamps[first:]) * 1e-6, len(self.plans) - plans
+        periods = np.diff(np.array(self.stamps[first:], dtype=np.int64)).astype(np.float64) * 1e-6
+        return periods, len(self.plans) - plans
 
     def close(self) -> None:
         """End the nodes."""

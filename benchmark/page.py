@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmark.peers.tables import in_short, sections
+from benchmark.peers.tables import draw, in_short, sections
 from benchmark.sections import Section, SECTIONS
 
 DOCS = Path(__file__).parents[1] / 'docs'
@@ -81,15 +81,14 @@ def _section(section: Section, record: Mapping[str, Any] | None, folder: Path, u
     described = section.described({**section.full, **record['settings']})
     if record['figures'] is None:
         return f'{head}, {record["when"]}: **failed** - {record["failure"]}\n\n{described}\n'
-    body = _BODIES.get(section.name, _text)(section, record['figures'], folder)
-    return f'{head}, {_how(record, usual)}\n\n{described}\n\n{body}'
-
-
-def _how(record: Mapping[str, Any], usual: str) -> str:
-    """When a section was run, how long, and with what where that is not the usual."""
     made_with = _made_with(record)
     other = '' if made_with == usual else f', on {made_with}'
-    return f'{record["when"]}, {record["seconds"]:.0f} s{other}.'
+    how = f'{record["when"]}, {record["seconds"]:.0f} s{other}.'
+    if section.name == 'peers':
+        body = _peers(record['figures'], folder)
+    else:
+        body = f'```text\n{section.table(record["figures"])}\n```\n'
+    return f'{head}, {how}\n\n{described}\n\n{body}'
 
 
 def _made_with(record: Mapping[str, Any]) -> str:
@@ -97,19 +96,10 @@ def _made_with(record: Mapping[str, Any]) -> str:
     return f'{record["machine"]}, with {named}'
 
 
-def _text(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
-    return f'```text\n{section.table(figures)}\n```\n'
-
-
-def _peers(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
-    from benchmark.peers.tables import draw
-
+def _peers(figures: Mapping[str, Any], folder: Path) -> str:
     draw(figures, folder / PICTURES)
     return '\n'.join([
         _PEERS,
         f'### In short\n\n{in_short(figures)}\n',
         *(f'### {name}\n\n{body}\n' for name, body in sections(figures)),
     ])  # fmt: skip
-
-
-_BODIES = {'peers': _peers}

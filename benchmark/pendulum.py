@@ -24,7 +24,13 @@ from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 Array = NDArray[np.float64]
 
 REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
-_BEST_KNOWN = Path(__file__).parent / 'data' / 'pendulum_best_known.json'
+BEST_KNOWN = Path(__file__).parent / 'data' / 'pendulum_best_known.json'
+
+
+def best_known(regime: str) -> dict[int, float]:
+    """Best known times [s] by seed."""
+    known = json.loads(BEST_KNOWN.read_text())[regime]
+    return {int(seed): min(times.values()) for seed, times in known.items() if seed.isdigit()}
 
 
 def start_state(seed: int | str) -> Array:
@@ -32,7 +38,8 @@ def start_state(seed: int | str) -> Array:
     if seed == 'hanging':
         return np.array([np.pi, 0.0, 0.0, 0.0])
     rng = np.random.default_rng(int(seed))
-    return rng.uniform(-1.0, 1.0, size=4) * np.array([np.pi, 1.0, 5.0, 5.0])
+    state: Array = rng.uniform(-1.0, 1.0, size=4) * np.array([np.pi, 1.0, 5.0, 5.0])
+    return state
 
 
 def problem(torque: float, state: Array, method: str = 'switching') -> PendulumSwingUp:
@@ -50,7 +57,7 @@ def measure(
 ) -> dict[str, Any]:
     """Solve the swing-up from the states of seeds 0 to `states` - 1 and summarise."""
     torque = REGIMES[regime]
-    known = json.loads(_BEST_KNOWN.read_text())[regime]
+    known = best_known(regime)
     problem(torque, start_state('hanging'), method).prepare()
     ratios, seconds, failures = [], [], []
     for seed in counted(range(states), f'{method}, {regime}'):
@@ -60,7 +67,7 @@ def measure(
         except TdmError as error:
             failures.append(f'{seed}: {error}')
         else:
-            ratios.append(solution.cost / min(known[str(seed)].values()))
+            ratios.append(solution.cost / known[seed])
         seconds.append(time.perf_counter() - began)
     hanging = problem(torque, start_state('hanging'), method)
     try:

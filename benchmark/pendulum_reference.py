@@ -16,10 +16,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from pathlib import Path
 
 from benchmark.peers.pendulum_collocation import PendulumCollocation
-from benchmark.pendulum import problem, REGIMES, start_state
+from benchmark.pendulum import BEST_KNOWN, problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems.pendulum.switching_search import (
@@ -33,10 +32,9 @@ from tdm_planner.problems.pendulum.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.trajectory import Trajectory
 
-FILE = Path(__file__).parent / 'data' / 'pendulum_best_known.json'
 STARTS = 3000
 POLISHED = 40
 INTERVALS = 200
@@ -61,9 +59,8 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
 
 def collocate(collocation: PendulumCollocation, task: SwingUpTask, guess: Trajectory) -> float:
     """Return the minimum time by collocation started from a trajectory, inf if it fails."""
-    goal = task.goal_nearest(guess.states[-1])
-    outcome = collocation.solve(task.start, goal, guess)
-    return collocation.trajectory(outcome).duration if outcome.converged else math.inf
+    outcome = collocation.solve(task, guess)
+    return collocation.motions(task, outcome)[VEHICLE].duration if outcome.converged else math.inf
 
 
 def main() -> None:
@@ -72,7 +69,7 @@ def main() -> None:
     parser.add_argument('--states', type=int, default=100)
     parser.add_argument('--first', type=int, default=0)
     arguments = parser.parse_args()
-    known = json.loads(FILE.read_text()) if FILE.exists() else {}
+    known = json.loads(BEST_KNOWN.read_text()) if BEST_KNOWN.exists() else {}
     for regime, torque in REGIMES.items():
         hanging = problem(torque, start_state('hanging')).task
         collocation = PendulumCollocation(hanging, INTERVALS, **IPOPT)
@@ -89,8 +86,8 @@ def main() -> None:
             if smooth < math.inf:
                 entry['collocation'] = min(smooth, entry.get('collocation', math.inf))
             print(regime, seed, entry, flush=True)
-            FILE.parent.mkdir(exist_ok=True)
-            FILE.write_text(json.dumps(known, indent=1, sort_keys=True) + '\n')
+            BEST_KNOWN.parent.mkdir(exist_ok=True)
+            BEST_KNOWN.write_text(json.dumps(known, indent=1, sort_keys=True) + '\n')
 
 
 if __name__ == '__main__':

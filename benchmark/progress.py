@@ -5,19 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Collection, Iterator
 import sys
 import time
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 MARK = '» '
 _SELDOM = 0.5  # s between lines about a loop
 
-Item = TypeVar('Item', covariant=True)
-
-
-class Items(Sized, Iterable[Item], Protocol[Item]):
-    """Things that can be counted and gone through."""
+Item = TypeVar('Item')
 
 
 def report(text: str) -> None:
@@ -25,7 +21,7 @@ def report(text: str) -> None:
     print(f'{MARK}{text}', file=sys.stderr, flush=True)
 
 
-def counted(items: Items[Item], what: str) -> Iterator[Item]:
+def counted(items: Collection[Item], what: str) -> Iterator[Item]:
     """Go through `items` and say, now and then, how many are done."""
     said = -_SELDOM
     for count, item in enumerate(items):

@@ -30,16 +30,13 @@ from typing import Any
 
 from benchmark.progress import counted
 from benchmark.receding import RecedingHorizon
-from benchmark.scenarios import MINIMUM_SEPARATION
-from benchmark.vehicles import (
+from benchmark.scenarios import (
     ARRIVED,
     crossing_of,
     DISK_ANGLE,
     HELD_ANGLE,
-    loop_of,
+    MINIMUM_SEPARATION,
     MISMATCH,
-    nearest,
-    ticked,
 )
 import numpy as np
 from numpy.typing import NDArray
@@ -47,13 +44,15 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import VEHICLE
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
+from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import PendulumTracker, Phase
 from tdm_planner.tracking.motion import wrapped
+from tdm_planner.tracking.tracker_parameters import ReplanOnDeviation
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
-from tdm_sim.study.flights import tracker_of
+from tdm_sim.study.flights import tracked, tracker_of
 
 Array = NDArray[np.float64]
 
@@ -63,6 +62,27 @@ PENDULUM_INTERVAL, ROBOT_INTERVAL = 0.005, 0.02  # s
 HELD_FROM, HELD_UNTIL = 10.0, 15.0  # s
 ROBOT_PUSH, PUSH_MARGIN = 0.05, 0.1  # m/s, m
 SETTLING, AT_GOAL = 5.0, 3.0  # s
+
+
+def loop_of(
+    problem: Problem, solution: Solution, interval: float, seed: int, replanner: Replanner
+) -> RecedingHorizon:
+    """Return vehicles about to execute their plans, commanded every `interval` s."""
+    recovers = ReplanOnDeviation(on_deviation=True)
+    plans = solution.trajectories.items()
+    vehicles = {
+        name: tracked(
+            tracker_of(problem, rate=1.0 / interval, replan=recovers),
+            plan.states[0],
+            MISMATCH,
+            1.0,
+            len(plans) * seed + number,
+        )
+        for number, (name, plan) in enumerate(plans)
+    }
+    loop = RecedingHorizon(vehicles, problem, interval, replanner)
+    loop.begin(ActivePlan(problem, solution, 0.0))
+    return loop
 
 
 def momentum(problem: PendulumSwingUp, states: Array) -> float:
@@ -87,7 +107,8 @@ def swing_up(
     for tick in range(round(HELD_UNTIL / PENDULUM_INTERVAL)):
         if tick == round(0.5 * solution.duration / PENDULUM_INTERVAL):
             plant.push(partial(pendulum_push, true_plant, impulse=impulse))
-        states.append(ticked(loop)[0])
+        loop.tick()
+        states.append(plant.state)
         phases.append(tracker.phase)
     angle = np.abs(wrapped(np.array(states)[:, 0]))
     away = np.flatnonzero(angle > HELD_ANGLE)
@@ -167,8 +188,10 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
                 )
             else:
                 loop.problem = moved(problem, rng)
-        ways.append(ticked(loop)[:, :2])
+        loop.tick()
+        ways.append([vehicle.plant.state[:2] for vehicle in loop.vehicles.values()])
     places = np.array(ways)
+    i, j = np.triu_indices(places.shape[1], 1)
     goals = np.array([p.states[-1, :2] for p in loop.plans[-1].solution.trajectories.values()])
     assert isinstance(loop.problem, RobotFormation)
     reached = np.abs(goals - loop.problem.task.goal).max() < ARRIVED
@@ -176,7 +199,7 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
     last = places[-count:]
     return {
         'arrived': bool(reached and np.linalg.norm(last - goals, axis=2).max() < ARRIVED),
-        'separation': float(nearest(places).min()),
+        'separation': float(np.linalg.norm(places[:, i] - places[:, j], axis=-1).min()),
         'late': loop.plans[-1].end - solution.duration,
         **_planned(loop),
     }

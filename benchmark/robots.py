@@ -4,32 +4,23 @@
 """
 How fast and how good plans of robot formations are, on random crossings.
 
-    python -m benchmark.robots [--scenarios 100] [--variants] [--no-teams]
-
 Times are process CPU times on one core. J_ref is the best of three local solutions of collocation.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterable
+from collections.abc import Sequence
 import json
-import os
 from pathlib import Path
 import resource
 import time
-from typing import Any, TypeAlias
-
-if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
-    os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
+from typing import Any
 
 from benchmark.progress import counted
 from benchmark.scenarios import crossing
 import numpy as np
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
-
-Figures: TypeAlias = dict[str, Any]
 
 DATA = Path(__file__).parent / 'data' / 'robots_reference.json'
 MARGIN = 0.004  # arena.tracking_margin: as much as the reference leaves out
@@ -57,17 +48,11 @@ def references() -> dict[int, float]:
     return {int(seed): cost for seed, cost in costs.items() if cost is not None}
 
 
-def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
-    """
-    Plan the crossings `seeds` of `n` robots with changed parameters.
-
-    Returns counts, quantiles of the time [ms], of J / J_ref (three robots) and the largest end
-    errors [m], [rad].
-    """
+def measure(seeds: Sequence[int], n: int = 3, **changes: Any) -> dict[str, Any]:
+    """Plan the crossings `seeds` of `n` robots with changed parameters; returns the figures."""
     known = references() if n == 3 else {}
     times, ratios, ends, turns, failures = [], [], [], [], []
     settings = {'solver.deadline': 8.0, 'arena.tracking_margin': MARGIN, **changes}
-    seeds = list(seeds)
     for seed in counted(seeds, f'{n} robots'):
         problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**settings))
         began = time.process_time()
@@ -101,7 +86,7 @@ def _quantile(values: list[float], share: float) -> float:
     return float(np.quantile(values, share)) if values else float('nan')
 
 
-def _row(label: str, figures: Figures) -> str:
+def _row(label: str, figures: dict[str, Any]) -> str:
     return (
         f'{label:64s} {figures["verified"]:4d}/{figures["scenarios"]:<4d}'
         f' {figures["time_median_ms"]:7.1f} {figures["time_p95_ms"]:7.1f}'
@@ -110,9 +95,9 @@ def _row(label: str, figures: Figures) -> str:
     )
 
 
-def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figures:
+def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> dict[str, Any]:
     """Measure everything: both methods, and variants of the polynomials."""
-    found: Figures = {}
+    found: dict[str, Any] = {}
     for n, count in {3: scenarios, **(TEAMS if teams else {})}.items():
         seeds = range(min(count, scenarios))
         found[f'{n} robots'] = measure(seeds, n, method='polynomials')
@@ -127,7 +112,7 @@ def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figu
     return found
 
 
-def table(figures: Figures) -> str:
+def table(figures: dict[str, Any]) -> str:
     """Return the figures as lines of text."""
     columns = 'verified   ms med     p95   J/Jref     p95     max  end mm  end rad'
     rows = {name: f for name, f in figures.items() if isinstance(f, dict) and 'verified' in f}
@@ -135,19 +120,3 @@ def table(figures: Figures) -> str:
     lines.append(f'memory: {figures["memory_MB"]:.0f} MB')
     lines += [f'{name}: {failure}' for name, f in rows.items() for failure in f['failures']]
     return '\n'.join(lines)
-
-
-def main() -> None:
-    """Run from the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.strip().splitlines()[0] if __doc__ else None
-    )
-    parser.add_argument('--scenarios', type=int, default=100, help='three-robot crossings')
-    parser.add_argument('--variants', action='store_true', help='also the variants of the method')
-    parser.add_argument('--no-teams', action='store_true', help='three robots only')
-    arguments = parser.parse_args()
-    print(table(run(arguments.scenarios, not arguments.no_teams, arguments.variants)))
-
-
-if __name__ == '__main__':
-    main()

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 import json
 import os
@@ -44,12 +44,6 @@ class Outcome:
     figures: dict[str, Any] | None = None
     failure: str = ''
     log: tuple[str, ...] = field(default=(), repr=False)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON holds it, without the log."""
-        found = asdict(self)
-        del found['log']
-        return found
 
 
 def run(section: Section, settings: Settings, report: Callable[[str], None]) -> Outcome:

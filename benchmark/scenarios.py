@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.problems import RobotFormation
 
 Array = NDArray[np.float64]
 
 MINIMUM_SEPARATION = 0.4
 ARRIVAL_INTERVAL = 4.0
+MISMATCH = 0.05  # of plants that are not their trackers' models
+HELD_ANGLE, DISK_ANGLE = 0.05, 2.0  # rad
+ARRIVED = 0.02  # m
 SLOW_RIG: dict[str, Any] = {
     'plant.mass': 10.5,
     'plant.inertia': 0.063,
@@ -27,6 +31,10 @@ SLOW_RIG: dict[str, Any] = {
     'weights.time': 0.015,
     'weights.sequence': 0.015,
     'weights.gas': 0.97,
+}
+RIGS: dict[str, dict[str, Any]] = {
+    'quick robots': {'limits.thrust': 1.05, 'limits.thruster_rate': 2.0, 'limits.torque': 0.02},
+    'air bearing': {},
 }
 
 
@@ -52,8 +60,7 @@ class Crossing:
 
     def parameters(self, **changes: Any) -> dict[str, Any]:
         """Return the parameters of `robot_formation` on the slow air-bearing rig."""
-        values = dict(SLOW_RIG)
-        values |= {
+        values = SLOW_RIG | {
             'robots': self.names,
             'arena.length': self.side,
             'arena.width': self.side,
@@ -96,6 +103,11 @@ def crossing(seed: int, n: int = 3) -> Crossing:
         anchor=np.array([*centre, turn]),
         offsets=offsets,
     )
+
+
+def crossing_of(rig: str, seed: int, **changes: Any) -> RobotFormation:
+    """Return the crossing of a seed by three robots of one of the `RIGS`."""
+    return RobotFormation.from_parameters(crossing(seed).parameters(**RIGS[rig], **changes))
 
 
 def _starts(rng: np.random.Generator, n: int, side: float) -> Array:

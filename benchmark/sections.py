@@ -31,19 +31,14 @@ class Section:
     quick: Settings
     limit: float
 
-    @property
-    def module(self) -> str:
-        """Name of the module that measures it."""
-        return f'benchmark.{self.name}'
-
     def run(self, **settings: Any) -> dict[str, Any]:
         """Measure; returns figures that JSON can hold."""
-        found: dict[str, Any] = import_module(self.module).run(**settings)
+        found: dict[str, Any] = import_module(f'benchmark.{self.name}').run(**settings)
         return found
 
     def table(self, figures: Mapping[str, Any]) -> str:
         """Return figures as lines of text."""
-        text: str = import_module(self.module).table(figures)
+        text: str = import_module(f'benchmark.{self.name}').table(figures)
         return text
 
     def described(self, settings: Settings) -> str:
@@ -80,7 +75,7 @@ _SECTIONS = (
         'variant of the method; costs against the best of three local solutions of collocation, '
         'which uses all of the thrust (thrust arcs leave a tenth to the feedback), processor '
         'times of solving.',
-        {'scenarios': 100},
+        {'scenarios': 100, 'teams': True, 'variants': True},
         {'scenarios': 2},
         300.0,
     ),

@@ -5,12 +5,16 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import lru_cache, partial
+import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import (
     gas_used,
@@ -18,6 +22,7 @@ from tdm_planner.problems.formation.verification import (
     separation_constraints,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check, Constraint, replay, verify
 
@@ -29,6 +34,7 @@ DISK_SLACK = 0.01  # rad
 ROBOT_TOLERANCE = np.array([0.02, 0.02, 0.01, 0.01, 0.05, 0.02, np.inf])
 DISTANCE_SLACK = 0.01  # m
 _RESOLUTION = 0.02  # s
+OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 
 
 @dataclass(frozen=True)
@@ -46,16 +52,103 @@ class Attempt:
     converged: bool
     solved: bool
     seconds: float
-    iterations: int | None
-    cost: float | None
+    iterations: int | None = None
+    cost: float | None = None
     reason: str = ''
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        return asdict(self)
 
 
 Method = Callable[[int], Attempt]
+
+
+class Cases(ABC):
+    """
+    The solvers of one family of problems; the `collocation`'s program is built once.
+
+    `guesses` are where collocation starts, made from a case's task; `deadline` [s] is for solving.
+    """
+
+    deadline: float
+    collocation: Any
+    guesses: Mapping[str, Callable[[Any], Any]]
+
+    def __init__(self) -> None:
+        self.problem(0).solve(self.deadline)  # compiles
+        self.neighbour = lru_cache(maxsize=1)(self._neighbour)
+
+    @abstractmethod
+    def problem(self, case: int, near: bool = False) -> Any:
+        """Return the problem of a case, or one with a start nearby."""
+
+    @abstractmethod
+    def guess_plan(self, task: Any, plan: Solution) -> Any:
+        """Return a plan as a guess."""
+
+    @abstractmethod
+    def judge(self, task: Any, motions: Mapping[str, Trajectory]) -> tuple[tuple[str, ...], float]:
+        """Return the reasons why motions do not solve a task, and their cost."""
+
+    def methods(self) -> dict[str, Method]:
+        """Return every solver by name."""
+        return {
+            OURS: self.ours,
+            OURS_WARM: lambda case: self.ours(case, self.neighbour(case)),
+            **{name: partial(self.collocate, name) for name in self.guesses},
+            COLLOCATION_WARM: self.collocate_warm,
+        }
+
+    def ours(self, case: int, earlier: Solution | None = None) -> Attempt:
+        """Solve by this package, from an earlier plan if given."""
+        problem = self.problem(case)
+        began = time.process_time()
+        try:
+            plan = problem.solve(self.deadline, seed=0, warm_start=earlier)
+        except TdmError as error:
+            seconds = time.process_time() - began
+            return Attempt(case, False, False, seconds, reason=str(error))
+        seconds = time.process_time() - began
+        reasons, cost = self.judge(problem.task, plan.trajectories)
+        reason = '; '.join(reasons)
+        return Attempt(case, True, not reasons, seconds, plan.evaluations, cost, reason)
+
+    def _neighbour(self, case: int) -> Solution | None:
+        try:
+            plan: Solution = self.problem(case, near=True).solve(self.deadline, seed=0)
+        except TdmError:
+            return None
+        return plan
+
+    def collocate(self, name: str, case: int) -> Attempt:
+        """Solve by collocation from the guess of a name."""
+        return self._collocate(case, self.guesses[name](self.problem(case).task))
+
+    def collocate_warm(self, case: int) -> Attempt:
+        """
+        Solve from the optimum, with multipliers, of collocation for the neighbouring case.
+
+        That in turn starts from this package's plan for it: warm starts are not to suffer from
+        cold ones.
+        """
+        earlier = self.neighbour(case)
+        if earlier is None:
+            return Attempt(case, False, False, 0.0, reason='no neighbouring plan')
+        task = self.problem(case, near=True).task
+        guess = self.guess_plan(task, earlier)
+        near = self.collocation.solve(task, guess)
+        return self._collocate(case, near if near.converged else guess, warm=True)
+
+    def _collocate(self, case: int, guess: Any, warm: bool = False) -> Attempt:
+        task = self.problem(case).task
+        outcome = self.collocation.solve(task, guess, warm)
+        reasons, cost = self.judge(task, self.collocation.motions(task, outcome))
+        return Attempt(
+            case=case,
+            converged=outcome.converged,
+            solved=outcome.converged and not reasons,
+            seconds=outcome.seconds,
+            iterations=outcome.iterations,
+            cost=cost,
+            reason='; '.join(reasons) if outcome.converged else outcome.status,
+        )
 
 
 def best_of(attempts: Sequence[Attempt]) -> Attempt:

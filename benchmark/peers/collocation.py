@@ -43,25 +43,14 @@ WARM: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What Ipopt returned: primal and dual variables, processor time [s], iterations."""
+    """What Ipopt returned: variables, multipliers by argument, processor time [s], iterations."""
 
     converged: bool
     x: Array
-    bound_multipliers: Array
-    constraint_multipliers: Array
+    multipliers: dict[str, Array]
     seconds: float
     iterations: int
     status: str
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds of variables `x` and constraints `g`; equal ones fix a variable."""
-
-    lower_x: Array
-    upper_x: Array
-    lower_g: Array
-    upper_g: Array
 
 
 class Solver:
@@ -80,21 +69,16 @@ class Solver:
             for warm, options in ((False, IPOPT), (True, IPOPT | WARM))
         }
 
-    def solve(
-        self, first: Array, bounds: Bounds, parameters: Array, near: Outcome | None, warm: bool
-    ) -> Outcome:
-        """Solve from `first`, `warm` if that is nearly optimal, with multipliers of `near`."""
-        arguments: dict[str, Any] = {
-            'x0': first,
-            'p': parameters,
-            'lbx': bounds.lower_x,
-            'ubx': bounds.upper_x,
-            'lbg': bounds.lower_g,
-            'ubg': bounds.upper_g,
-        }
-        if near is not None:
-            arguments['lam_x0'] = near.bound_multipliers
-            arguments['lam_g0'] = near.constraint_multipliers
+    def solve(self, guess: Array | Outcome, warm: bool, **arguments: Any) -> Outcome:
+        """
+        Solve from variables or from an outcome with its multipliers, `warm` if nearly optimal.
+
+        `arguments` are CasADi's: lbx, ubx, lbg, ubg, p.
+        """
+        if isinstance(guess, Outcome):
+            arguments |= {'x0': guess.x, **guess.multipliers}
+        else:
+            arguments['x0'] = guess
         solver = self._solvers[warm]
         began = time.process_time()
         result = solver(**arguments)
@@ -103,8 +87,9 @@ class Solver:
         return Outcome(
             converged=bool(stats['success']),
             x=np.asarray(result['x']).ravel(),
-            bound_multipliers=np.asarray(result['lam_x']).ravel(),
-            constraint_multipliers=np.asarray(result['lam_g']).ravel(),
+            multipliers={
+                f'{name}0': np.asarray(result[name]).ravel() for name in ('lam_x', 'lam_g')
+            },
             seconds=seconds,
             iterations=int(stats['iter_count']),
             status=str(stats['return_status']),

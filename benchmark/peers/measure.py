@@ -5,45 +5,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 import os
 from typing import Any
 
-from benchmark.peers.attempts import alternate, Attempt, best_of
-from benchmark.peers.pendulum_cases import best_known, GUESSES, PendulumCases
-from benchmark.peers.robots_cases import BOWS, RobotsCases
-from benchmark.pendulum import REGIMES
+from benchmark.peers.attempts import alternate, best_of, Cases
+from benchmark.peers.pendulum_cases import PendulumCases
+from benchmark.peers.robots_cases import RobotsCases
+from benchmark.pendulum import best_known, REGIMES
 from benchmark.progress import report
 from benchmark.robots import references
-
-BEST = 'collocation, best of 3 guesses'
 
 
 def run(cases: int = 100) -> dict[str, Any]:
     """Return everything as JSON holds it: `cases` random cases of every problem."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    problems: dict[str, Any] = {}
-    for regime in REGIMES:
-        pendulum = PendulumCases(regime)
-        found = alternate(pendulum.methods(), range(cases), report)
-        problems[f'pendulum, {regime} torque'] = _problem(found, list(GUESSES), best_known(regime))
-        problems[f'pendulum, {regime} torque']['build_s'] = pendulum.collocation.build_seconds
-        problems[f'pendulum, {regime} torque']['variables'] = pendulum.collocation.solver.variables
-    robots = RobotsCases()
-    found = alternate(robots.methods(), range(cases), report)
-    problems['3 robots'] = _problem(found, list(BOWS), references())
-    problems['3 robots']['build_s'] = robots.collocation.build_seconds
-    problems['3 robots']['variables'] = robots.collocation.solver.variables
+    problems = {
+        f'pendulum, {regime} torque': _problem(PendulumCases(regime), cases, best_known(regime))
+        for regime in REGIMES
+    }
+    problems['3 robots'] = _problem(RobotsCases(), cases, references())
     return {'cases': cases, 'problems': problems}
 
 
-def _problem(
-    found: dict[str, list[Attempt]], guesses: list[str], known: dict[int, float]
-) -> dict[str, Any]:
-    several = [
-        best_of(attempts) for attempts in zip(*(found[name] for name in guesses), strict=True)
-    ]
-    found = {**found, BEST: several}
+def _problem(solvers: Cases, count: int, known: Mapping[int, float]) -> dict[str, Any]:
+    found = alternate(solvers.methods(), range(count), report)
+    several = zip(*(found[name] for name in solvers.guesses), strict=True)
+    found['collocation, best of 3 guesses'] = [best_of(attempts) for attempts in several]
     return {
-        'attempts': {name: [a.to_dict() for a in attempts] for name, attempts in found.items()},
-        'known': {str(case): known[case] for case in known if case < len(several)},
+        'attempts': {name: [asdict(a) for a in attempts] for name, attempts in found.items()},
+        'known': {str(case): known[case] for case in known if case < count},
+        'build_s': solvers.collocation.build_seconds,
+        'variables': solvers.collocation.solver.variables,
     }

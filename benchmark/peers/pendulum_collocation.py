@@ -10,14 +10,14 @@ import math
 import time
 from typing import Any
 
-from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
+from benchmark.peers.collocation import defects, Outcome, Solver
 import casadi
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import accelerations
-from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 _PUMPED, _STEP = 3.0, 2e-3  # s
@@ -62,7 +62,7 @@ def energy_swing(task: SwingUpTask, gains: Pumping) -> Trajectory:
     away = path * np.array([1.0, 0.3, 1.0 / w0, 0.3 / w0])
     away[:, 0] -= 2 * np.pi * np.round(path[:, 0] / (2 * np.pi))
     last = int(np.argmin(np.linalg.norm(away, axis=1)[50:])) + 50
-    times = _STEP * np.arange(last + 1)
+    times = _STEP * np.arange(last + 1, dtype=np.float64)
     return _motion(task, times, path[: last + 1], np.array([*torques[:last], 0.0]))
 
 
@@ -70,7 +70,8 @@ def _pump(state: Array, w0: float, gains: Pumping) -> float:
     theta, psi, rate, disk_rate = state.tolist()
     lack = 0.5 * (rate / w0) ** 2 + math.cos(theta) - 1.0
     drive = gains.energy * lack * (rate / w0 or 1e-3) * math.cos(theta)
-    return max(-1.0, min(1.0, drive - gains.angle * psi - gains.rate * disk_rate / w0))
+    wanted: float = drive - gains.angle * psi - gains.rate * disk_rate / w0
+    return max(-1.0, min(1.0, wanted))
 
 
 def _motion(task: SwingUpTask, times: Array, states: Array, torques: Array) -> Trajectory:
@@ -99,38 +100,34 @@ class PendulumCollocation:
 
     def __init__(self, task: SwingUpTask, intervals: int, **ipopt: Any) -> None:
         began = time.process_time()
-        self.plant, self.torque, self.disk_angle = task.plant, task.torque, task.disk_angle
+        self.torque, self.disk_angle = task.torque, task.disk_angle
         self.intervals = n = intervals
         w0 = task.plant.natural_frequency
         self.unit = np.array([1.0, 1.0, w0, w0])
         x, u = casadi.MX.sym('x', 4, n + 1), casadi.MX.sym('u', 1, n + 1)
         total = casadi.MX.sym('T')
-        rows, _ = defects(dynamics(self.plant, self.torque), x, u, casadi.repmat(total / n, 1, n))
+        rows, _ = defects(dynamics(task.plant, self.torque), x, u, casadi.repmat(total / n, 1, n))
         program = {'x': casadi.veccat(x, u, total), 'f': total, 'g': casadi.vec(rows)}
         self.solver = Solver(program, **ipopt)
         self.build_seconds = time.process_time() - began
 
-    def solve(
-        self, start: Array, goal: Array, guess: Trajectory | Outcome, warm: bool = False
-    ) -> Outcome:
-        """Solve for a start and a goal (4,), from a guess or a neighbouring problem's outcome."""
-        near = guess if isinstance(guess, Outcome) else None
-        first = guess.x if isinstance(guess, Outcome) else self.variables(guess)
-        return self.solver.solve(first, self._bounds(start, goal), np.zeros(0), near, warm)
-
-    def _bounds(self, start: Array, goal: Array) -> Bounds:
+    def solve(self, task: SwingUpTask, guess: Trajectory | Outcome, warm: bool = False) -> Outcome:
+        """Solve from the start of `task` to the upright turn where the guess ends."""
+        last = self.motions(task, guess)[VEHICLE] if isinstance(guess, Outcome) else guess
         n = self.intervals
         upper = np.full((n + 1, 4), np.inf)
         upper[:, 1] = self.disk_angle
         lower = -upper
-        lower[0] = upper[0] = start / self.unit
-        lower[-1] = upper[-1] = goal / self.unit
+        lower[0] = upper[0] = task.start / self.unit
+        lower[-1] = upper[-1] = task.goal_nearest(last.states[-1]) / self.unit
         ones, zeros = np.ones(n + 1), np.zeros(4 * n)
-        return Bounds(
-            np.concatenate([lower.ravel(), -ones, [0.1]]),
-            np.concatenate([upper.ravel(), ones, [_LONGEST]]),
-            zeros,
-            zeros,
+        return self.solver.solve(
+            guess if isinstance(guess, Outcome) else self.variables(guess),
+            warm,
+            lbx=np.concatenate([lower.ravel(), -ones, [0.1]]),
+            ubx=np.concatenate([upper.ravel(), ones, [_LONGEST]]),
+            lbg=zeros,
+            ubg=zeros,
         )
 
     def variables(self, guess: Trajectory) -> Array:
@@ -140,11 +137,11 @@ class PendulumCollocation:
         duration = guess.duration * self.unit[2]
         return np.concatenate([(states / self.unit).ravel(), shares, [duration]])
 
-    def trajectory(self, outcome: Outcome) -> Trajectory:
+    def motions(self, task: SwingUpTask, outcome: Outcome) -> dict[str, Trajectory]:
         """Return the motion found, with the torques linear between its nodes."""
         n = self.intervals
         states = outcome.x[: 4 * (n + 1)].reshape(n + 1, 4) * self.unit
         _, shares, _ = np.split(outcome.x, [4 * (n + 1), 5 * (n + 1)])
         torques = np.clip(shares, -1.0, 1.0) * self.torque
         times = to_nanoseconds(np.linspace(0.0, outcome.x[-1] / self.unit[2], n + 1))
-        return Trajectory.of(self.plant, times, states, torques[:, None], 'linear')
+        return {VEHICLE: _motion(task, times, states, torques)}

@@ -17,7 +17,7 @@ import itertools
 import time
 from typing import Any
 
-from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
+from benchmark.peers.collocation import defects, Outcome, Solver
 import casadi
 import numpy as np
 from numpy.typing import NDArray
@@ -72,11 +72,7 @@ class FormationCollocation:
         self.task, n = task, task.n
         self.cells = np.array([first] + [later] * (n - 1))
         self.limits = np.array(
-            [
-                task.thrust * task.plant.mass,
-                task.thruster_rate,
-                task.torque * task.plant.inertia,
-            ]
+            [task.thrust * task.plant.mass, task.thruster_rate, task.torque * task.plant.inertia]
         )
         self.nodes = np.cumsum(self.cells) + 1
         phases, off = casadi.MX.sym('phases', n), casadi.MX.sym('off', n)
@@ -121,11 +117,6 @@ class FormationCollocation:
         self, task: FormationTask, guess: FormationGuess | Outcome, warm: bool = False
     ) -> Outcome:
         """Solve for starts and goals of `task`, from a guess or a neighbouring outcome."""
-        near = guess if isinstance(guess, Outcome) else None
-        first = guess.x if isinstance(guess, Outcome) else self.variables(guess)
-        return self.solver.solve(first, self._bounds(task), task.goal.ravel(), near, warm)
-
-    def _bounds(self, task: FormationTask) -> Bounds:
         n = task.n
         half = task.separation / 2
         lower = [np.full(n, _SHORTEST_PHASE / TIME_UNIT), np.zeros(n)]
@@ -145,11 +136,14 @@ class FormationCollocation:
             lower += [low.ravel(), (controls * [0.0, -1.0, -1.0]).ravel()]
             upper += [high.ravel(), controls.ravel()]
         left = self.solver.rows - self._equal - self._apart
-        return Bounds(
-            np.concatenate(lower),
-            np.concatenate(upper),
-            np.concatenate([np.zeros(self._equal), np.ones(self._apart), np.zeros(left)]),
-            np.concatenate([np.zeros(self._equal), np.full(self._apart + left, np.inf)]),
+        return self.solver.solve(
+            guess if isinstance(guess, Outcome) else self.variables(guess),
+            warm,
+            lbx=np.concatenate(lower),
+            ubx=np.concatenate(upper),
+            lbg=np.repeat([0.0, 1.0, 0.0], [self._equal, self._apart, left]),
+            ubg=np.repeat([0.0, np.inf], [self._equal, self._apart + left]),
+            p=task.goal.ravel(),
         )
 
     def instants(self, arrivals: Array, robot: int) -> Array:
@@ -169,9 +163,9 @@ class FormationCollocation:
             parts += [(states / STATE_UNITS).ravel(), (controls / self.limits).ravel()]
         return np.concatenate(parts)
 
-    def trajectories(self, task: FormationTask, outcome: Outcome) -> dict[str, Trajectory]:
+    def motions(self, task: FormationTask, outcome: Outcome) -> dict[str, Trajectory]:
         """Return the motions found, with controls linear between their nodes."""
-        n, plant = self.task.n, self.task.plant
+        n = task.n
         arrivals = np.cumsum(outcome.x[:n]) * TIME_UNIT
         found, place = {}, 2 * n
         for i, (name, m) in enumerate(zip(task.names, self.nodes, strict=True)):
@@ -181,19 +175,13 @@ class FormationCollocation:
             controls = controls.reshape(m, 3)
             controls = np.clip(controls, [0.0, -1.0, -1.0], 1.0) * self.limits
             place += 10 * m
-            found[name] = Trajectory(
-                times=to_nanoseconds(self.instants(arrivals, i)),
-                states=states,
-                controls=controls,
-                state_names=plant.state_names,
-                control_names=plant.control_names,
-                interpolation='linear',
-            )
+            times = to_nanoseconds(self.instants(arrivals, i))
+            found[name] = Trajectory.of(task.plant, times, states, controls, 'linear')
         return found
 
     def guess_ways(self, task: FormationTask, bow: float, first: float = 33.0) -> FormationGuess:
         """Quintic laws of time on the straight ways, bowed sideways by a share of them."""
-        arrivals = first + task.interval * np.arange(task.n)
+        arrivals = first + task.interval * np.arange(task.n, dtype=np.float64)
         states, controls = [], []
         for i in range(task.n):
             t = self.instants(arrivals, i)

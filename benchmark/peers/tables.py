@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.peers.attempts import against, summary
+from benchmark.peers.attempts import against, COLLOCATION_WARM, OURS, OURS_WARM, summary
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 _BLANK = '-'
 _COLOURS = {
     'tdm_planner': '#0b5394',
@@ -54,9 +53,14 @@ def ratio(value: float | None) -> str:
     return _BLANK if value is None or not np.isfinite(value) else f'{value:.3f}'
 
 
+def _known(problem: Mapping[str, Any]) -> dict[int, float]:
+    """Best known costs by case."""
+    return {int(case): cost for case, cost in problem['known'].items()}
+
+
 def comparison(problem: Mapping[str, Any]) -> str:
     """Every solver of one problem."""
-    known = {int(case): cost for case, cost in problem['known'].items()}
+    known = _known(problem)
     attempts = problem['attempts']
     head = [
         'solver', 'cases', 'converged', 'solved', 'within 1.02', 'cost / best known', 'p95',
@@ -80,7 +84,7 @@ def in_short(figures: Mapping[str, Any]) -> str:
     """Return one line a problem and kind of start: how often, how near, how quick."""
     lines = []
     for title, problem in figures['problems'].items():
-        known = {int(case): cost for case, cost in problem['known'].items()}
+        known = _known(problem)
         found = {name: summary(a, known) for name, a in problem['attempts'].items()}
         cold = [name for name in found if name.startswith('collocation') and 'warm' not in name]
         for kind, mine, theirs in (('cold', OURS, cold), ('warm', OURS_WARM, [COLLOCATION_WARM])):
@@ -125,16 +129,8 @@ def table(figures: Mapping[str, Any]) -> str:
     return '\n\n'.join(f'{heading}\n\n{body}' for heading, body in sections(figures))
 
 
-def draw(figures: Mapping[str, Any], folder: Path) -> Path:
-    """Write the chart; returns its file."""
-    folder.mkdir(parents=True, exist_ok=True)
-    picture = folder / 'benchmark_success.png'
-    success(figures).savefig(picture, dpi=110)
-    return picture
-
-
-def success(figures: Mapping[str, Any]) -> Figure:
-    """Share of the cases solved near the best known cost within a time."""
+def draw(figures: Mapping[str, Any], folder: Path) -> None:
+    """Write the chart: share of the cases solved near the best known cost within a time."""
     problems = figures['problems']
     picture = Figure(figsize=(13, 5.2), layout='constrained')
     FigureCanvasAgg(picture)
@@ -142,18 +138,13 @@ def success(figures: Mapping[str, Any]) -> Figure:
     handles: dict[str, Any] = {}
     for axis, (title, problem) in zip(picture.axes, problems.items(), strict=True):
         near = _NEAR.get(title, 1.02)
-        known = {int(case): cost for case, cost in problem['known'].items()}
+        known = _known(problem)
         for name, colour in _COLOURS.items():
             if name not in problem['attempts']:
                 continue
             attempts = [a for a in problem['attempts'][name] if a['case'] in known]
-            times = np.sort(
-                [
-                    1e3 * a['seconds']
-                    for a in attempts
-                    if a['solved'] and a['cost'] <= near * known[a['case']]
-                ]
-            )
+            good = [a for a in attempts if a['solved'] and a['cost'] <= near * known[a['case']]]
+            times = np.sort([1e3 * a['seconds'] for a in good])
             shares = np.arange(1, times.size + 1) / max(len(attempts), 1)
             dashes = '--' if 'warm' in name else '-'
             (handles[name],) = axis.step(
@@ -167,4 +158,5 @@ def success(figures: Mapping[str, Any]) -> Figure:
     picture.legend(
         list(handles.values()), list(handles), loc='outside lower center', ncols=4, frameon=False
     )
-    return picture
+    folder.mkdir(parents=True, exist_ok=True)
+    picture.savefig(folder / 'benchmark_success.png', dpi=110)

@@ -21,8 +21,8 @@ def test_collocation_finds_the_time_this_package_finds():
     task = problem(0.09, start_state(1)).task
     guess = energy_swing(task, HARD)
     collocation = PendulumCollocation(task, 50)
-    found = collocation.solve(task.start, task.goal_nearest(guess.states[-1]), guess)
-    motion = collocation.trajectory(found)
+    found = collocation.solve(task, guess)
+    (motion,) = collocation.motions(task, found).values()
     assert found.converged
     assert judge_pendulum(task, motion) == ()
     cost = problem(0.09, start_state(1)).solve(5.0).cost
@@ -36,7 +36,7 @@ def test_collocation_of_the_robots_lands_within_the_limits():
     task = RobotFormation.from_parameters(crossing(1, 2).parameters()).task
     collocation = FormationCollocation(task, 20, 3, tol=1e-6, acceptable_tol=1e-4)
     found = collocation.solve(task, collocation.guess_ways(task, 0.15))
-    motions = collocation.trajectories(task, found)
+    motions = collocation.motions(task, found)
     assert found.converged
     assert judge_formation(task, motions) == ()
 
