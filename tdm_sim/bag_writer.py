@@ -233,15 +233,13 @@ def _offered(profile: QoSProfile) -> Qos:
 
 def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
     """
-    Return the definition of a message type, those of its members appended, and its type hash.
-
-    The hash is that on the wire, where there is one.
+    Return the definition of a message type with its members', and its hash, the wire's if known.
 
     Raise InvalidProblem if it is no type of ROS 2 Jazzy itself.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     if type_name not in store.fielddefs:
         raise InvalidProblem(f"its message type '{type_name}' does not come with ROS 2 Jazzy")
-    on_wire = str(wire_hash) if getattr(wire_hash, 'version', 0) > 0 else ''
     definition, _ = store.generate_msgdef(type_name, ros_version=2)
-    return definition, on_wire or store.hash_rihs01(type_name)
+    on_wire = getattr(wire_hash, 'version', 0) > 0
+    return definition, str(wire_hash) if on_wire else store.hash_rihs01(type_name)
