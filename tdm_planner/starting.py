@@ -200,7 +200,7 @@ def ignore_signals() -> None:
 
 
 @contextmanager
-def _handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Let a handler have the signals meanwhile; in another thread than the main one, nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -223,7 +223,7 @@ def interruptible() -> Iterator[None]:
         interrupted.append(Interrupted(number))
         raise interrupted[0]
 
-    with _handled_by(interrupt):
+    with handled_by(interrupt):
         try:
             yield
         except Exception as error:  # noqa: B902
@@ -238,7 +238,7 @@ def uninterrupted() -> Iterator[None]:
     """Let signals wait until the block has ended, so that it is done whole or not at all."""
     waiting: list[int] = []
     try:
-        with _handled_by(lambda number, frame: waiting.append(number)):
+        with handled_by(lambda number, frame: waiting.append(number)):
             yield
     finally:
         if waiting:

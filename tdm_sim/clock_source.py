@@ -20,8 +20,6 @@ from tdm_planner.nodes.clocks import ros_clock
 from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import nanoseconds_of
 
-_QUEUE = 10
-_NANOSECOND = 1e-9
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
 _PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more
@@ -32,7 +30,7 @@ class _Follower:
     A topic whose stamps show the simulated time of another node.
 
     A message is due in every step, until one has been waited for in vain: then the node publishes
-    more seldom. What it publishes while time waits for it is no measure, for time waits.
+    more seldom. While time waits for it, what it publishes is no measure of its period.
     """
 
     def __init__(self, node: Node, topic: str, step: int) -> None:
@@ -62,22 +60,19 @@ class ClockSource:
     Publishes `/clock` in steps of `step` [s]; the node's own clock shows the same time.
 
     Simulated time begins with the computer's and runs `speed` times as fast. It advances in whole
-    steps and never leaps, so that timers of that period fire in every step, and waits at each for
-    the publishers of the topics of `followers`. If they or this process do not keep up, time runs
-    slower: a busy computer delays a motion, and does not change it.
+    steps, so that timers of that period fire in every one, and waits at each for the publishers of
+    the topics `followers`: a busy computer delays a motion, and does not change it.
     """
 
     def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
         if ros_clock(node).ros_time_is_active:
             # The node publishes /clock itself and must not subscribe to it.
-            off = Parameter('use_sim_time', value=False)
-            Node.set_parameters_atomically(node, [off])
-        self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, _QUEUE)
+            Node.set_parameters_atomically(node, [Parameter('use_sim_time', value=False)])
+        self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, 10)
         self._source: Any = TimeSource()
         self._source.ros_time_is_active = True
-        clock: Any = node.get_clock()
-        self._source.attach_clock(clock)
-        self._step = round(step / _NANOSECOND)
+        self._source.attach_clock(node.get_clock())
+        self._step = round(1e9 * step)  # ns
         self._followers = [_Follower(node, topic, self._step) for topic in followers]
         self._time = time.time_ns()
         self._due = 0.0  # steps, with the fraction of the next
@@ -89,9 +84,7 @@ class ClockSource:
         """Advance the time to the present, but not ahead of the followers, and publish it."""
         now = time.monotonic()
         elapsed, self._last = now - self._last, now
-        self._due = min(
-            self._due + elapsed * self.speed / (self._step * _NANOSECOND), _MOST_STEPS + 1.0
-        )
+        self._due = min(self._due + elapsed * self.speed * 1e9 / self._step, _MOST_STEPS + 1.0)
         for _ in range(min(math.floor(self._due), _MOST_STEPS)):
             if any(one.lags(self._time) for one in self._followers):
                 return

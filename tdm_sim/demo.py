@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 import json
 import math
 import os
@@ -71,9 +70,8 @@ def run_demo(
     Run the demo of a plant and leave bag, plan and report in `output`.
 
     Simulated time runs `speed` times as fast as real time. Returns whether the goal was reached
-    and held without a violated limit. Raise InvalidProblem if the parameter file or the folder
-    cannot be used, DemoFailed or ProcessFailed if a node did not come up, ended, or did not
-    answer.
+    and held without a violated limit. Raise InvalidProblem if file or folder cannot be used,
+    DemoFailed or ProcessFailed if a node did not come up, ended, or did not answer.
     """
     scene = make_scene(plant, parameters)
     scene.speed = SPEED.check(speed)
@@ -90,8 +88,10 @@ def run_demo(
     judged = comparison.verdict
     Console(quiet=quiet, highlight=False).print(_table(mission, comparison))
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
-    reasons = ['too little was recorded to judge it'] if judged is None else [*judged.reasons]
-    for reason in filter(None, (*reasons, judged.undecided if judged else '', *unclean)):
+    told = ['too little was recorded to judge it']
+    if judged is not None:
+        told = [*judged.reasons, judged.undecided]
+    for reason in filter(None, (*told, *unclean)):
         print(f'tdm demo: {reason}', file=sys.stderr)
     return judged is not None and judged.reached and not unclean
 
@@ -118,52 +118,43 @@ def _prepare_folder(folder: Path) -> None:
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
     """Run the demo; returns the nodes that did not end cleanly."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = Context()
-    rclpy.init(context=context)
-    executor = SingleThreadedExecutor(context=context)
-    node = rclpy.create_node(
-        'demo', namespace=scene.namespace, context=context, start_parameter_services=False
-    )
-    executor.add_node(node)
-    scene.listen(node)
-    client = node.create_client(Trigger, 'plan')
-    try:
-        with NodeProcesses(output / 'log') as processes:
+    with Context() as context, NodeProcesses(output / 'log') as processes:
+        node = rclpy.create_node(
+            'demo', namespace=scene.namespace, context=context, start_parameter_services=False
+        )
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        scene.listen(node)
+        client = node.create_client(Trigger, 'plan')
 
-            def wait(until: Callable[[], bool], limit: float) -> bool:
-                end = time.monotonic() + limit
-                while not until():
-                    if time.monotonic() > end:
-                        return False
-                    processes.check()
-                    progress.update(scene.status())
-                    look = time.monotonic() + _LOOK
-                    while (left := look - time.monotonic()) > 0.0:
-                        executor.spin_once(timeout_sec=left)
-                return True
+        def wait(until: Callable[[], bool], limit: float = math.inf) -> bool:
+            end = time.monotonic() + limit
+            while not until():
+                if time.monotonic() > end:
+                    return False
+                processes.check()
+                progress.update(scene.status())
+                look = time.monotonic() + _LOOK
+                while (left := look - time.monotonic()) > 0.0:
+                    executor.spin_once(timeout_sec=left)
+            return True
 
-            progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))
-            bag = str(output / 'bag')
-            words = ['record', '-o', bag, '--namespace', scene.namespace, '--quiet']
-            processes.start('recorder', 'tdm_planner.cli', words)
-            for name, module, arguments in scene.nodes():
-                processes.start(name, module, arguments)
-            if not wait(lambda: not scene.missing(client), _START_LIMIT):
-                missing = ', '.join(scene.missing(client))
-                raise DemoFailed(f'not up and connected after {_START_LIMIT:g} s: {missing}')
-            progress.phase('asking for a plan')
-            answer = _ask(client, wait)
-            progress.phase(answer['summary'])
-            if not wait(lambda: scene.planned, _ANSWER_LIMIT):
-                raise DemoFailed('the planner answered, but no plan was published')
-            heard = -math.inf
-            while wait(partial(scene.goes_on_from, heard), _SILENCE) and not scene.over:
-                heard = scene.now
-            progress.phase('ending the nodes')
-            codes = processes.end()
-    finally:
+        nodes = scene.nodes()
+        progress.phase('starting ' + ', '.join(name for name, _, _ in nodes))
+        words = ['record', '-o', f'{output}/bag', '--namespace', scene.namespace, '--quiet']
+        for name, module, arguments in [('recorder', 'tdm_planner.cli', words), *nodes]:
+            processes.start(name, module, arguments)
+        if not wait(lambda: not scene.missing(client), _START_LIMIT):
+            missing = ', '.join(scene.missing(client))
+            raise DemoFailed(f'not up and connected after {_START_LIMIT:g} s: {missing}')
+        progress.phase('asking for a plan')
+        progress.phase(_ask(client, wait)['summary'])
+        if not wait(lambda: scene.planned, _ANSWER_LIMIT):
+            raise DemoFailed('the planner answered, but no plan was published')
+        wait(lambda: scene.over or time.monotonic() - scene.heard_at > _SILENCE)
+        progress.phase('ending the nodes')
+        codes = processes.end()
         node.destroy_node()
-        rclpy.shutdown(context=context)
     return [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
 
 

@@ -10,6 +10,7 @@ from functools import partial
 import json
 import math
 from pathlib import Path
+import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -36,6 +37,7 @@ from tdm_sim.report.verdict import HOLD_TIME
 
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
+_BUILT_IN = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plants: problems
 _RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
 # How the parameters of planners, trackers and plants are declared, and which cover real time.
 _DECLARED: Mapping[str, tuple[Callable[[], Mapping[str, ParameterSpec]], tuple[str, ...]]] = {
@@ -61,7 +63,8 @@ class Scene:
     Planner, trackers and plants in the planner's namespace and below it, seen from outside.
 
     `file` is the parameter file of all nodes, if any; `parts` are the nodes, plants first. `now`
-    is the instant [s] of the newest state, in the plants' time; -inf before the first.
+    is the instant [s] of the newest state, in the plants' time; -inf before the first. `heard_at`
+    is the monotonic time at which it, or the plan, was heard.
     """
 
     def __init__(
@@ -70,7 +73,7 @@ class Scene:
         self.problem, self.namespace, self.parts, self.file = problem, namespace, parts, file
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in parts if part.executable.endswith('plant')]
-        self.now = -math.inf
+        self.now, self.heard_at = -math.inf, -math.inf
         self._plan: dict[str, Any] = {}
         self._figures: dict[str, dict[str, str]] = {}  # by node
 
@@ -113,10 +116,10 @@ class Scene:
             self._figures[name] = {value.key: value.value for value in status.values}
 
     def _on_plan(self, message: String) -> None:
-        self._plan = json.loads(message.data)
+        self._plan, self.heard_at = json.loads(message.data), time.monotonic()
 
     def _on_state(self, message: JointState) -> None:
-        self.now = seconds_of(message.header.stamp)
+        self.now, self.heard_at = seconds_of(message.header.stamp), time.monotonic()
 
     def missing(self, client: Client) -> list[str]:
         """
@@ -149,10 +152,6 @@ class Scene:
         stamp = self._plan['stamp']
         return self.now - float(stamp['sec'] + 1e-9 * stamp['nanosec'])
 
-    def goes_on_from(self, instant: float) -> bool:
-        """Whether a state newer than of the instant [s] was heard, or the demo is over."""
-        return self.over or self.now > instant
-
     @property
     def over(self) -> bool:
         """Whether there was time to reach the goal and to hold it."""
@@ -172,39 +171,23 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
 
     Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
     """
-    built_in = _BUILT_IN.get(plant)
-    kind = load_problem(built_in[0] if built_in else plant)
+    built_in = plant in _BUILT_IN
+    kind = load_problem(_BUILT_IN.get(plant, plant))
     space = f'/{plant if built_in else kind.name}'
-    file = parameters
-    if built_in:
-        file = file or config_file(f'{plant}.yaml')
-        values = read_parameters(file, namespace=space)
-        parts = built_in[1](space, values)
+    file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
+    values = read_parameters(file, namespace=space if built_in else None, required=built_in)
+    if plant == 'robots':
+        planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
+        parts = [
+            Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
+            for node in (*others, planner)
+        ]
+    elif built_in:
+        parts = [Part(name, space) for name in (f'{plant}_plant', 'tracker', 'planner')]
     else:
-        values = read_parameters(file, node='planner', required=False)
         named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
         parts = [Part(node, space, {parameter: plant}) for node, parameter in named]
     return Scene(kind.from_parameters(values), space, tuple(parts), file and file.resolve())
-
-
-def _pendulum_parts(space: str, values: Mapping[str, Any]) -> list[Part]:
-    del values
-    return [Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner')]
-
-
-def _robots_parts(space: str, values: Mapping[str, Any]) -> list[Part]:
-    planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
-    return [
-        Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
-        for node in (*others, planner)
-    ]
-
-
-# Plants of this package: the problem, and the nodes for a namespace and the planner's parameters.
-_BUILT_IN: Mapping[str, tuple[str, Callable[[str, Mapping[str, Any]], list[Part]]]] = {
-    'pendulum': ('pendulum_swing_up', _pendulum_parts),
-    'robots': ('robot_formation', _robots_parts),
-}
 
 
 def speed_settings(
@@ -217,19 +200,18 @@ def speed_settings(
     """
     Return a node's parameters beside the parameter file, for a demo at `speed` times real time.
 
-    The plant with `followers` drives `/clock`, which waits for the publishers of these topics;
-    all others follow it. Solving and messages take real time: at a higher speed, delays and
-    timeouts that cover them are longer in simulated time. Rates are lowered to what the computer
-    can serve, `rates` times as many calls in a second as at real time.
+    The plant with `followers`, topics whose publishers it waits for, drives `/clock`. Solving and
+    messages take real time: at a higher speed, what covers them is longer in simulated time, and
+    rates are lowered to `rates` times as many calls in a second as at real time.
     """
     if speed == 1.0:
         return {}
     declare, cover_real_time = _DECLARED[part.executable.rpartition('_')[2]]
     declared = declare()
     given = read_parameters(file, node=part.executable, namespace=part.namespace, required=False)
-    settings: dict[str, Any] = {'use_sim_time': not followers}
+    settings: dict[str, Any] = {'use_sim_time': True}
     if followers:
-        settings |= {'publish_clock': True, 'real_time_factor': speed}
+        settings = {'use_sim_time': False, 'publish_clock': True, 'real_time_factor': speed}
         settings['clock_followers'] = list(followers)
     for name in cover_real_time:
         value = float(given.get(name, declared[name].default)) * max(speed, 1.0)

@@ -21,7 +21,7 @@ _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 
 
 class ProcessFailed(TdmError):
-    """A process ended unexpectedly, or did not end when interrupted."""
+    """A process ended unexpectedly."""
 
     code = 'PROCESS_FAILED'
 
@@ -40,9 +40,9 @@ class NodeProcesses:
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Run ``python -m MODULE ARGUMENTS`` under a name."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        again = name in self._processes  # why it ended before is in the log
+        mode = 'ab' if name in self._processes else 'wb'  # why it ended before is in the log
         # A signal between start and registration would leave the process running.
-        with self._log(name).open('ab' if again else 'wb') as output, uninterrupted():
+        with self._log(name).open(mode) as output, uninterrupted():
             self._processes[name] = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments],
                 stdin=subprocess.DEVNULL,
@@ -57,11 +57,7 @@ class NodeProcesses:
         return {name: process.pid for name, process in self._processes.items()}
 
     def check(self) -> None:
-        """
-        Raise if a process has ended by itself.
-
-        Raise ProcessFailed naming the process, its exit code and the last line it printed.
-        """
+        """Raise ProcessFailed, with exit code and last line, if a process has ended by itself."""
         for name, code in self.ended().items():
             raise ProcessFailed(f'{name} ended with exit code {code}: {self.last_line(name)}')
 

@@ -13,8 +13,7 @@ class Progress:
     """
     Lines that stay, one for every part of the work; none when quiet. A context manager.
 
-    On a terminal there is a live line below them, with the time of the present part: `live` says
-    whether `update` is seen.
+    On a terminal (`live`) there is a line below them, with the time of the present part.
     """
 
     def __init__(self, quiet: bool = False) -> None:

@@ -9,7 +9,7 @@ That is `ros2 bag record` where it is installed, else `tdm record`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
 from datetime import datetime
 import re
 
@@ -20,35 +20,23 @@ RECORDING = 'recording to'  # how the line begins that `tdm record` prints with 
 SHARED_TOPICS = frozenset({'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'})
 
 
-@dataclass(frozen=True)
-class TopicChoice:
+def is_wanted(topic: str, names: Collection[str] = (), namespace: str | None = None) -> bool:
     """
-    Topics by their full names, and all in a namespace; with neither, all there are.
+    Whether a topic, by its full name, is to be recorded: those named, and all in a namespace.
 
-    With a namespace come `SHARED_TOPICS`. Hidden topics are recorded only if they are named.
+    With a namespace come `SHARED_TOPICS`; with neither, all topics. Hidden ones must be named.
     """
-
-    names: frozenset[str] = frozenset()
-    namespace: str | None = None
-
-    def wants(self, topic: str) -> bool:
-        """Whether a topic, by its full name, is to be recorded."""
-        if topic in self.names:
-            return True
-        if any(part.startswith('_') for part in topic.split('/')):
-            return False
-        if self.namespace is None:
-            return not self.names
-        return re.match(topics_pattern(self.namespace), topic) is not None
+    if topic in names or any(part.startswith('_') for part in topic.split('/')):
+        return topic in names
+    return not names if namespace is None else bool(re.match(topics_pattern(namespace), topic))
 
 
 def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) -> list[str]:
     """
     Return the words of a command that records all topics in a namespace, and shared ones.
 
-    It records to the folder `bag`, by default one named after namespace and time, until it is
-    interrupted. With `use_sim_time` the recorder of ROS 2 notes when messages came by /clock; ours
-    always does by the computer's time.
+    It records until it is interrupted, to `bag` or a folder named after namespace and time. With
+    `use_sim_time` that of ROS 2 notes when messages came by /clock; ours has the computer's time.
     """
     space = namespace.strip('/')
     folder = bag or f'{space.replace("/", "_") or "tdm"}_{datetime.now():%Y_%m_%d-%H_%M_%S}'
@@ -62,7 +50,7 @@ def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) ->
 
 
 def topics_pattern(namespace: str) -> str:
-    """Return the regular expression of the topics that `TopicChoice(namespace=...)` wants."""
+    """Return the regular expression of the topics that `is_wanted` with a namespace wants."""
     below = f'/{namespace.strip("/")}/'.replace('//', '/')
     shared = '|'.join(re.escape(topic) for topic in sorted(SHARED_TOPICS))
     return f'^({re.escape(below)}.*|{shared})$'

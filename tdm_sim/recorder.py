@@ -10,12 +10,10 @@ offer and the wire's type hashes. One thread subscribes, opens, writes and close
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import importlib
 from pathlib import Path
-import signal
 import sys
 import threading
 import time
@@ -23,15 +21,14 @@ from typing import Any
 
 import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
-from tdm_planner.starting import SIGNALS
+from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
-from tdm_sim.record_command import RECORDING, TopicChoice
+from tdm_sim.record_command import is_wanted, RECORDING
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
 LIVE_PERIOD, PLAIN_PERIOD = 0.5, 10.0  # s between updates of the live line, and plain lines
@@ -75,7 +72,7 @@ class Recorder(Node):
     """
     A node that subscribes topics as they appear and hands their messages to a writer.
 
-    `topics` are names as users give them, `namespace` adds all topics in it (`TopicChoice`).
+    `topics` are names as users give them; which are recorded says `is_wanted`.
     """
 
     def __init__(
@@ -84,8 +81,8 @@ class Recorder(Node):
         super().__init__(
             'recorder', start_parameter_services=False, enable_rosout=False, **options
         )
-        self._writer = writer
-        self._choice = TopicChoice(frozenset(map(self.resolve_topic_name, topics)), namespace)
+        self._writer, self._namespace = writer, namespace
+        self._names = {self.resolve_topic_name(topic) for topic in topics}
         self._known: set[str] = set()  # topics, recorded or skipped
         self._lost: dict[str, int] = {}
         self._start = self._read_at = time.monotonic()
@@ -95,7 +92,7 @@ class Recorder(Node):
 
     def figures(self) -> Figures:
         """Return the figures as they are, the rate since they were read last."""
-        now, counts = time.monotonic(), self._writer.counts
+        now, counts = time.monotonic(), self._writer.messages
         messages, dropped = sum(counts.values()), sum(self._lost.values())
         rate = (messages - self._messages) / (now - self._read_at)
         self._read_at, self._messages = now, messages
@@ -109,10 +106,9 @@ class Recorder(Node):
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._known or not self._choice.wants(topic):
+            if topic in self._known or not is_wanted(topic, self._names, self._namespace):
                 continue
-            publishers = self.get_publishers_info_by_topic(topic)
-            if publishers:
+            if publishers := self.get_publishers_info_by_topic(topic):
                 self._known.add(topic)
                 self._subscribe(topic, types, publishers)
 
@@ -138,11 +134,7 @@ class Recorder(Node):
 
 
 def message_class(type_name: str) -> Any:
-    """
-    Return the Python class of a message type such as ``sensor_msgs/msg/JointState``.
-
-    Raise InvalidProblem if the package of the type is not installed.
-    """
+    """Return the class of a message type, `PACKAGE/msg/NAME`; InvalidProblem if not installed."""
     package, _, name = type_name.partition('/msg/')
     try:
         return getattr(importlib.import_module(f'{package}.msg'), name)
@@ -160,33 +152,27 @@ def record(
     """
     Record topics to the new folder `output` until SIGINT or SIGTERM; return the final figures.
 
-    Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
-    and what nodes share (`TopicChoice`); topics that appear later are recorded. A recording that
-    fails leaves what it has.
-
-    Raises
-    ------
-    RecordingError
-        If the folder exists or cannot be made, or the storage is unknown.
-    IncompleteRecording
-        If the disk gets full; the bag holds, and is closed with, what was recorded until then.
-
+    What is recorded says `is_wanted`, also of topics that appear later. Raise RecordingError if
+    the folder exists or cannot be made, or the storage is unknown; IncompleteRecording if the disk
+    gets full: the bag holds, and is closed with, what was recorded until then.
     """
     ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
-    with _own_context(ended) as context, BagWriter(Path(output), storage) as writer:
+    with (
+        handled_by(lambda *_: ended.set()),  # instead of interrupting a write
+        rclpy.Context() as context,
+        BagWriter(Path(output), storage) as writer,
+    ):
         node = Recorder(writer, topics, namespace, context=context)
         executor = make_executor(context)
         executor.add_node(node)
         try:
-            while context.ok() and not ended.is_set() and not writer.failure:
+            while not ended.is_set() and not writer.failure:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
-                if not begun and any(writer.counts.values()):
+                if not begun and any(writer.messages.values()):
                     begun = True
                     shown.phase(f'{RECORDING} {output}: Ctrl-C ends')
                 writer.keep()
                 node.tell(shown)
-        except ExternalShutdownException:
-            pass
         finally:
             executor.shutdown()
             node.destroy_node()
@@ -196,25 +182,6 @@ def record(
             f'{writer.failure}; the recording ends there, with {done.messages} messages'
         )
     return done
-
-
-@contextmanager
-def _own_context(ended: threading.Event) -> Iterator[rclpy.Context]:
-    """
-    Open an rclpy context beside any the process has.
-
-    SIGINT and SIGTERM set an event instead of interrupting a write (main thread only).
-    """
-    main = threading.current_thread() is threading.main_thread()
-    previous = {s: signal.signal(s, lambda *_: ended.set()) for s in SIGNALS if main}
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    try:
-        yield context
-    finally:
-        rclpy.try_shutdown(context=context)
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def run(

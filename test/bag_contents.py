@@ -62,6 +62,6 @@ class FullFile:
 
 def fill(writer: BagWriter, room: int) -> BagWriter:
     """Let the disk that an MCAP file is on be full after so many bytes."""
-    storage = writer._writer.storage
+    storage = writer.storage
     storage.bio = FullFile(storage.bio, room, writer.path / '.reserve')
     return writer

@@ -36,7 +36,7 @@ from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash
 from tdm_sim.demo_scene import make_scene, Part, speed_settings
 from tdm_sim.progress import Progress as Lines
-from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
+from tdm_sim.record_command import is_wanted, record_command, topics_pattern
 from tdm_sim.recorder import (
     Figures,
     IncompleteRecording,
@@ -73,7 +73,7 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
     """Nothing in an MCAP file with room for so many bytes; without, it is a database."""
     bag = tmp_path / 'bag'
     with BagWriter(bag, 'mcap' if room else 'sqlite3') as writer:
-        storage = writer._writer.storage
+        storage = writer.storage
         if room:
             fill(writer, room)
         else:  # SQLite says that the disk is full beyond so many pages.
@@ -108,7 +108,7 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(tmp_path, storage, 
     bag, copy = tmp_path / 'bag', tmp_path / 'killed'
     with BagWriter(tmp_path / 'much') as writer:  # however much comes within a second
         assert written(writer, 1500, 1000) == 1500
-        assert 1_500_000 - (writer.path / 'much.mcap').stat().st_size < bag_writer.LARGEST_BLOCK
+        assert 1_500_000 - (writer.path / 'much.mcap').stat().st_size < writer.storage.MOST_OPEN
     with BagWriter(bag, storage) as writer:
         assert written(writer, 50, 10) == 50
         writer.keep()
@@ -249,16 +249,16 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(('namespace', 'wanted'), SPACES)
 def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both(namespace, wanted):
-    choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
+    pattern = re.compile(topics_pattern(namespace))
     for topic in SHARED | OTHERS:
-        assert choice.wants(topic) == (topic in SHARED | wanted), topic
-        assert bool(pattern.search(topic)) == choice.wants(topic), topic
-    assert not choice.wants('/robots/_hidden/odom')
-    choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
-    both = TopicChoice(frozenset({'/chosen'}), 'robots')
+        told = is_wanted(topic, namespace=namespace)
+        assert told == (topic in SHARED | wanted), topic
+        assert bool(pattern.search(topic)) == told, topic
+    assert not is_wanted('/robots/_hidden/odom', namespace=namespace)
+    named, both = ({'/chosen', '/_hidden'}, None), ({'/chosen'}, 'robots')
     asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')
-    for chosen, wanted in ((choice, '110000'), (both, '101100'), (TopicChoice(), '101110')):
-        assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
+    for chosen, wanted in ((named, '110000'), (both, '101100'), (((), None), '101110')):
+        assert [is_wanted(topic, *chosen) for topic in asked] == [flag == '1' for flag in wanted]
 
 
 def test_ros2_bag_records_where_it_is_installed_and_our_tdm_elsewhere(tmp_path, monkeypatch):
