@@ -98,18 +98,12 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
             controls.append(plant.control)
             plant.step(interval)
             states.append(plant.state)
+        controls.append(plant.control)
         moved = np.array(states)[:, : len(plan.state_names)]
-        vehicles.append(
-            Vehicle(
-                name if len(plans) > 1 else view.name,
-                view,
-                plans=(FollowedPlan(plan, 0.0),),
-                states=Signals.of(plan, times, moved, plan.state_names),
-                applied=Signals.of(
-                    plan, times, np.array([*controls, plant.control]), plan.control_names
-                ),
-            )
-        )
+        seen = Signals.of(plan, times, moved, plan.state_names)
+        applied = Signals.of(plan, times, np.array(controls), plan.control_names)
+        own, followed = name if len(plans) > 1 else view.name, (FollowedPlan(plan, 0.0),)
+        vehicles.append(Vehicle(own, view, followed, states=seen, applied=applied))
     return Mission(problem.name, problem.name, tuple(vehicles))
 
 
@@ -139,9 +133,8 @@ def tracked(
     is that of its sensors, relative to what the estimator assumes.
     """
     actuators: dict[str, Any] = {}
-    plant: Any
     if isinstance(tracker, StatedTracker):
-        plant = DirectPlant(mismatched(tracker.problem, mismatch, seed))
+        plant: Any = DirectPlant(mismatched(tracker.problem, mismatch, seed))
         actuators['lower'], actuators['upper'] = np.clip(plant.control_range, -LARGEST, LARGEST)
     else:
         plant = mismatched(tracker.plant, mismatch, seed)
@@ -149,8 +142,8 @@ def tracked(
         torque = np.array([tracker.parameters.limits.torque])
         actuators = {'lower': -torque, 'upper': torque}
     elif isinstance(tracker, RobotTracker):
-        actuators = robot_actuators(tracker.parameters.limits, mismatch, seed)
-        actuators['largest_step'] = 5e-3
+        robot = robot_actuators(tracker.parameters.limits, mismatch, seed)
+        actuators = {**robot, 'largest_step': 5e-3}
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
     setup = PlantSetup(plant, initial, noise=sensors, **actuators)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))

@@ -17,7 +17,7 @@ import io
 from itertools import cycle
 from pathlib import Path
 from statistics import mode
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
@@ -54,6 +54,8 @@ _FAR = 30.0  # times the median, or its inverse: values beyond have the colour o
 _WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
 _MARKERS = 'xv^<>sd'
 _DPI = 110
+_SHARES = {'caught': 'share of flights caught', 'held': 'share of flights held'}
+_TITLES = {'cost': 'cost J', 'duration': 'duration [s]', **_SHARES}
 _FIGURES = ('cost', 'duration', 'solve_time', 'evaluations', 'caught', 'held')
 _REASONS = 8  # that are told of a code, the most frequent
 
@@ -78,8 +80,8 @@ class Variable:
             self.rows = np.array([self.labels.index(str(cell(value))) for value in column])
         log = axis.spacing == 'log'
         at = np.log(self.places) if log else self.places
-        ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
-        edges = np.array([ends[0], *(0.5 * (at[1:] + at[:-1])), ends[1]])
+        around = np.array([2 * at[0] - at[1], *at, 2 * at[-1] - at[-2]])
+        edges = 0.5 * (around[1:] + around[:-1])
         self.edges = np.exp(edges) if log else edges
 
     def label(self, axes: Axes, which: str) -> None:
@@ -100,26 +102,6 @@ def _plain(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-class Quantity(NamedTuple):
-    """What a picture shows: `values` (N,) of every row, NaN where it has none."""
-
-    name: str
-    title: str
-    values: Array
-    share: bool = False
-
-
-def _quantities(columns: Columns) -> Iterator[Quantity]:
-    """Yield what there is to show: cost, duration where it is another, shares of flights."""
-    cost, duration = (np.array(columns[name], dtype=float) for name in ('cost', 'duration'))
-    if not np.array_equal(cost, duration, equal_nan=True):
-        yield Quantity('cost', 'cost J', cost)
-    yield Quantity('duration', 'duration [s]', duration)
-    for name in ('caught', 'held') if 'flights' in columns else ():
-        share = np.array(columns[name], dtype=float) / np.array(columns['flights'], dtype=float)
-        yield Quantity(name, f'share of flights {name}', share, share=True)
-
-
 def draw(
     columns: Columns, axes: Sequence[Axis], units: Mapping[str, str]
 ) -> dict[str, tuple[Figure, str]]:
@@ -130,85 +112,90 @@ def draw(
     """
     varied = [a for a in axes if len(set(map(cell, a.values))) > 1 and a.name != REPEATED]
     variables = [Variable(axis, units.get(axis.name, ''), columns[axis.name]) for axis in varied]
-    codes, shown = np.array(columns['code'], dtype=object), list(_quantities(columns))
+    codes = np.array(columns['code'], dtype=object)
+    shown = {n: np.array(columns[n], dtype=float) for n in _TITLES if n in columns}
+    for name in shown.keys() & _SHARES.keys():
+        shown[name] /= np.array(columns['flights'], dtype=float)
+    if np.array_equal(shown['cost'], shown['duration'], equal_nan=True):
+        del shown['cost']
     if not variables:
         return {}
     if len(variables) == 1:
-        names = ' and '.join(q.name for q in shown)
-        return {'curve': (_curves(variables[0], shown, codes), names)}
-    return {q.name: (_maps(variables, q, codes), q.title) for q in shown}
+        return {'curve': (_curves(variables[0], shown, codes), ' and '.join(shown))}
+    return {n: (_maps(variables, n, values, codes), _TITLES[n]) for n, values in shown.items()}
 
 
 def _cells(
-    variables: Sequence[Variable], quantity: Quantity, codes: Codes
+    variables: Sequence[Variable], values: Array, codes: Codes
 ) -> Iterator[tuple[list[int], Array, str]]:
-    """Yield which values some rows have, their quantities, the code that most of them have."""
+    """Yield places of rows, what of `values` (N,) is known there, the code of most of them."""
     cells, which = np.unique([v.rows for v in variables], axis=1, return_inverse=True)
     order = np.argsort(which.ravel(), kind='stable')
     ends = np.cumsum(np.bincount(which.ravel()))
     for found, rows in zip(cells.T.tolist(), np.split(order, ends[:-1]), strict=True):
-        values = quantity.values[rows]
-        yield found, values[~np.isnan(values)], mode(codes[rows])
+        yield found, values[rows][~np.isnan(values[rows])], mode(codes[rows])
 
 
-def _curves(variable: Variable, shown: Sequence[Quantity], codes: Codes) -> Figure:
+def _curves(variable: Variable, shown: Mapping[str, Array], codes: Codes) -> Figure:
     """Draw medians over one variable, the spread of repeated plans, what is not verified."""
     figure = Figure(figsize=(8, 1.2 + 2.4 * len(shown)), layout='constrained')
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     style = '.' if variable.spacing == 'random' or variable.labels else '.-'
-    for axis, quantity in zip(axes, shown, strict=True):
+    for axis, (name, values) in zip(axes, shown.items(), strict=True):
         low, middle, high = spread = np.full((3, variable.places.size), np.nan)
-        for (k,), known, code in _cells([variable], quantity, codes):
+        for (k,), known, code in _cells([variable], values, codes):
             if known.size:
                 spread[:, k] = known.min(), np.median(known), known.max()
             else:
                 axis.axvspan(*variable.edges[[k, k + 1]], **_hatched(code))
         axis.fill_between(variable.places, low, high, color=COLOURS[0], alpha=0.2, lw=0)
         axis.plot(variable.places, middle, style, color=COLOURS[0])
-        axis.set_ylabel(quantity.title)
+        axis.set_ylabel(_TITLES[name])
         axis.grid(alpha=0.25)
-        if quantity.share:
+        if name in _SHARES:
             axis.set_ylim(-0.03, 1.03)
     variable.label(axes[-1], 'x')
     _legend(axes[0], codes)
     return figure
 
 
-def _map(axis: Axes, x: Variable, y: Variable, quantity: Quantity, codes: Codes) -> Any:
+def _map(
+    axis: Axes, x: Variable, y: Variable, values: Array, codes: Codes, norm: Normalize
+) -> Any:
     """Colour the plane of two variables, hatched where nothing is verified; return the colours."""
-    norm = _norm(quantity)
     if x.spacing == y.spacing == 'random':
         at, to = x.places[x.rows], y.places[y.rows]
-        drawn: Any = axis.scatter(at, to, c=quantity.values, norm=norm, s=22)
+        drawn: Any = axis.scatter(at, to, c=values, norm=norm, s=22)
         for code, marker in zip(_reasons(codes), cycle(_MARKERS), strict=False):
             of = codes == code
             axis.plot(at[of], to[of], marker, color=_INK, ms=4, label=code)
     else:
-        values = np.full((y.places.size, x.places.size), np.nan)
-        for (p, q), known, code in _cells([x, y], quantity, codes):
+        colours = np.full((y.places.size, x.places.size), np.nan)
+        for (p, q), known, code in _cells([x, y], values, codes):
             if known.size:
-                values[q, p] = np.median(known)
+                colours[q, p] = np.median(known)
                 continue
             wide, high = x.edges[p + 1] - x.edges[p], y.edges[q + 1] - y.edges[q]
             corner = x.edges[p], y.edges[q]
             axis.add_patch(Rectangle(corner, wide, high, **_hatched(code)))
-        drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), norm=norm)
+        drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(colours), norm=norm)
     x.label(axis, 'x')
     y.label(axis, 'y')
     axis.label_outer()
     return drawn
 
 
-def _maps(variables: Sequence[Variable], quantity: Quantity, codes: Codes) -> Figure:
+def _maps(variables: Sequence[Variable], name: str, values: Array, codes: Codes) -> Figure:
     """Draw the plane of every two variables: the median over all values of the others."""
     n = len(variables) - 1
+    norm = _norm(name, values)
     size = (8.0, 5.6) if n == 1 else (3.2 * n + 2.0, 2.8 * n + 0.8)
     figure = Figure(figsize=size, layout='constrained')
     cells = [(q, p) for q in range(n) for p in range(q + 1)]
     axes = [figure.add_subplot(n, n, q * n + p + 1) for q, p in cells]
     for axis, (q, p) in zip(axes, cells, strict=True):
-        drawn = _map(axis, variables[p], variables[q + 1], quantity, codes)
-    title = quantity.title if n == 1 else f'{quantity.title}, median'
+        drawn = _map(axis, variables[p], variables[q + 1], values, codes, norm)
+    title = _TITLES[name] if n == 1 else f'{_TITLES[name]}, median'
     bar = figure.colorbar(drawn, ax=axes, label=title)
     if isinstance(drawn.norm, LogNorm):
         _plain(bar.ax.yaxis)
@@ -216,9 +203,9 @@ def _maps(variables: Sequence[Variable], quantity: Quantity, codes: Codes) -> Fi
     return figure
 
 
-def _norm(quantity: Quantity) -> Normalize:
-    known = quantity.values[np.isfinite(quantity.values)]
-    if quantity.share or not known.size:
+def _norm(name: str, values: Array) -> Normalize:
+    known = values[np.isfinite(values)]
+    if name in _SHARES or not known.size:
         return Normalize(0.0, 1.0)
     low, high, middle = float(known.min()), float(known.max()), float(np.median(known))
     if low > 0.0:  # a start that is the goal, say, must not take the colours of all others

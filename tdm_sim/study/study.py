@@ -230,18 +230,17 @@ def cell(value: Any) -> Any:
 
 def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
     """Take a folder for the study of this statement, a new one or that of the same study."""
-    asked = json.dumps(finite(statement), indent=1) + '\n'
-    path = folder / STATEMENT
+    asked, path = json.dumps(finite(statement), indent=1) + '\n', folder / STATEMENT
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.is_file():
             path.write_text(asked, encoding='utf-8')
-        elif path.read_text(encoding='utf-8') != asked:
-            raise UnusableFile(
-                f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
-            )
+        same = path.read_text(encoding='utf-8') == asked
     except OSError as error:
         raise UnusableFile(f"the folder '{folder}' cannot be used: {error.strerror}") from None
+    if not same:
+        said = f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
+        raise UnusableFile(said)
 
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
