@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 import math
 import re
 from typing import Any, Literal
@@ -25,7 +25,7 @@ Point = dict[str, Any]
 _RANGE = re.compile(r'([^:]+):([^:]+):\s*(log|random)?\s*(\d+)')
 _FORMS = (
     'NAME=LOW:HIGH:N, NAME=LOW:HIGH:log N, NAME=LOW:HIGH:random N or NAME=VALUE,VALUE,...; '
-    'N must be in [1, 1e6]'
+    'N must be in [1, 1e6], both ends of a log range must be > 0'
 )
 _MOST = 1_000_000  # values of one parameter
 _WHOLE = 1e-9  # from an integer
@@ -46,39 +46,33 @@ def parse_axis(text: str) -> Axis:
 
     Raise InvalidProblem if `text` has none of these forms.
     """
-    name, equals, given = text.partition('=')
-    if not (name and equals and given.strip()):
-        raise _unusable(text)
+    name, _, given = text.partition('=')
     found = _RANGE.fullmatch(given.strip())
-    if found is None:
-        try:
-            values = parse_yaml(f'[{given}]')
-        except yaml.YAMLError:
-            raise _unusable(text) from None
-        if ':' in given or not isinstance(values, list):
-            raise _unusable(text)
-        return Axis(name, tuple(values))
+    spacing: Any = 'list' if found is None else found[3] or 'linear'
+    values: Any = None
     try:
-        low, high, count = float(found[1]), float(found[2]), int(found[4])
-    except ValueError:
-        raise _unusable(text) from None
-    spacing: Any = found[3] or 'linear'
-    if not (math.isfinite(low) and math.isfinite(high) and 1 <= count <= _MOST):
-        raise _unusable(text)
-    if spacing == 'log' and not (low > 0.0 and high > 0.0):
-        raise InvalidProblem(
-            f"'{shown(text)}' is not allowed: both ends of a log range must be > 0"
-        )
+        if found is not None:
+            values = _spaced(name, spacing, float(found[1]), float(found[2]), int(found[4]))
+        elif given.strip() and ':' not in given:
+            values = parse_yaml(f'[{given}]')
+    except (ValueError, yaml.YAMLError):
+        pass
+    if not (name and isinstance(values, list)):
+        raise InvalidProblem(f"'{shown(text)}' is not allowed: must be {_FORMS}")
+    return Axis(name, tuple(values), spacing)
+
+
+def _spaced(name: str, spacing: str, low: float, high: float, count: int) -> list[float] | None:
+    """Return the values of a range; None if there are none."""
+    least = 0.0 if spacing == 'log' else -math.inf
+    if not (least < low < math.inf and least < high < math.inf and 1 <= count <= _MOST):
+        return None
     if spacing == 'random':  # the same whenever it is asked for, another for another parameter
         generator = np.random.default_rng([count, *name.encode()])
         values = generator.uniform(low, high, count)
     else:
         values = (np.geomspace if spacing == 'log' else np.linspace)(low, high, count)
-    return Axis(name, tuple(values.tolist()), spacing)
-
-
-def _unusable(text: str) -> InvalidProblem:
-    return InvalidProblem(f"'{shown(text)}' is not allowed: must be {_FORMS}")
+    return list(values.tolist())
 
 
 def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -> Axis:
@@ -90,9 +84,9 @@ def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -
     spec = problem.parameter_specifications(parameters).get(axis.name)
     values = []
     for value in axis.values:
-        if spec is not None and spec.kind is int and isinstance(value, float):
-            whole = math.isfinite(value) and abs(value - round(value)) < _WHOLE
-            value = round(value) if whole else value
+        number = spec is not None and spec.kind is int and isinstance(value, float)
+        if number and math.isfinite(value) and abs(value - round(value)) < _WHOLE:
+            value = round(value)
         found = problem_parameters(problem, {**parameters, axis.name: value})
         if axis.name not in found:
             raise InvalidProblem(
@@ -118,14 +112,14 @@ def points_of(axes: Sequence[Axis]) -> list[Point]:
     for name in names:
         if names.count(name) > 1:
             raise InvalidProblem(f"parameter '{shown(name)}' is varied twice")
-    random = [axis for axis in axes if axis.spacing == 'random']
-    if len({len(axis.values) for axis in random}) > 1:
+    drawn = [axis for axis in axes if axis.spacing == 'random']
+    if len({len(axis.values) for axis in drawn}) > 1:
         raise InvalidProblem(
             'random parameters are drawn together and must have as many values each: '
-            + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in random)
+            + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in drawn)
         )
-    groups = [[axis] for axis in axes if axis.spacing != 'random'] + ([random] if random else [])
-    order = [axis.name for group in groups for axis in group]
-    values = [zip(*(axis.values for axis in group), strict=True) for group in groups]
-    points = [dict(zip(order, chain(*cell), strict=True)) for cell in product(*values)]
-    return [{name: point[name] for name in names} for point in points]
+    group = {axis.name: '' if axis in drawn else axis.name for axis in axes}
+    ordered = [*(axis for axis in axes if axis not in drawn), *drawn]
+    counts = {group[axis.name]: range(len(axis.values)) for axis in ordered}
+    cells = [dict(zip(counts, cell, strict=True)) for cell in product(*counts.values())]
+    return [{a.name: a.values[cell[group[a.name]]] for a in axes} for cell in cells]

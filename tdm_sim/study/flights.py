@@ -9,6 +9,7 @@ A run, here a *flight*, becomes a `Mission` like a recording, and gets a verdict
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.plant_views import PlantView, view_of
+from tdm_planner.plant_views import view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.problem import Problem
@@ -32,10 +33,9 @@ from tdm_planner.tracking import (
     TrajectoryTracker,
 )
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
-from tdm_sim.report.verdict import arrival, goal_errors, HOLD_TIME, judge
+from tdm_sim.report.verdict import goal_errors, HOLD_TIME, judge
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 
 Array = NDArray[np.float64]
@@ -77,71 +77,49 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
     """
     Return the flight of one seed along a plan, and beyond its end for as long as it is judged.
 
-    Raises
-    ------
-    TrajectoryRejected
-        If a tracker does not accept the plan.
-    InvalidProblem
-        If no tracker for plants of the problem is known.
-
+    Raise TrajectoryRejected if a tracker rejects its plan, InvalidProblem if none is known.
     """
-    count, vehicles = len(solution.trajectories), []
+    plans, vehicles = solution.trajectories, []
     view = view_of(problem, solution.trajectory)
-    held = any(view.is_held(plan) for plan in solution.trajectories.values())
+    held = any(map(view.is_held, plans.values()))
     after = view.settling + HOLD_TIME + _AFTER if held else 0.0
     ticks = math.ceil((solution.duration + after) * how.rate)
-    for number, (name, plan) in enumerate(solution.trajectories.items()):
-        tracker, differs = tracker_of(problem, rate=how.rate), (how.mismatch, how.noise)
-        loop = tracked(tracker, plan.states[0], *differs, count * seed + number)
-        vehicles.append(_vehicle(name if count > 1 else view.name, view, plan, loop, ticks))
-    return Mission(problem.name, problem.name, tuple(vehicles))
-
-
-def _vehicle(
-    name: str, view: PlantView, plan: Trajectory, loop: TrackedPlant, ticks: int
-) -> Vehicle:
-    """Fly one plan for so many ticks."""
-    tracker, plant = loop
-    interval, nx = tracker.parameters.interval, len(plan.state_names)
-    states, controls = [plant.state], []
-    tracker.observe(plant.measure(), -interval)
-    tracker.accept(plan, 0.0, -interval)
-    for tick in range(ticks):
-        now = tick * interval
-        tracker.observe(plant.measure(), now)
-        plant.command(tracker.command(now).control)
+    for number, (name, plan) in enumerate(plans.items()):
+        tracker, own_seed = tracker_of(problem, rate=how.rate), len(plans) * seed + number
+        plant = tracked(tracker, plan.states[0], how.mismatch, how.noise, own_seed).plant
+        interval = tracker.parameters.interval
+        times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
+        states, controls = [plant.state], []
+        tracker.observe(plant.measure(), -interval)
+        tracker.accept(plan, 0.0, -interval)
+        for now in times[:-1].tolist():
+            tracker.observe(plant.measure(), now)
+            plant.command(tracker.command(now).control)
+            controls.append(plant.control)
+            plant.step(interval)
+            states.append(plant.state)
         controls.append(plant.control)
-        plant.step(interval)
-        states.append(plant.state)
-    times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
-    applied = np.array([*controls, plant.control])
-    return Vehicle(
-        name=name,
-        view=view,
-        plans=(FollowedPlan(plan, 0.0),),
-        states=Signals(times, np.array(states)[:, :nx], plan.state_names, plan.state_units),
-        applied=Signals(times, applied, plan.control_names, plan.control_units),
-    )
+        moved = np.array(states)[:, : len(plan.state_names)]
+        seen = Signals.of(plan, times, moved, plan.state_names)
+        applied = Signals.of(plan, times, np.array(controls), plan.control_names)
+        own, followed = name if len(plans) > 1 else view.name, (FollowedPlan(plan, 0.0),)
+        vehicles.append(Vehicle(own, view, followed, states=seen, applied=applied))
+    return Mission(problem.name, problem.name, tuple(vehicles))
 
 
 def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:
     """
     Return the tracker of a problem's plant; `values` are its parameters beside the constants.
 
-    Raises
-    ------
-    InvalidProblem
-        If no tracker for plants of the problem is known.
-
+    Raise InvalidProblem if no tracker for plants of the problem is known.
     """
     if isinstance(problem, DirectProblem):
         return StatedTracker(problem, TrackerParameters(**values))
-    if isinstance(problem, PendulumSwingUp):
-        rig = PendulumTrackerParameters(plant=problem.plant, limits=problem.limits, **values)
-        return PendulumTracker(rig)
-    if isinstance(problem, RobotFormation):
-        robot = RobotTrackerParameters(plant=problem.plant, limits=problem.limits, **values)
-        return RobotTracker(robot)
+    if isinstance(problem, (PendulumSwingUp, RobotFormation)):
+        values |= {'plant': problem.plant, 'limits': problem.limits}
+        if isinstance(problem, PendulumSwingUp):
+            return PendulumTracker(PendulumTrackerParameters(**values))
+        return RobotTracker(RobotTrackerParameters(**values))
     raise InvalidProblem(f"problem '{problem.name}' cannot be flown: no tracker of it is known")
 
 
@@ -155,19 +133,17 @@ def tracked(
     is that of its sensors, relative to what the estimator assumes.
     """
     actuators: dict[str, Any] = {}
-    plant: Any
     if isinstance(tracker, StatedTracker):
-        plant = DirectPlant(mismatched(tracker.problem, mismatch, seed))
-        lower, upper = np.clip(plant.control_range, -LARGEST, LARGEST)
-        actuators = {'lower': lower, 'upper': upper}
+        plant: Any = DirectPlant(mismatched(tracker.problem, mismatch, seed))
+        actuators['lower'], actuators['upper'] = np.clip(plant.control_range, -LARGEST, LARGEST)
     else:
         plant = mismatched(tracker.plant, mismatch, seed)
     if isinstance(tracker, PendulumTracker):
         torque = np.array([tracker.parameters.limits.torque])
         actuators = {'lower': -torque, 'upper': torque}
     elif isinstance(tracker, RobotTracker):
-        actuators = robot_actuators(tracker.parameters.limits, mismatch, seed)
-        actuators['largest_step'] = 5e-3
+        robot = robot_actuators(tracker.parameters.limits, mismatch, seed)
+        actuators = {**robot, 'largest_step': 5e-3}
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
     setup = PlantSetup(plant, initial, noise=sensors, **actuators)
     return TrackedPlant(tracker, SimulatedPlant(setup, seed))
@@ -181,7 +157,7 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
     and stayed, within all limits; `lost` says why the first of the others was not held.
     """
     caught, held, lost = 0, 0, ''
-    least: dict[str, float] = {}
+    margins: dict[str, list[float]] = {}
     for seed in range(how.seeds):
         try:
             mission = fly(problem, solution, how, seed)
@@ -189,37 +165,28 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
             lost = lost or str(reason)
             continue
         verdict = judge(mission)
+        assert verdict is not None  # all of a flight is known
         caught += all(map(_at_goal, mission.vehicles))
-        if verdict is not None and verdict.reached:
-            held += 1
-        elif verdict is not None:
-            lost = lost or next(iter(verdict.reasons), verdict.undecided)
-        for name, margin in _margins(mission).items():
-            least[name] = min(margin, least.get(name, math.inf))
-    flown = {f'{FLOWN}{name}': value for name, value in least.items()}
-    return {'flights': how.seeds, 'caught': caught, 'held': held, 'lost': lost, **flown}
+        held += verdict.reached
+        lost = lost or next(iter(verdict.reasons), verdict.undecided)
+        for name, margin in _margins(mission):
+            margins.setdefault(f'{FLOWN}{name}', []).append(margin)
+    least = {name: min(values) for name, values in margins.items()}
+    return {'flights': how.seeds, 'caught': caught, 'held': held, 'lost': lost, **least}
 
 
 def _at_goal(vehicle: Vehicle) -> bool:
-    """Whether a flight ends at the goal; where that cannot be held, whether it comes there."""
-    plan, states = vehicle.plan, vehicle.states
-    assert plan is not None
-    assert states is not None
-    if vehicle.view.is_held(plan.trajectory):
-        return (arrival(vehicle) or 0.0) < math.inf
-    _, errors = goal_errors(vehicle.view, plan.trajectory, states)
-    return not errors.size or bool(errors[-1] <= 1.0)
+    """Whether a flight ends at the goal."""
+    assert vehicle.states is not None
+    _, errors = goal_errors(vehicle.view, vehicle.plans[0].trajectory, vehicle.states)
+    return not errors.size or bool(errors[-1] < 1.0)
 
 
-def _margins(mission: Mission) -> dict[str, float]:
-    """Return the smallest margin of every limit on a flight, by the limit's name in the plan."""
-    several = len(mission.vehicles) > 1
-    found = {
-        f'{vehicle.name}.{name}' if several else name: margin.worst
-        for vehicle in mission.vehicles
-        for name, margin in smallest(margin_history(vehicle).measured).items()
-    }
-    apart = mission.vehicles[0].view.separation or 0.0
+def _margins(mission: Mission) -> Iterator[tuple[str, float]]:
+    """Yield the limits by their names in the plan, and the smallest margin of each on a flight."""
+    for vehicle in mission.vehicles:
+        of = f'{vehicle.name}.' if len(mission.vehicles) > 1 else ''
+        for name, margin in smallest(margin_history(vehicle).measured).items():
+            yield f'{of}{name}', margin.worst
     for pair, distance in smallest(separations(mission).measured).items():
-        found[pair] = distance.worst - apart
-    return found
+        yield pair, distance.worst - (mission.vehicles[0].view.separation or 0.0)

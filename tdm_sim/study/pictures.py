@@ -11,18 +11,17 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 import io
+from itertools import cycle
 from pathlib import Path
 from statistics import mode
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
@@ -34,10 +33,12 @@ from tdm_sim.report.page import page_html
 from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
-from tdm_sim.study.study import MARGIN
+from tdm_sim.study.study import cell, MARGIN
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
+Codes = NDArray[np.object_]  # (N,) of every row why it is not verified; '': it is
+Rows = Sequence[Sequence[Any]]
 
 PAGE = 'study.html'
 REPEATED = 'solver.seed'  # varied, it repeats plans: their spread is shown
@@ -53,6 +54,8 @@ _FAR = 30.0  # times the median, or its inverse: values beyond have the colour o
 _WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
 _MARKERS = 'xv^<>sd'
 _DPI = 110
+_SHARES = {'caught': 'share of flights caught', 'held': 'share of flights held'}
+_TITLES = {'cost': 'cost J', 'duration': 'duration [s]', **_SHARES}
 _FIGURES = ('cost', 'duration', 'solve_time', 'evaluations', 'caught', 'held')
 _REASONS = 8  # that are told of a code, the most frequent
 
@@ -61,31 +64,30 @@ class Variable:
     """
     A parameter along an axis of a picture.
 
-    `places` (n,) are where its values lie; of what are no numbers their count. `edges` (n + 1,)
-    lie between them.
+    `places` (n,) are where its values lie, of what are no numbers their count; `edges` (n + 1,)
+    lie between them; `rows` (N,) say which of the values every row has.
     """
 
-    def __init__(self, axis: Axis, unit: str) -> None:
-        numbers = all(type(value) in (int, float) for value in axis.values)
-        self.name, self.unit, self.spacing = axis.name, unit, axis.spacing
-        values = sorted(set(axis.values)) if numbers else list(axis.values)
-        self.labels = [] if numbers else [str(value) for value in values]
-        self.places = np.array(values if numbers else range(len(values)), dtype=float)
-        self._number = {_key(value): number for number, value in enumerate(values)}
+    def __init__(self, axis: Axis, unit: str, column: Sequence[Any]) -> None:
+        self.title, self.spacing = f'{axis.name} [{unit}]' if unit else axis.name, axis.spacing
+        self.labels: list[str] = []
+        if all(type(value) in (int, float) for value in axis.values):
+            self.places = np.unique(np.array(axis.values, dtype=float))
+            self.rows = np.searchsorted(self.places, np.array(column, dtype=float))
+        else:
+            self.labels = list(dict.fromkeys(str(cell(value)) for value in axis.values))
+            self.places = np.arange(len(self.labels), dtype=float)
+            self.rows = np.array([self.labels.index(str(cell(value))) for value in column])
         log = axis.spacing == 'log'
         at = np.log(self.places) if log else self.places
-        ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
-        edges = np.array([ends[0], *(0.5 * (at[1:] + at[:-1])), ends[1]])
+        around = np.array([2 * at[0] - at[1], *at, 2 * at[-1] - at[-2]])
+        edges = 0.5 * (around[1:] + around[:-1])
         self.edges = np.exp(edges) if log else edges
-
-    def place(self, column: Sequence[Any]) -> NDArray[np.intp]:
-        """Return which of the values every row has (N,)."""
-        return np.array([self._number[_key(value)] for value in column], dtype=np.intp)
 
     def label(self, axes: Axes, which: str) -> None:
         """Name the axis x or y of a picture, and its values where they are no numbers."""
         axis: Any = getattr(axes, f'{which}axis')
-        axis.set_label_text(f'{self.name} [{self.unit}]' if self.unit else self.name)
+        axis.set_label_text(self.title)
         if self.labels:
             axis.set_ticks(self.places, self.labels)
         elif self.spacing == 'log':
@@ -100,31 +102,6 @@ def _plain(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _key(value: Any) -> str:
-    return str(list(value)) if isinstance(value, (list, tuple)) else str(value)
-
-
-class Quantity(NamedTuple):
-    """What a picture shows: `values` (N,) of every row, NaN where it has none."""
-
-    name: str
-    title: str
-    values: Array
-    share: bool = False
-
-
-def quantities(columns: Columns) -> list[Quantity]:
-    """Return what there is to show: cost, duration where it is another, shares of flights."""
-    names = ('cost', 'duration', *(('flights', 'caught', 'held') if 'flights' in columns else ()))
-    cost, duration, *flown = (np.array(columns[name], dtype=float) for name in names)
-    same = np.array_equal(cost, duration, equal_nan=True)
-    found = [] if same else [Quantity('cost', 'cost J', cost)]
-    found.append(Quantity('duration', 'duration [s]', duration))
-    for name, count in zip(names[3:], flown[1:], strict=True):
-        found.append(Quantity(name, f'share of flights {name}', count / flown[0], share=True))
-    return found
-
-
 def draw(
     columns: Columns, axes: Sequence[Axis], units: Mapping[str, str]
 ) -> dict[str, tuple[Figure, str]]:
@@ -133,106 +110,102 @@ def draw(
 
     `columns` are those of a study's table, all of one length.
     """
-    varied = [a for a in axes if len(set(map(_key, a.values))) > 1 and a.name != REPEATED]
-    variables = [Variable(axis, units.get(axis.name, '')) for axis in varied]
-    shown = quantities(columns)
+    varied = [a for a in axes if len(set(map(cell, a.values))) > 1 and a.name != REPEATED]
+    variables = [Variable(axis, units.get(axis.name, ''), columns[axis.name]) for axis in varied]
+    codes = np.array(columns['code'], dtype=object)
+    shown = {n: np.array(columns[n], dtype=float) for n in _TITLES if n in columns}
+    for name in shown.keys() & _SHARES.keys():
+        shown[name] /= np.array(columns['flights'], dtype=float)
+    if np.array_equal(shown['cost'], shown['duration'], equal_nan=True):
+        del shown['cost']
     if not variables:
         return {}
     if len(variables) == 1:
-        names = ' and '.join(q.name for q in shown)
-        return {'curve': (_curves(columns, variables[0], shown), names)}
-    return {q.name: (_maps(columns, variables, q), q.title) for q in shown}
+        return {'curve': (_curves(variables[0], shown, codes), ' and '.join(shown))}
+    return {n: (_maps(variables, n, values, codes), _TITLES[n]) for n, values in shown.items()}
 
 
-def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> Figure:
+def _cells(
+    variables: Sequence[Variable], values: Array, codes: Codes
+) -> Iterator[tuple[list[int], Array, str]]:
+    """Yield places of rows, what of `values` (N,) is known there, the code of most of them."""
+    cells, which = np.unique([v.rows for v in variables], axis=1, return_inverse=True)
+    order = np.argsort(which.ravel(), kind='stable')
+    ends = np.cumsum(np.bincount(which.ravel()))
+    for found, rows in zip(cells.T.tolist(), np.split(order, ends[:-1]), strict=True):
+        yield found, values[rows][~np.isnan(values[rows])], mode(codes[rows])
+
+
+def _curves(variable: Variable, shown: Mapping[str, Array], codes: Codes) -> Figure:
     """Draw medians over one variable, the spread of repeated plans, what is not verified."""
     figure = Figure(figsize=(8, 1.2 + 2.4 * len(shown)), layout='constrained')
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    at, codes = variable.place(columns[variable.name]), np.array(columns['code'], dtype=object)
-    for axis, quantity in zip(axes, shown, strict=True):
-        groups = [quantity.values[at == k] for k in range(len(variable.places))]
-        low, middle, high = (
-            np.array([np.nan if np.isnan(g).all() else share(g) for g in groups])
-            for share in (np.nanmin, np.nanmedian, np.nanmax)
-        )
-        style = '.' if variable.spacing == 'random' or variable.labels else '.-'
+    style = '.' if variable.spacing == 'random' or variable.labels else '.-'
+    for axis, (name, values) in zip(axes, shown.items(), strict=True):
+        low, middle, high = spread = np.full((3, variable.places.size), np.nan)
+        for (k,), known, code in _cells([variable], values, codes):
+            if known.size:
+                spread[:, k] = known.min(), np.median(known), known.max()
+            else:
+                axis.axvspan(*variable.edges[[k, k + 1]], **_hatched(code))
         axis.fill_between(variable.places, low, high, color=COLOURS[0], alpha=0.2, lw=0)
         axis.plot(variable.places, middle, style, color=COLOURS[0])
-        for k in np.flatnonzero(np.isnan(middle)).tolist():
-            if (at == k).any():
-                axis.axvspan(*variable.edges[[k, k + 1]], **_hatched(mode(codes[at == k])))
-        axis.set_ylabel(quantity.title)
+        axis.set_ylabel(_TITLES[name])
         axis.grid(alpha=0.25)
-        if quantity.share:
+        if name in _SHARES:
             axis.set_ylim(-0.03, 1.03)
     variable.label(axes[-1], 'x')
-    _legend(axes[0], columns)
+    _legend(axes[0], codes)
     return figure
 
 
 def _map(
-    axis: Axes, columns: Columns, variables: tuple[Variable, Variable], quantity: Quantity
+    axis: Axes, x: Variable, y: Variable, values: Array, codes: Codes, norm: Normalize
 ) -> Any:
     """Colour the plane of two variables, hatched where nothing is verified; return the colours."""
-    x, y = variables
-    norm = _norm(quantity)
-    codes = columns['code']
-    i, j = x.place(columns[x.name]), y.place(columns[y.name])
     if x.spacing == y.spacing == 'random':
-        drawn: Any = axis.scatter(x.places[i], y.places[j], c=quantity.values, norm=norm, s=22)
-        for code, marker in zip(_codes(columns), _MARKERS * 9, strict=False):
-            of = np.array([c == code for c in codes])
-            axis.plot(x.places[i[of]], y.places[j[of]], marker, color=_INK, ms=4, label=code)
+        at, to = x.places[x.rows], y.places[y.rows]
+        drawn: Any = axis.scatter(at, to, c=values, norm=norm, s=22)
+        for code, marker in zip(_reasons(codes), cycle(_MARKERS), strict=False):
+            of = codes == code
+            axis.plot(at[of], to[of], marker, color=_INK, ms=4, label=code)
     else:
-        values = np.full((y.places.size, x.places.size), np.nan)
-        hatched: dict[str, list[Rectangle]] = {}
-        for q, p in sorted({*zip(j.tolist(), i.tolist(), strict=True)}):
-            rows = np.flatnonzero((j == q) & (i == p)).tolist()
-            known = quantity.values[rows]
-            if not np.isnan(known).all():
-                values[q, p] = np.nanmedian(known)
+        colours = np.full((y.places.size, x.places.size), np.nan)
+        for (p, q), known, code in _cells([x, y], values, codes):
+            if known.size:
+                colours[q, p] = np.median(known)
                 continue
-            corner, end = (x.edges[p], y.edges[q]), (x.edges[p + 1], y.edges[q + 1])
-            cell = Rectangle(corner, end[0] - corner[0], end[1] - corner[1])
-            hatched.setdefault(mode(codes[row] for row in rows), []).append(cell)
-        drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), norm=norm)
-        drawn.set_rasterized(True)
-        for code, cells in hatched.items():
-            axis.add_collection(PatchCollection(cells, **_hatched(code)))
-        axis.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+            wide, high = x.edges[p + 1] - x.edges[p], y.edges[q + 1] - y.edges[q]
+            corner = x.edges[p], y.edges[q]
+            axis.add_patch(Rectangle(corner, wide, high, **_hatched(code)))
+        drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(colours), norm=norm)
     x.label(axis, 'x')
     y.label(axis, 'y')
+    axis.label_outer()
     return drawn
 
 
-def _maps(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
+def _maps(variables: Sequence[Variable], name: str, values: Array, codes: Codes) -> Figure:
     """Draw the plane of every two variables: the median over all values of the others."""
     n = len(variables) - 1
+    norm = _norm(name, values)
     size = (8.0, 5.6) if n == 1 else (3.2 * n + 2.0, 2.8 * n + 0.8)
     figure = Figure(figsize=size, layout='constrained')
-    axes = figure.subplots(n, n, squeeze=False)
-    for axis in axes[np.triu_indices(n, 1)]:
-        axis.remove()
-    drawn: Any = None
-    for q in range(n):
-        for p in range(q + 1):
-            drawn = _map(axes[q, p], columns, (variables[p], variables[q + 1]), quantity)
-            if q < n - 1:
-                axes[q, p].set_xlabel('')
-            if p:
-                axes[q, p].set_ylabel('')
-    kept = list(axes[np.tril_indices(n)])
-    title = quantity.title if n == 1 else f'{quantity.title}, median'
-    bar = figure.colorbar(drawn, ax=kept, label=title, shrink=1.0 if n == 1 else 0.8)
+    cells = [(q, p) for q in range(n) for p in range(q + 1)]
+    axes = [figure.add_subplot(n, n, q * n + p + 1) for q, p in cells]
+    for axis, (q, p) in zip(axes, cells, strict=True):
+        drawn = _map(axis, variables[p], variables[q + 1], values, codes, norm)
+    title = _TITLES[name] if n == 1 else f'{_TITLES[name]}, median'
+    bar = figure.colorbar(drawn, ax=axes, label=title)
     if isinstance(drawn.norm, LogNorm):
         _plain(bar.ax.yaxis)
-    _legend(axes[0, 0], columns)
+    _legend(axes[0], codes)
     return figure
 
 
-def _norm(quantity: Quantity) -> Normalize:
-    known = quantity.values[np.isfinite(quantity.values)]
-    if quantity.share or not known.size:
+def _norm(name: str, values: Array) -> Normalize:
+    known = values[np.isfinite(values)]
+    if name in _SHARES or not known.size:
         return Normalize(0.0, 1.0)
     low, high, middle = float(known.min()), float(known.max()), float(np.median(known))
     if low > 0.0:  # a start that is the goal, say, must not take the colours of all others
@@ -240,23 +213,21 @@ def _norm(quantity: Quantity) -> Normalize:
     return (LogNorm if 0.0 < low * _WIDE < high else Normalize)(low, high)
 
 
-def _codes(columns: Columns) -> list[str]:
+def _reasons(codes: Codes) -> list[str]:
     """Return the codes of what is not verified."""
-    return sorted({*columns['code']} - {''})
+    return sorted({*codes} - {''})
 
 
 def _hatched(code: str) -> dict[str, Any]:
     return {'fc': _GROUND, 'ec': _INK, 'lw': 0, 'hatch': _HATCHES.get(code, _OTHER)}
 
 
-def _legend(axis: Axes, columns: Columns) -> None:
-    """Explain the hatches above a picture."""
+def _legend(axis: Axes, codes: Codes) -> None:
+    """Explain the markers or hatches above a picture."""
     lines, labels = axis.get_legend_handles_labels()
-    handles: dict[str, Any] = dict(zip(labels, lines, strict=True))
-    if not any(isinstance(line, Line2D) for line in lines):
-        handles = {code: Patch(**_hatched(code)) for code in _codes(columns)}
-    if handles:
-        legend_above(axis, handles, columns=4)
+    hatches: dict[str, Any] = {code: Patch(**_hatched(code)) for code in _reasons(codes)}
+    if hatches:
+        legend_above(axis, dict(zip(labels, lines, strict=True)) or hatches, columns=4)
 
 
 def write_page(
@@ -280,39 +251,36 @@ def write_page(
         source = f'data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}'
         body = f'<img alt="{escape(title)}" src="{source}">'
         cards.append(card(title[:1].upper() + title[1:], body))
-    verified, total = sum(columns['verified']), len(columns['row'])
+    tables = [
+        ('Verified', ('', f'of {len(columns["row"])}', 'reason'), _counts(columns)),
+        ('Figures', ('', 'least', 'median', 'largest'), _figures(columns)),
+        ('Parameters', ('', 'values'), [*map(_values, axes), *shared.items()]),
+    ]
+    for title, head, rows in tables:
+        lines = [_line(head, 'th'), '</thead><tbody>', *(_line(row, 'td') for row in rows)]
+        cards.append(card(title, f'<table><thead>{"".join(lines)}</tbody></table>'))
     over = ', '.join(f'{axis.name} ({len(axis.values)} values)' for axis in axes)
-    cards.append(card('Verified', _counts(columns)))
-    cards.append(card('Figures', _figures(columns)))
-    cards.append(card('What was varied', _table(('parameter', 'values'), map(_values, axes))))
-    if shared:
-        cards.append(card('What was the same', _table(('', ''), shared.items())))
-    title = f'Study of {problem}'
-    subtitle = f'{verified} of {total} plans verified; {over}'
-    write_file(folder / PAGE, page_html(title, subtitle, (cards[::2], cards[1::2])).encode())
+    subtitle = f'{sum(columns["verified"])} of {len(columns["row"])} plans verified; {over}'
+    page = page_html(f'Study of {problem}', subtitle, (cards[::2], cards[1::2]))
+    write_file(folder / PAGE, page.encode())
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    def line(cells: Sequence[Any], tag: str) -> str:
-        return f'<tr>{"".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)}</tr>'
-
-    body = ''.join(line(row, 'td') for row in rows)
-    return f'<table><thead>{line(head, "th")}</thead><tbody>{body}</tbody></table>'
+def _line(cells: Sequence[Any], tag: str) -> str:
+    return f'<tr>{"".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)}</tr>'
 
 
-def _counts(columns: Columns) -> str:
+def _counts(columns: Columns) -> Rows:
     """Count the plans, and what became of the others, with the reasons."""
-    told = Counter(zip(columns['code'], columns['reason'], strict=True))
+    told = Counter(zip(columns['code'], columns['reason'], strict=True)).most_common()
     codes = Counter(columns['code'])
     rows: list[Sequence[Any]] = [('verified', codes.pop('', 0), '')]
     for code, count in codes.most_common():
-        rows.append((code, count, ''))
-        reasons = [('', n, reason) for (of, reason), n in told.most_common() if of == code]
-        rows += reasons[:_REASONS]
-    return _table(('', f'of {len(columns["row"])}', 'reason'), rows)
+        reasons = [('', n, reason) for (of, reason), n in told if of == code]
+        rows += [(code, count, ''), *reasons[:_REASONS]]
+    return rows
 
 
-def _figures(columns: Columns) -> str:
+def _figures(columns: Columns) -> Rows:
     """Return least, median and largest of every column of figures."""
     rows = []
     for name, values in columns.items():
@@ -320,11 +288,11 @@ def _figures(columns: Columns) -> str:
         if known and (name in _FIGURES or name.startswith((MARGIN, FLOWN))):
             quantiles = np.quantile(np.array(known, dtype=float), [0.0, 0.5, 1.0])
             rows.append((name, *(f'{value:.4g}' for value in quantiles)))
-    return _table(('', 'least', 'median', 'largest'), rows)
+    return rows
 
 
 def _values(axis: Axis) -> tuple[str, str]:
-    count = len(axis.values)
-    if axis.spacing == 'list' and count <= _REASONS:
-        return axis.name, ', '.join(map(str, axis.values))
-    return axis.name, f'{axis.values[0]} to {axis.values[-1]}, {count} values, {axis.spacing}'
+    values = list(map(str, axis.values))
+    if axis.spacing == 'list' and len(values) <= _REASONS:
+        return axis.name, ', '.join(values)
+    return axis.name, f'{values[0]} to {values[-1]}, {len(values)} values, {axis.spacing}'

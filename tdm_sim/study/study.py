@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import timedelta
-from itertools import zip_longest
+from functools import partial
 import json
 import os
 from pathlib import Path
@@ -38,9 +38,11 @@ Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]
 _SAVED = 10.0  # s between two times at which the table is saved, and between lines that stay
 MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 STATEMENT = 'study.json'
-ENDINGS = ('.parquet', '.csv')
 _FIGURES = ('cost', 'duration', 'solve_time', 'evaluations')
-_TEXTS = dict.fromkeys(('code', 'reason', 'lost'), pa.string())
+# Where all texts are empty, CSV cannot tell that they are texts.
+_TEXTS = csv.ConvertOptions(column_types=dict.fromkeys(('code', 'reason', 'lost'), pa.string()))
+_READERS = {'.parquet': parquet.read_table, '.csv': partial(csv.read_csv, convert_options=_TEXTS)}
+_WRITERS = {'.parquet': parquet.write_table, '.csv': csv.write_csv}
 
 
 def run(
@@ -91,8 +93,10 @@ def run(
     points = points_of(axes)
     trial = Trial(kind, shared, closed_loop)
     folder = None if output is None else Path(output)
-    if ending not in ENDINGS:
-        raise InvalidProblem(f"the table cannot end in '{ending}': must be {' or '.join(ENDINGS)}")
+    if ending not in _WRITERS:
+        raise InvalidProblem(
+            f"the table cannot end in '{ending}': must be {' or '.join(_WRITERS)}"
+        )
     if folder is not None:
         named = problem if isinstance(problem, str) else f'{kind.__module__}:{kind.__qualname__}'
         statement = {  # the same statement gives the same table
@@ -103,14 +107,15 @@ def run(
             'closed_loop': closed_loop and asdict(closed_loop),
         }
         _claim(folder, statement)
-    table = Table(None if folder is None else folder / f'table{ending}')
-    done = table.rows
-    left = [row for row in range(len(points)) if row not in done]
+    table = Table(folder and folder / f'table{ending}')
+    left = sorted({*range(len(points))} - table.rows)
     if left:
-        kept = f', {len(done)} of which are there' if done else ''
+        kept = f', {len(table.rows)} of which are there' if table.rows else ''
         say.phase(f'planning {len(points)} times{kept}')
         with workers(scheduler, processes) as client:
-            _collect(table, points, each(client, trial, points, trial.lost, left), say)
+            lost = _row(PlannerFault.code, 'every process that computed it died')
+            results = each(client, trial, [points[row] for row in left], lambda _: lost)
+            _collect(table, points, ((left[k], row) for k, row in results), say)
     found = table.save()
     if folder is not None:
         say.phase(f'drawing {folder}')
@@ -141,10 +146,10 @@ def _collect(table: Table, points: Sequence[Point], results: Iterator[Any], say:
 @dataclass(frozen=True)
 class Trial:
     """
-    Computes a point: the plan and, with a closed loop, its runs.
+    Computes the row of a point without its parameters: the plan and, in a closed loop, its runs.
 
-    `parameters` are those that all points share. The result is the row without its parameters. It
-    depends on the point alone, not on the clock or the order of points.
+    `parameters` are those that all points share. The row depends on the point alone, not on the
+    clock or the order of points.
     """
 
     problem: type[Problem]
@@ -156,8 +161,7 @@ class Trial:
         try:
             problem = self.problem.from_parameters({**self.parameters, **point})
             solution = problem.solve(counted=True)
-            figures = [float(solution.cost), float(solution.duration), solution.solve_time]
-            row = _row('', '', *figures, solution.evaluations)
+            row = _row('', '') | {name: getattr(solution, name) for name in _FIGURES}
             worst = solution.verification.worst
             row |= {f'{MARGIN}{name}': float(value) for name, value in worst.items()}
             if self.closed_loop is not None:
@@ -169,15 +173,10 @@ class Trial:
             return _row(PlannerFault.code, f'{type(error).__name__}: {error}')
         return row
 
-    def lost(self, _: Point) -> Row:
-        """Return the row of a point at which every process died."""
-        return _row(PlannerFault.code, 'every process that computed it died')
 
-
-def _row(code: str, reason: str, *figures: float) -> Row:
-    """Return a row; without figures that of a point without a plan."""
-    told = dict(zip_longest(_FIGURES, figures))
-    return {'verified': not code, 'code': code, 'reason': reason, **told}
+def _row(code: str, reason: str) -> Row:
+    """Return a row without figures."""
+    return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
 
 
 class Table:
@@ -187,8 +186,11 @@ class Table:
         self._path = path
         self._kept = pa.table({'row': pa.array([], pa.int64())})
         self._fresh: list[Mapping[str, Any]] = []
-        if path is not None and path.is_file():
-            self._kept = _read(path)
+        try:
+            if path is not None and path.is_file():
+                self._kept = _READERS[path.suffix](path)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
 
     @property
     def rows(self) -> set[int]:
@@ -197,61 +199,48 @@ class Table:
 
     def add(self, row: Mapping[str, Any]) -> None:
         """Take a row; its column `row` is its number."""
-        self._fresh.append(row)
+        self._fresh.append({name: cell(value) for name, value in row.items()})
 
     def save(self) -> pa.Table:
         """Return all rows in their order, written to the disk; UnusableFile if that fails."""
-        if self._fresh:
-            names = dict.fromkeys(name for row in self._fresh for name in row)
-            columns = {name: [_cell(row.get(name)) for row in self._fresh] for name in names}
-            both = [self._kept, pa.table(columns)]
-            found = pa.concat_tables(both, promote_options='permissive').sort_by('row')
-            # Margins by name: an order that does not depend on which rows came first.
-            last = sorted(n for n in found.column_names if n.startswith((MARGIN, FLOWN)))
-            first = [name for name in found.column_names if name not in last]
-            self._kept = found.select([*first, *reversed(last)]).combine_chunks()
-            self._fresh = []
-            if self._path is not None:
-                _write(self._kept, self._path)
+        if not self._fresh:
+            return self._kept
+        names = dict.fromkeys(name for row in self._fresh for name in row)
+        fresh = pa.table({name: [row.get(name) for row in self._fresh] for name in names})
+        found = pa.concat_tables([self._kept, fresh], promote_options='permissive').sort_by('row')
+        # Margins by name: an order that does not depend on which rows came first.
+        last = sorted(name for name in found.column_names if name.startswith((MARGIN, FLOWN)))
+        first = [name for name in found.column_names if name not in last]
+        self._kept, self._fresh = found.select([*first, *reversed(last)]).combine_chunks(), []
+        if self._path is not None:
+            new = self._path.with_suffix('.new')
+            try:
+                _WRITERS[self._path.suffix](self._kept, new)
+                os.replace(new, self._path)
+            except OSError as error:
+                text = f"the table '{self._path}' cannot be written: {error.strerror}"
+                raise UnusableFile(text) from None
         return self._kept
 
 
-def _cell(value: Any) -> Any:
+def cell(value: Any) -> Any:
+    """Return a value as the table has it: lists as text."""
     return json.dumps(value) if isinstance(value, (list, tuple)) else value
-
-
-def _read(path: Path) -> pa.Table:
-    try:
-        if path.suffix == '.csv':  # where all texts are empty, it cannot tell that they are texts
-            return csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=_TEXTS))
-        return parquet.read_table(path)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
-
-
-def _write(table: pa.Table, path: Path) -> None:
-    new = path.with_suffix('.new')
-    try:
-        (csv.write_csv if path.suffix == '.csv' else parquet.write_table)(table, new)
-        os.replace(new, path)
-    except OSError as error:
-        raise UnusableFile(f"the table '{path}' cannot be written: {error.strerror}") from None
 
 
 def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
     """Take a folder for the study of this statement, a new one or that of the same study."""
-    asked = json.dumps(finite(statement), indent=1) + '\n'
-    path = folder / STATEMENT
+    asked, path = json.dumps(finite(statement), indent=1) + '\n', folder / STATEMENT
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.is_file():
             path.write_text(asked, encoding='utf-8')
-        elif path.read_text(encoding='utf-8') != asked:
-            raise UnusableFile(
-                f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
-            )
+        same = path.read_text(encoding='utf-8') == asked
     except OSError as error:
         raise UnusableFile(f"the folder '{folder}' cannot be used: {error.strerror}") from None
+    if not same:
+        said = f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
+        raise UnusableFile(said)
 
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:

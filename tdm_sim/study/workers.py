@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -53,7 +52,11 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
             yield client
         return
     with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
-        with _children_deaf():
+        # Threads and processes ignore SIGINT, which a terminal sends to all of them; in this
+        # thread it is pending meanwhile. A resource tracker that starts later unblocks it.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
             local = LocalCluster(
                 n_workers=count or len(os.sched_getaffinity(0)),
                 threads_per_worker=1,
@@ -62,23 +65,10 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
                 local_directory=scratch,
                 silence_logs=logging.CRITICAL,
             )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with local, Client(local) as client:
             yield client
-
-
-@contextmanager
-def _children_deaf() -> Iterator[None]:
-    """
-    Start threads and processes that ignore SIGINT, which a terminal sends to all of them.
-
-    In this thread it is pending meanwhile.
-    """
-    resource_tracker.ensure_running()  # where it starts later, it unblocks the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def each(
@@ -86,26 +76,23 @@ def each(
     work: Callable[[Argument], Result],
     arguments: Sequence[Argument],
     lost: Callable[[Argument], Result] | None = None,
-    indices: Sequence[int] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """
     Yield the index of every argument and the result of `work`, in the order of completion.
 
-    With `indices` only those arguments are worked on. The task of a worker that died goes to
-    another. For an argument that ends every worker, `lost` gives the result; without it
-    `KilledWorker` is raised. Arguments are sent in batches of about half a second, a few at a
-    time.
+    The task of a worker that died goes to another. For an argument that ends every worker, `lost`
+    gives the result; without it `KilledWorker` is raised. Arguments are sent in batches of about
+    half a second, a few at a time.
     """
     total = sum(client.nthreads().values()) or 1
-    indices = range(len(arguments)) if indices is None else indices
-    waiting, left = iter(indices), len(indices)
-    alone: deque[int] = deque()  # of batches that were lost
+    waiting, left = iter(range(len(arguments))), len(arguments)
+    alone: list[int] = []  # of batches that were lost
     batches: dict[Future, list[int]] = {}
     running = as_completed(loop=client.loop)
     size = 1
 
     def start() -> None:
-        batch = [alone.popleft()] if alone else list(islice(waiting, size))
+        batch = [alone.pop()] if alone else list(islice(waiting, size))
         if batch:
             given = [arguments[index] for index in batch]
             future = client.submit(_worked, work, given, pure=False)
@@ -120,9 +107,8 @@ def each(
             results, seconds = future.result()
         except KilledWorker:
             if len(batch) > 1:
-                alone.extend(batch)
-                for _ in batch:
-                    start()
+                alone += batch
+                start()
                 continue
             if lost is None:
                 raise

@@ -30,7 +30,7 @@ from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, checked, parse_axis, points_of
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.pictures import draw, write_page
-from tdm_sim.study.study import _collect, Table, Trial
+from tdm_sim.study.study import _collect, cell, Table, Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
 WEAK = {'limits.torque': 1e-4, 'solver.deadline': 0.05}
@@ -264,7 +264,7 @@ def rows_of(axes: list[Axis]) -> list[dict]:
 
 
 def columns_of(rows: list[dict]) -> dict[str, list]:
-    return {name: [row.get(name) for row in rows] for name in rows[0]}
+    return {name: [cell(row.get(name)) for row in rows] for name in rows[0]}
 
 
 @pytest.mark.parametrize('closed', [False, True])
@@ -276,6 +276,7 @@ def columns_of(rows: list[dict]) -> dict[str, list]:
         ([Axis('x', (1.0, 2.0), 'linear'), KINDS], MAPS),
         ([Axis('x', (1.0, 2.0, 0.2), 'random'), Axis('y', (1.0, 2.0, 0.0), 'random')], MAPS),
         ([Axis('x', (1.0, 2.0)), Axis('y', (1, 2)), KINDS], MAPS),
+        ([Axis('x', (1.0, 2.0)), Axis('y', (['a'], ['a', 'b']))], MAPS),
         ([], []),
     ],
 )
