@@ -18,7 +18,7 @@ from pathlib import Path
 import sqlite3
 import time
 from types import MappingProxyType
-from typing import Any, ClassVar, get_type_hints, Literal, Self
+from typing import Any, ClassVar, get_type_hints, Literal
 
 from rclpy.qos import QoSProfile
 from rosbags.interfaces import Qos, QosTime
@@ -195,7 +195,7 @@ class BagWriter(Writer):
         with suppress(OSError):  # the disk may be read-only by now
             self._reserve.unlink()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> BagWriter:
         """Make the folder and open the files in it."""
         try:
             self.open()
