@@ -258,7 +258,7 @@ def write_page(
     ]
     for title, head, rows in tables:
         lines = [_line(head, 'th'), '</thead><tbody>', *(_line(row, 'td') for row in rows)]
-        cards.append(card(title, f'<table><thead>{"".join(lines)}</tbody></table>'))
+        cards.append(card(title, f'<table class="study"><thead>{"".join(lines)}</tbody></table>'))
     over = ', '.join(f'{axis.name} ({len(axis.values)} values)' for axis in axes)
     subtitle = f'{sum(columns["verified"])} of {len(columns["row"])} plans verified; {over}'
     page = page_html(f'Study of {problem}', subtitle, (cards[::2], cards[1::2]))
