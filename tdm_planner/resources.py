@@ -23,7 +23,7 @@ def share_directory() -> Path:
     The first of: the prefixes of a sourced ROS 2 workspace (colcon), the Python environment (pip),
     the source tree (an editable installation, or none).
 
-    Raise FileNotFoundError naming the folders that were tried.
+    Raise FileNotFoundError, naming the folders that were tried, if it is in none.
     """
     tried = [prefix / 'share' / PACKAGE for prefix in (*ament_prefixes(PACKAGE), Path(sys.prefix))]
     tried.append(Path(__file__).resolve().parents[1])
@@ -47,7 +47,7 @@ def executable_of(package: str, name: str) -> str:
     """
     Path of the program that ``ros2 run PACKAGE NAME`` runs.
 
-    Raise InvalidProblem saying what to install.
+    Raise InvalidProblem, saying what to install, if it is not installed.
     """
     for prefix in ament_prefixes(package):
         found = shutil.which(name, path=prefix / 'lib' / package)
@@ -64,7 +64,7 @@ def config_file(name: str) -> Path:
     """
     Path of the parameter file `name`, e.g. ``pendulum.yaml``.
 
-    Raise FileNotFoundError listing the parameter files there are.
+    Raise FileNotFoundError, listing the parameter files there are, if there is no such file.
     """
     folder = share_directory() / 'config'
     path = folder / name

@@ -94,7 +94,7 @@ def require_one_ros() -> None:
     """
     Go on only where ROS 2 is there once, natively or as wheels: both would be loaded at random.
 
-    Raise ImportError naming both, and the ways out.
+    Raise ImportError if there are two, naming both, and the ways out.
     """
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     native = [p for p in prefixes if p and any(Path(p).glob('lib/python*/*-packages/rclpy'))]

@@ -145,7 +145,7 @@ class BagWriter(Writer):
     @property
     def size(self) -> int:
         """Bytes on disk, metadata aside."""
-        with suppress(OSError):  # somebody has removed it
+        with suppress(OSError):  # the file was removed
             return int(self._storage.path.stat().st_size)
         return 0
 

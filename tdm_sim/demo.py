@@ -47,7 +47,8 @@ _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its
 _LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
-_OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
+# `parameters.yaml` is of demos of earlier versions.
+_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'cost_terms',
               'verification', 'summary', 'parameters')  # fmt: skip

@@ -62,9 +62,9 @@ class Scene:
     """
     Planner, trackers and plants in the planner's namespace and below it, seen from outside.
 
-    `file` is the parameter file of all nodes, if any; `parts` are the nodes, plants first. `now`
-    is the instant [s] of the newest state, in the plants' time; -inf before the first. `heard_at`
-    is the monotonic time at which it, or the plan, was heard.
+    `file` is the parameter file of all nodes, if any; `parts` are the nodes, a plant before its
+    tracker. `now` is the instant [s] of the newest state, in the plants' time; -inf before the
+    first. `heard_at` is the monotonic time at which it, or the plan, was heard.
     """
 
     def __init__(
@@ -119,7 +119,9 @@ class Scene:
         self._plan, self.heard_at = json.loads(message.data), time.monotonic()
 
     def _on_state(self, message: JointState) -> None:
-        self.now, self.heard_at = seconds_of(message.header.stamp), time.monotonic()
+        now = seconds_of(message.header.stamp)
+        if now > self.now:  # a clock that stands still is silence
+            self.now, self.heard_at = now, time.monotonic()
 
     def missing(self, client: Client) -> list[str]:
         """

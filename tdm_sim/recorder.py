@@ -72,7 +72,7 @@ class Recorder(Node):
     """
     A node that subscribes topics as they appear and hands their messages to a writer.
 
-    `topics` are names as users give them; which are recorded says `is_wanted`.
+    `topics` are names as users give them; `is_wanted` says which are recorded.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ def record(
     """
     Record topics to the new folder `output` until SIGINT or SIGTERM; return the final figures.
 
-    What is recorded says `is_wanted`, also of topics that appear later. Raise RecordingError if
+    `is_wanted` says what is recorded, also of topics that appear later. Raise RecordingError if
     the folder exists or cannot be made, or the storage is unknown; IncompleteRecording if the disk
     gets full: the bag holds, and is closed with, what was recorded until then.
     """

@@ -62,7 +62,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('pendulum_plant', '/clock'): 'simulated time, with `publish_clock`',
     ('pendulum_plant', 'reset'): 'back to the initial state',
     ('pendulum_plant', 'push'): 'one impulse of `disturbance.impulse`',
-    ('pendulum_plant', '/diagnostics'): 'time-outs, ignored commands, violated limits',
+    ('pendulum_plant', '/diagnostics'): 'time-outs, ignored commands, resets',
     ('robot_plant', 'joint_command'): 'thrust, its direction and rate, wheel torque',
     ('robot_plant', 'joint_states'): 'joints `thruster`, `reaction_wheel`',
     ('robot_plant', 'odom'): 'pose and velocity in the frame `arena`',
@@ -70,7 +70,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('robot_plant', '/clock'): 'simulated time, with `publish_clock`',
     ('robot_plant', 'reset'): 'back to the initial state',
     ('robot_plant', 'push'): 'one impulse of `disturbance.impulse`',
-    ('robot_plant', '/diagnostics'): 'time-outs, ignored commands, violated limits',
+    ('robot_plant', '/diagnostics'): 'time-outs, ignored commands, resets',
 }
 
 # By dotted key; `*` stands for names that depend on the problem.

@@ -55,7 +55,7 @@ class Call:
         return self._found
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=32)
 def _mapped(function: Any, count: int) -> Any:
     return function.map(count)
 

@@ -142,7 +142,8 @@ class RateWatch:
         """Return a sentence where the rate is not held, '' otherwise."""
         # At a few Hz, one tick more or less must not count.
         measured = self.measured()
-        if self._now() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
+        early = not self._ticks or self._now() - self._began < _WINDOW
+        if early or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
             return ''
         return (
             f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'

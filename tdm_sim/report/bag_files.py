@@ -52,11 +52,7 @@ Wanted = Callable[[str, str], bool]
 
 
 def check_recording(path: Path) -> None:
-    """
-    Reject what cannot be a recording.
-
-    Raise UnreadableRecording saying what it is instead.
-    """
+    """Raise UnreadableRecording for what cannot be a recording, saying what it is instead."""
     if not path.exists():
         raise UnreadableRecording(f"there is no file or folder '{path}'")
     if path.is_dir():

@@ -165,7 +165,9 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
             lost = lost or str(reason)
             continue
         verdict = judge(mission)
-        assert verdict is not None  # all of a flight is known
+        if verdict is None:
+            lost = lost or 'the flight cannot be judged: its states are not finite'
+            continue
         caught += all(map(_at_goal, mission.vehicles))
         held += verdict.reached
         lost = lost or next(iter(verdict.reasons), verdict.undecided)

@@ -153,7 +153,7 @@ def check_task(task: FormationTask) -> None:
     """
     Check arena, starts and goals.
 
-    Raise InvalidProblem naming robot or parameter, the value and what is allowed.
+    Raise InvalidProblem if one is not allowed, naming robot or parameter, and what is allowed.
     """
     for name, inertia, acceleration in (
         ('thrust', 'mass', task.thrust),

@@ -13,7 +13,7 @@ where the angle is the argument of everything else.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any, ClassVar
 
@@ -148,9 +148,9 @@ class StatedMethod(Search[Solution]):
         for number, turns in enumerate(self._goals()):
             share = _FIRST_SHARE if number == 0 else 1.0
             until = self.budget.part(share * self.budget.remaining)
-            search = StatedSwingUp.of(self._task, turns, self._one_way).search(
-                until, self._rng, self._previous
-            )
+            task = replace(self._task, whole_range=True)  # it is planned for once
+            stated = StatedSwingUp.of(task, turns, self._one_way)
+            search = stated.search(until, self._rng, self._previous)
             try:
                 plan = search.run()
             except Infeasible as error:

@@ -103,7 +103,8 @@ class SwitchingMethod(Search[Candidate]):
         previous: Candidate | None = None,
     ) -> None:
         super().__init__(budget)
-        self._task = task
+        # An earlier plan may need all of the disk's range.
+        self._task = replace(task, whole_range=previous is not None)
         self._rng = rng
         self._arcs = arcs
         self._tolerance = tolerance
@@ -232,6 +233,7 @@ class SwitchingMethod(Search[Candidate]):
         """
         if self._previous is not None:
             self._previous = None
+            self._task = replace(self._task, whole_range=False)
             return True
         if self.rejected:
             self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
