@@ -11,8 +11,8 @@ reserved for what must be written at the end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import sqlite3
@@ -157,19 +157,24 @@ class BagWriter(Writer):
         """
         definition, type_hash = definition_and_hash(type_name, publishers[0].topic_type_hash)
         offers = [_offered(item.qos_profile) for item in publishers]
-        with self._failing():
+        try:
             return self.add_connection(
                 topic, type_name, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
             )
-        raise RecordingError(self.failure)
+        except StorageError as error:
+            self._fail(error)
+            raise RecordingError(self.failure) from None
 
     def write(self, connection: Any, timestamp: int, data: bytes | memoryview) -> None:
         """Write one serialized message received at `timestamp` [ns since the epoch]."""
-        if not self.failure:
-            with self._failing():
-                super().write(connection, timestamp, data)
-            self._open += len(data)
-            self.keep()
+        if self.failure:
+            return
+        try:
+            super().write(connection, timestamp, data)
+        except StorageError as error:
+            self._fail(error)
+        self._open += len(data)
+        self.keep()
 
     def keep(self) -> None:
         """Let what has been written survive a kill, every second; to be called often."""
@@ -177,19 +182,17 @@ class BagWriter(Writer):
         due = now - self._completed >= LONGEST_OPEN or self._open > self._storage.MOST_OPEN
         if due and not self.failure:
             self._completed, self._open = now, 0
-            with self._failing():
+            try:
                 self._storage.complete()
+            except StorageError as error:
+                self._fail(error)
 
-    @contextmanager
-    def _failing(self) -> Iterator[None]:
+    def _fail(self, error: Exception) -> None:
         """Make a failure of the storage that of the bag: what was written before is rescued."""
-        try:
-            yield
-        except StorageError as error:
-            self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
-            self._release()
-            with suppress(*StorageError):
-                self._storage.rescue(self.counts)
+        self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
+        self._release()
+        with suppress(*StorageError):
+            self._storage.rescue(self.counts)
 
     def _release(self) -> None:
         with suppress(OSError):  # the disk may be read-only by now
@@ -204,16 +207,22 @@ class BagWriter(Writer):
                 f"the folder '{self.path}' cannot be made: {_reason(error)}"
             ) from None
         self._storage: Any = self.storage
-        with self._failing(), self._reserve.open('xb') as file:
-            os.posix_fallocate(file.fileno(), 0, RESERVE)
+        try:
+            with self._reserve.open('xb') as file:
+                os.posix_fallocate(file.fileno(), 0, RESERVE)
+        except OSError as error:
+            self._fail(error)
         return self
 
     def __exit__(self, *error: object) -> Literal[False]:
         """Write index and metadata, also after an error: the messages stay readable."""
         self._release()
         for _ in range(2):  # the second time after the storage was put in order
-            with self._failing():
+            try:
                 self.close()
+            except StorageError as error:
+                self._fail(error)
+            else:
                 return False
         self.failure += '; it has no index'
         self.abort()
