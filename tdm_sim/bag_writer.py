@@ -220,8 +220,8 @@ class BagWriter(Writer):
         for _ in range(2):  # the second time after the storage was put in order
             try:
                 self.close()
-            except StorageError as error:
-                self._fail(error)
+            except StorageError as full:
+                self._fail(full)
             else:
                 return False
         self.failure += '; it has no index'
