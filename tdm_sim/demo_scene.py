@@ -74,6 +74,7 @@ class Scene:
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
+        self._after = view_of(problem).settling + HOLD_TIME + _AFTER  # the planned end
         self._plan: dict[str, Any] = {}
         self._figures: dict[str, dict[str, str]] = {}  # by node
 
@@ -157,8 +158,7 @@ class Scene:
     @property
     def over(self) -> bool:
         """Whether there was time to reach the goal and to hold it."""
-        after = view_of(self.problem).settling + HOLD_TIME + _AFTER
-        return self.planned and self._since > self._plan['duration'] + after
+        return self.planned and self._since > self._plan['duration'] + self._after
 
     def status(self) -> str:
         """Return the live line."""

@@ -110,7 +110,8 @@ def run(
     table = Table(folder and folder / f'table{ending}')
     left = sorted({*range(len(points))} - table.rows)
     if left:
-        kept = f', {len(table.rows)} of which are there' if table.rows else ''
+        done = len(points) - len(left)
+        kept = f', {done} of which are there' if done else ''
         say.phase(f'planning {len(points)} times{kept}')
         with workers(scheduler, processes) as client:
             lost = _row(PlannerFault.code, 'every process that computed it died')
