@@ -120,7 +120,7 @@ class RateWatch:
     def __init__(self, rate: float, clock: Clock) -> None:
         self.rate = rate
         self._clock = clock
-        self._began = self._now()
+        self._began = math.inf  # with the first tick: simulated time is 0 until /clock is heard
         self._ticks: deque[float] = deque(maxlen=math.ceil(_WINDOW * rate) + 1)
 
     def _now(self) -> float:
@@ -129,11 +129,11 @@ class RateWatch:
     def tick(self) -> None:
         """Note that the timer has fired."""
         now = self._now()
-        self._began = self._began or now  # simulated time is 0 until a message came on /clock
+        self._began = min(self._began, now)
         self._ticks.append(now)
 
     def measured(self) -> float:
-        """Return the rate of the last two seconds, or since the beginning [Hz]."""
+        """Return the rate of the last two seconds, or since the first [Hz]."""
         now = self._now()
         recent = sum(tick > now - _WINDOW for tick in self._ticks)
         return recent / max(min(now - self._began, _WINDOW), 1.0 / self.rate)
@@ -142,8 +142,7 @@ class RateWatch:
         """Return a sentence where the rate is not held, '' otherwise."""
         # At a few Hz, one tick more or less must not count.
         measured = self.measured()
-        early = not self._ticks or self._now() - self._began < _WINDOW
-        if early or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
+        if self._now() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
             return ''
         return (
             f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'
