@@ -22,7 +22,7 @@ from tdm_planner.nodes.reading import nanoseconds_of
 
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
-_PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more
+_PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more, usually
 
 
 class _Follower:
@@ -30,25 +30,28 @@ class _Follower:
     A topic whose stamps show the simulated time of another node.
 
     A message is due in every step, until one has been waited for in vain: then the node publishes
-    more seldom. While time waits for it, what it publishes is no measure of its period.
+    more seldom, or was away. Its period is the shortest seen since.
     """
 
-    def __init__(self, node: Node, topic: str, step: int) -> None:
+    def __init__(self, node: Node, topic: str, step: int, patience: float) -> None:
         self.step = self.period = step  # ns
+        self.patience = patience  # s
         self.stamp = 0  # ns
         self.heard_at = -math.inf
         node.create_subscription(JointState, topic, self._on_message, NEWEST)
 
     def _on_message(self, message: JointState) -> None:
         stamp = nanoseconds_of(message.header.stamp)
+        gap = stamp - self.stamp
         if self.silent:
-            gap = stamp - self.stamp
             self.period = gap if self.step < gap <= _LONGEST_PERIOD * self.step else self.step
+        elif gap > 0:
+            self.period = min(self.period, max(gap, self.step))
         self.stamp, self.heard_at = stamp, time.monotonic()
 
     @property
     def silent(self) -> bool:
-        return time.monotonic() - self.heard_at > _PATIENCE
+        return time.monotonic() - self.heard_at > self.patience
 
     def lags(self, now: int) -> bool:
         """Whether its message of the simulated instant `now` [ns], or an earlier one, is due."""
@@ -61,10 +64,14 @@ class ClockSource:
 
     Simulated time begins with the computer's and runs `speed` times as fast. It advances in whole
     steps, so that timers of that period fire in every one, and waits at each for the publishers of
-    the topics `followers`: a busy computer delays a motion, and does not change it.
+    the topics `followers`: a busy computer delays a motion, and does not change it. One that is
+    silent for `patience` s of real time is not waited for.
     """
 
-    def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
+    def __init__(
+        self, node: Node, step: float, speed: float, followers: Sequence[str],
+        patience: float = _PATIENCE,
+    ) -> None:  # fmt: skip
         if ros_clock(node).ros_time_is_active:
             # The node publishes /clock itself and must not subscribe to it.
             Node.set_parameters_atomically(node, [Parameter('use_sim_time', value=False)])
@@ -73,7 +80,7 @@ class ClockSource:
         self._source.ros_time_is_active = True
         self._source.attach_clock(node.get_clock())
         self._step = round(1e9 * step)  # ns
-        self._followers = [_Follower(node, topic, self._step) for topic in followers]
+        self._followers = [_Follower(node, topic, self._step, patience) for topic in followers]
         self._time = time.time_ns()
         self._due = 0.0  # steps, with the fraction of the next
         self._last = time.monotonic()

@@ -27,6 +27,7 @@ UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
 QUEUE = 20_000  # messages that may wait where every one counts
 CLOCK_STEP = 0.005  # s, the period of tracker and plant
+STALL = 8.0  # s of real time for which a busy computer may hold up one of them
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
 DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -218,7 +219,7 @@ class Ros:
         """Publish `/clock`, and wait at each step for the topics of `followers`, if they live."""
         from tdm_sim.clock_source import ClockSource
 
-        self._clock = ClockSource(self.node, CLOCK_STEP, 1.0, followers)
+        self._clock = ClockSource(self.node, CLOCK_STEP, 1.0, followers, STALL)
 
     @property
     def seconds(self) -> float:

@@ -65,15 +65,28 @@ def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
     assert told.ros.set_parameters(PLANT, real_time_factor=0.5) == ['']
     commands = told.ros.publisher('/slow/joint_command')
     command = JointState(name=['disk'], effort=[0.0])
-    now = told.listen(0.1)[-1]
-    for _ in range(2):  # as one that has stopped at that instant
-        command.header.stamp = to_stamp(int(now))
+
+    def publish(stamp: int) -> int:
+        command.header.stamp = to_stamp(stamp)
         commands.publish(command)
         told.ros.settle()
+        return stamp
+
+    now = int(told.listen(0.1)[-1])
+    for _ in range(2):  # as one that has stopped at that instant
+        publish(now)
     shown = told.listen(1.9)
     assert now <= shown[-1] <= now + STEP
     shown = told.listen(0.5)
     assert shown[-1] - shown[0] > 0.2e9
+    # One that was away for five steps, and publishes in every step again.
+    now = publish(int(told.listen(0.1)[-1]))
+    told.ros.spin_for(2.1)
+    for step in (5, 6):
+        publish(now + step * STEP)
+    now = publish(int(told.listen(0.1)[-1]))
+    shown = told.listen(1.0)
+    assert now <= shown[-1] <= now + STEP
     told.ros.node.destroy_publisher(commands)
 
 
