@@ -237,16 +237,14 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     from rich.console import Console
-    from tdm_planner.problem_check import check_problem, show
+    from tdm_planner.problem_check import check_problem
 
     problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
-    checked = check_problem(
-        problem_class.from_parameters(read_parameters(options.params, options.set))
-    )
-    show(checked, Console())
-    for reason in checked.reasons:
+    problem = problem_class.from_parameters(read_parameters(options.params, options.set))
+    reasons = check_problem(problem, Console())
+    for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')
-    return EXIT_USAGE if checked.reasons else EXIT_DONE
+    return EXIT_USAGE if reasons else EXIT_DONE
 
 
 def _demo(options: argparse.Namespace) -> int:

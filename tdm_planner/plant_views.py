@@ -310,7 +310,7 @@ class StatedView(PlantView):
 
     def end_conditions(self, time: float, state: Array) -> Array:
         """Return the conditions, of order one, as shares of what is allowed."""
-        found = self._stated.conditions('end_conditions', np.array([time]), state[None])
+        found = self._stated.parts('end_conditions', np.array([time]), state[None])
         return np.array([float(value[0]) / _ALLOWED for value in found])
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import time
 
 import numpy as np
@@ -29,95 +28,75 @@ from tdm_planner.problems.problem import Problem
 _NODES, _REPEATED = 25, 20
 
 
-@dataclass(frozen=True)
-class Compared:
+def check_problem(problem: Problem, console: Console | None = None) -> list[str]:
     """
-    A state's rate by `invert` and by `derivative`, at the node where they differ most.
+    Trace everything that a problem states, compare it, and print what was found.
 
-    That of a state which is `integrated` is taken from `derivative` alone: nothing is compared.
-    """
-
-    state: str
-    by_inverse: float
-    rate: float
-    agrees: bool
-    integrated: bool
-
-
-@dataclass(frozen=True)
-class Checked:
-    """
-    What was found of a statement.
-
-    `rates` compares the equations; `limits` what is left to every limit at the start, None where
-    that depends on what is free, `short` of which it is less than the reserve; `ends` what is
-    given at the start and at the end, by name, NaN where it is free; `seconds` what one evaluation
-    of a motion takes, and one with first and second derivatives.
-    """
-
-    rates: tuple[Compared, ...]
-    limits: dict[str, float | None]
-    short: list[str]
-    ends: dict[str, tuple[float, float]]
-    baked: tuple[str, ...]
-    seconds: tuple[float, float]
-
-    @property
-    def reasons(self) -> list[str]:
-        """Return what is wrong, a sentence each; none if the statement can be planned for."""
-        found = [
-            f"derivative gives the rate of '{row.state}' = {row.rate:.6g}, the states of invert "
-            f'change by {row.by_inverse:.6g}: one of the two is wrong'
-            for row in self.rates
-            if not row.agrees
-        ]
-        found += [
-            f"the start violates the limit '{name}' by {-value:.3g}"
-            for name, value in self.limits.items()
-            if value is not None and value < 0.0
-        ]
-        return found + self.short
-
-
-def check_problem(problem: Problem) -> Checked:
-    """
-    Trace everything that a problem states, and compare it.
-
-    Raise InvalidProblem for what cannot be traced, or does not fit together.
+    Return what is wrong, a sentence each; none if the statement can be planned for. Raise
+    InvalidProblem for what cannot be traced, or does not fit together.
     """
     if not isinstance(problem, DirectProblem):
         raise InvalidProblem(
             f"problem '{problem.name}' brings its own transcription: only a DirectProblem states "
             'equations that can be checked'
         )
+    console = console or Console(quiet=True)
     check_statement(problem)
     pair = {name: np.zeros(2) + 0.1 * k for k, name in enumerate(problem.state_names)}
     StatedView(problem).drawing(pair, {})  # a report draws all instants at once
     stated = CheckedFormulation(problem)
     program = Transcription(problem, chebyshev_nodes(_NODES))
     program.begin(program.first_guess)
-    ends = Ends.of(stated)
-    names = (*stated.state_names, *stated.control_names)
-    given = np.concatenate([ends.states, ends.controls], axis=1).T.tolist()
     rng = np.random.default_rng(1)
     xi = program.first_guess + 0.3 * rng.normal(size=program.size) / np.sqrt(program.size)
-    by_inverse, rates, wrong = rates_of(program, xi)
-    compared = []
-    for index, state in enumerate(stated.state_names):
-        gaps = np.nan_to_num(np.abs(by_inverse - rates)[:, index])
-        node = int(np.argmax(gaps))
-        values = float(by_inverse[node, index]), float(rates[node, index])
-        alone = state in problem.integrated()
-        compared.append(Compared(state, *values, agrees=not wrong[index], integrated=alone))
+    ends = Ends.of(stated)
     limits = check_ends(stated, ends, refuse=False)
-    return Checked(
-        rates=tuple(compared),
-        limits=limits,
-        short=short_of_reserve(stated, limits),
-        ends={name: (start, end) for name, (start, end) in zip(names, given, strict=True)},
-        baked=tuple(program.trace.fixed),
-        seconds=_timed(program, xi),
+
+    reasons = _compare_rates(program, xi, console)
+    table = Table('', 'at the start', 'at the end')
+    names = (*stated.state_names, *stated.control_names)
+    given = np.concatenate([ends.states, ends.controls], axis=1).T
+    for name, pair_of in zip(names, given, strict=True):
+        table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in pair_of))
+    console.print(table)
+    table = Table('limit', 'margin at the start')
+    for name, value in limits.items():
+        table.add_row(name, 'depends on free values' if value is None else f'{value:.4g}')
+        if value is not None and value < 0.0:
+            reasons.append(f"the start violates the limit '{name}' by {-value:.3g}")
+    if limits:
+        console.print(table)
+    if program.trace.fixed:
+        console.print(
+            'constants of the traced functions, for `if`, math or float on them; to change one '
+            'traces the problem again: ' + ', '.join(program.trace.fixed)
+        )
+    one, both = _timed(program, xi)
+    console.print(
+        f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
+        f'{1e3 * both:.3f} ms'
     )
+    return reasons + short_of_reserve(stated, limits)
+
+
+def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:
+    """Print every state's rates at the node where they differ most; return which are wrong."""
+    table = Table('state', 'rate by invert', 'rate by derivative', '')
+    by_inverse, rates, wrong = rates_of(program, xi)
+    reasons = []
+    for index, state in enumerate(program.formulation.state_names):
+        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
+        inverse, rate = by_inverse[node, index], rates[node, index]
+        verdict = '[bold red]differ' if wrong[index] else 'agree'
+        verdict = 'integrated: not compared' if state in program.integrated else verdict
+        table.add_row(state, f'{inverse:.6g}', f'{rate:.6g}', verdict)
+        if wrong[index]:
+            reasons.append(
+                f"derivative gives the rate of '{state}' = {rate:.6g}, the states of invert "
+                f'change by {inverse:.6g}: one of the two is wrong'
+            )
+    console.print(table)
+    return reasons
 
 
 def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
@@ -130,33 +109,3 @@ def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
     for _ in range(_REPEATED):
         program.derivatives(point, None)
     return (middle - began) / _REPEATED, (time.perf_counter() - middle) / _REPEATED
-
-
-def show(checked: Checked, console: Console) -> None:
-    """Print tables of what was found."""
-    table = Table('state', 'rate by invert', 'rate by derivative', '')
-    for row in checked.rates:
-        verdict = 'agree' if row.agrees else '[bold red]differ'
-        verdict = 'integrated: not compared' if row.integrated else verdict
-        table.add_row(row.state, f'{row.by_inverse:.6g}', f'{row.rate:.6g}', verdict)
-    console.print(table)
-    table = Table('', 'at the start', 'at the end')
-    for name, given in checked.ends.items():
-        table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in given))
-    console.print(table)
-    if checked.limits:
-        table = Table('limit', 'margin at the start')
-        for name, value in checked.limits.items():
-            left = 'depends on free values' if value is None else f'{value:.4g}'
-            table.add_row(name, left)
-        console.print(table)
-    if checked.baked:
-        console.print(
-            'constants of the traced functions, for `if`, math or float on them; to change one '
-            'traces the problem again: ' + ', '.join(checked.baked)
-        )
-    one, both = checked.seconds
-    console.print(
-        f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
-        f'{1e3 * both:.3f} ms'
-    )

@@ -169,27 +169,15 @@ class CheckedFormulation:
             shares[meant] = share
         return shares
 
-    def running_cost(self, times: Values, states: Values, controls: Values) -> Values:
-        """Return the integrand of J, (K,)."""
-        found = self._call('running_cost', times, components(states), components(controls))
-        return self._shaped('running_cost gives J', found, times.shape)
-
-    def final_cost(self, times: Values, states: Values) -> Values:
-        """Return the part of J that the end determines, (K,), from (K,) and (K, nx)."""
-        found = self._call('final_cost', times, components(states))
-        return self._shaped('final_cost gives J', found, times.shape)
-
-    def conditions(self, function: str, times: Values, states: Values) -> list[Values]:
-        """
-        Return what must vanish at an end, (K,) each, from (K,) and (K, nx).
-
-        `function` is 'start_conditions' or 'end_conditions'.
-        """
-        found = self._call(function, times, components(states))
+    def parts(self, function: str, times: Values, *others: Values) -> list[Values]:
+        """Return a cost, or what must vanish at an end, (K,) each, from (K,), (K, nx), (K, nu)."""
+        found, what = self._call(function, times, *map(components, others)), f'{function} gives'
+        if function.endswith('_cost'):
+            return [self._shaped(f'{what} J', found, times.shape)]
         if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
             raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
         return [
-            self._shaped(f'{function} gives number {index}', value, times.shape)
+            self._shaped(f'{what} number {index}', value, times.shape)
             for index, value in enumerate(found)
         ]
 
@@ -360,12 +348,14 @@ def _stated_values(
                 yield f"{what} '{name}'", value, False
     for name, value in stated.margins(times, states, controls).items():
         yield f"margins gives '{name}'", value, False
-    yield 'running_cost gives J', stated.running_cost(times, states, controls), False
-    start, end = (times[:1], states[:1]), (times[-1:], states[-1:])
-    yield 'final_cost gives J', stated.final_cost(*end), True
-    for function, side, at_end in (
-        ('start_conditions', start, False),
-        ('end_conditions', end, True),
+    for function, at in (
+        ('running_cost', slice(None)),
+        ('final_cost', slice(-1, None)),
+        ('start_conditions', slice(0, 1)),
+        ('end_conditions', slice(-1, None)),
     ):
-        for index, value in enumerate(stated.conditions(function, *side)):
-            yield f'{function} gives number {index}', value, at_end
+        given = [values[at] for values in (times, states, controls)]
+        del given[3 if function == 'running_cost' else 2 :]
+        for index, value in enumerate(stated.parts(function, *given)):
+            part = 'J' if function.endswith('_cost') else f'number {index}'
+            yield f'{function} gives {part}', value, at.start == -1

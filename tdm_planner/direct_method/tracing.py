@@ -35,56 +35,62 @@ _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
 _LOCK = threading.Lock()
+_ARGUMENTS = {  # of every function, but for the numbers
+    'invert': 'yz',
+    'derivative': 'xu',
+    'margins': 'txu',
+    'running_cost': 'txu',
+    'final_cost': 'tx',
+    'start_conditions': 'tx',
+    'end_conditions': 'tx',
+}
 
 
-class Expected:
+def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], Array]]:
     """
-    What numpy gives of every function at some nodes, to compare a trace with.
+    Return what numpy gives of every function at some nodes, to compare a trace with.
 
-    They are near the straight way between the boundary conditions, at random. `given` holds every
-    function's arguments (K, n) but for the numbers, `values` (K, m) what it gives.
+    By function: its arguments (K, n) but for the numbers, and what it gives (K, m). The nodes are
+    near the straight way between the boundary conditions, at random.
     """
+    rng, s = np.random.default_rng(0), np.linspace(0.1, 0.9, _SAMPLES)
+    duration = stated.duration().guess
+    outputs = {}
+    for name, output in stated.outputs().items():
+        start, end = (output.conditions(where).get(0) for where in ('start', 'end'))
+        known = [value for value in (start, end) if value is not None] or [0.0]
+        first, last = known[0], known[-1]
+        size = output.scale or abs(last - first) or max(1.0, abs(first))
+        jet = [
+            0.3 * size * rng.normal(size=s.size) / duration**order
+            for order in range(output.derivatives + 1)
+        ]
+        jet[0] += first + (last - first) * s
+        outputs[name] = jet
+    integrated = {
+        name: state.start + 0.3 * state.scale * rng.normal(size=s.size)
+        for name, state in stated.integrated().items()
+    }
 
-    def __init__(self, stated: CheckedFormulation) -> None:
-        rng, s = np.random.default_rng(0), np.linspace(0.1, 0.9, _SAMPLES)
-        duration = stated.duration().guess
-        outputs = {}
-        for name, output in stated.outputs().items():
-            start, end = (output.conditions(where).get(0) for where in ('start', 'end'))
-            known = [value for value in (start, end) if value is not None] or [0.0]
-            first, last = known[0], known[-1]
-            size = output.scale or abs(last - first) or max(1.0, abs(first))
-            jet = [
-                0.3 * size * rng.normal(size=s.size) / duration**order
-                for order in range(output.derivatives + 1)
-            ]
-            jet[0] += first + (last - first) * s
-            outputs[name] = jet
-        integrated = {
-            name: state.start + 0.3 * state.scale * rng.normal(size=s.size)
-            for name, state in stated.integrated().items()
-        }
+    def columns(values: Iterable[Any]) -> Array:
+        return np.array([np.asarray(v, dtype=float) for v in values]).reshape(-1, s.size).T
 
-        def columns(values: Iterable[Any]) -> Array:
-            return np.array([np.asarray(v, dtype=float) for v in values]).reshape(-1, s.size).T
-
-        t = duration * s
-        x, u = stated.invert(outputs, integrated)
-        both = np.hstack([x, u]).astype(float)
-        y = np.stack([value for jet in outputs.values() for value in jet], axis=-1)
-        self.values = {
-            'invert': both,
-            'derivative': np.asarray(stated.derivative(x, u), dtype=float),
-            'margins': columns(stated.margins(t, x, u).values()),
-            'running_cost': columns([stated.running_cost(t, x, u)]),
-            'final_cost': columns([stated.final_cost(t, x)]),
-            'start_conditions': columns(stated.conditions('start_conditions', t, x)),
-            'end_conditions': columns(stated.conditions('end_conditions', t, x)),
-        }
-        parts = columns([t]), *np.split(both, [x.shape[1]], axis=1)
-        self.given = dict.fromkeys(self.values, parts[:2])
-        self.given |= dict.fromkeys(('margins', 'running_cost'), parts)
-        self.given |= {'invert': (y, columns(integrated.values())), 'derivative': parts[1:]}
+    t = duration * s
+    x, u = stated.invert(outputs, integrated)
+    y, z = columns(v for jet in outputs.values() for v in jet), columns(integrated.values())
+    given = {'y': y, 'z': z, 't': columns([t]), 'x': x.astype(float), 'u': u.astype(float)}
+    found = {}
+    for function, names in _ARGUMENTS.items():
+        if function == 'invert':
+            values = columns([*x.T, *u.T])
+        elif function == 'derivative':
+            values = columns(stated.derivative(x, u).T)
+        elif function == 'margins':
+            values = columns(stated.margins(t, x, u).values())
+        else:
+            values = columns(stated.parts(function, *(t, x, u)[: len(names)]))
+        found[function] = [given[name] for name in names], values
+    return found
 
 
 class Trace:
@@ -117,19 +123,19 @@ class Trace:
         jets = {n: ca.SX.sym(n, o.derivatives + 1) for n, o in outputs.items()}
         z = ca.SX.sym('z', len(integrated))
         zs = dict(zip(integrated, ca.vertsplit(z), strict=True)) if integrated else {}
-        xs, us = ca.vertsplit(x), ca.vertsplit(u)
-        ys = {name: ca.vertsplit(jet) for name, jet in jets.items()}
-
-        def made(function: str, inputs: list[Any], *arguments: Any) -> Any:
-            return ca.Function(function, inputs, [_traced(twin, function, arguments)])
-
-        self.invert = made('invert', [ca.vertcat(*jets.values()), z, p], ys, zs)
-        self.rates = made('derivative', [x, u, p], xs, us)
-        self.margins = made('margins', [t, x, u, p], t, xs, us)
-        self.running = made('running_cost', [t, x, u, p], t, xs, us)
-        self.final = made('final_cost', [t, x, p], t, xs)
-        self.start_conditions = made('start_conditions', [t, x, p], t, xs)
-        self.end_conditions = made('end_conditions', [t, x, p], t, xs)
+        symbolic_of = {'y': ca.vertcat(*jets.values()), 'z': z, 't': t, 'x': x, 'u': u}
+        parts = {'y': {n: ca.vertsplit(jet) for n, jet in jets.items()}, 'z': zs, 't': t}
+        parts |= {'x': ca.vertsplit(x), 'u': ca.vertsplit(u)}
+        self.functions = {
+            function: ca.Function(
+                function,
+                [*(symbolic_of[name] for name in names), p],
+                [_traced(twin, function, tuple(parts[name] for name in names))],
+            )
+            for function, names in _ARGUMENTS.items()
+        }
+        self.invert, self.rates, self.margins, self.running, *ends = self.functions.values()
+        self.final, self.start_conditions, self.end_conditions = ends
         everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
         of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
         self.of_states, self.of_controls = of  # limits on more than controls; with a part of them
@@ -163,7 +169,7 @@ class Trace:
                 same = (np.array_equal(found[n], v) for n, v in trace.fixed.items())
                 if all(same) and trace.unfolded.decides_alike(trace.values(stated.formulation)):
                     return trace
-            trace = _make(stated, Expected(stated), list(found))
+            trace = _make(stated, _expected(stated), list(found))
             if len(cls._made) >= _KEPT:
                 cls._made.clear()
             cls._made.setdefault(key, []).append(trace)
@@ -261,7 +267,7 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
     return type(formulation), repr(parts)
 
 
-def _make(stated: CheckedFormulation, expected: Expected, names: list[str]) -> Trace:
+def _make(stated: CheckedFormulation, expected: Mapping[str, Any], names: list[str]) -> Trace:
     """Trace; numbers that cannot be symbols (`if` or math on a parameter) are kept as numbers."""
 
     def attempt(symbolic: list[str]) -> Trace | InvalidProblem:
@@ -335,20 +341,11 @@ def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
     return np.array(which(values, on, 1, True), dtype=bool)
 
 
-def _compare(trace: Trace, stated: CheckedFormulation, expected: Expected) -> None:
+def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, Any]) -> None:
     """Raise InvalidProblem where the trace gives other numbers than numpy."""
-    p = np.tile(trace.values(stated.formulation), (_SAMPLES, 1))
-    for function, traced in (
-        ('invert', trace.invert),
-        ('derivative', trace.rates),
-        ('margins', trace.margins),
-        ('running_cost', trace.running),
-        ('final_cost', trace.final),
-        ('start_conditions', trace.start_conditions),
-        ('end_conditions', trace.end_conditions),
-    ):
-        (found,) = Call(traced, _SAMPLES)(*expected.given[function], p)
-        wanted, (share, least) = expected.values[function], _SAME
+    p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _SAME
+    for function, (given, wanted) in expected.items():
+        (found,) = Call(trace.functions[function], _SAMPLES)(*given, p)
         same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
         if not same.all():
             node, column = np.argwhere(~same)[0]

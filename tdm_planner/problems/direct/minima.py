@@ -10,14 +10,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import NotFinite
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics
 
 Array = NDArray[np.float64]
@@ -55,22 +53,21 @@ class DirectMinima:
 
     def __init__(
         self,
-        problem: Formulation,
+        plant: DirectPlant,
         tolerance: float,
-        trace: Trace,
         budget: Budget,
         rng: np.random.Generator,
     ) -> None:
-        self._tolerance = tolerance
-        self._problem, self._stated = problem, CheckedFormulation(problem)
-        self._trace, self._budget, self._rng = trace, budget, rng
+        self._tolerance, self._budget, self._rng = tolerance, budget, rng
+        self._stated, self._trace = plant.stated, plant.trace
+        self._problem = plant.stated.formulation
         self.parts, self.rough, changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
         feasibility = (tolerance, _FEASIBLE)
         self._tight = _TIGHT._replace(steering=steering, feasibility=feasibility)
         check_dynamics(self.rough, changed)
-        check_costs(trace, self.rough.motion(changed), trace.values(problem))
+        check_costs(plant.trace, self.rough.motion(changed), plant.numbers)
 
     def on(self, nodes: Array) -> Transcription:
         """Return the program on other nodes; its cost is not scaled."""

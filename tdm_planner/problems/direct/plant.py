@@ -40,14 +40,14 @@ class DirectPlant:
     `agrees` compares the trace with the statement along a whole plan.
     """
 
-    def __init__(self, formulation: Formulation, trace: Trace | None = None) -> None:
+    def __init__(self, formulation: Formulation) -> None:
         self.stated = CheckedFormulation(formulation)
         self.state_names, self.state_units = formulation.state_names, formulation.state_units
         self.control_names = formulation.control_names
         self.control_units = formulation.control_units
-        self._trace = trace or Trace.of(self.stated)
-        self._numbers = self._trace.values(formulation)
-        self._one = Call(self._trace.rates)
+        self.trace = Trace.of(self.stated)
+        self.numbers = self.trace.values(formulation)
+        self._one = Call(self.trace.rates)
 
     def derivative(self, state: Array, control: Array) -> Array:
         """
@@ -56,7 +56,7 @@ class DirectPlant:
         Raise NotFinite naming the state, if a rate is not a finite number.
         """
         if state.ndim == 1:
-            rates: Array = self._one(state, control, self._numbers)[0].copy()
+            rates: Array = self._one(state, control, self.numbers)[0].copy()
             if np.isfinite(rates).all():
                 return rates
         stacked = self.stated.derivative(state, control)
@@ -70,7 +70,7 @@ class DirectPlant:
 
     def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
         """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
-        return self._trace.integrator.along(trajectory, self._numbers, until)
+        return self.trace.integrator.along(trajectory, self.numbers, until)
 
     def stepped(self, states: Array, first: Array, last: Array, step: Array) -> Array:
         """
@@ -78,7 +78,7 @@ class DirectPlant:
 
         Controls are linear, from `first` to `last` (n, nu).
         """
-        return self._trace.integrator.stepped(states, first, last, step, self._numbers)
+        return self.trace.integrator.stepped(states, first, last, step, self.numbers)
 
     @property
     def control_range(self) -> Array:
@@ -89,7 +89,7 @@ class DirectPlant:
     @cached_property
     def _slopes(self) -> Any:
         """Return the Jacobians by states and controls, column by column, as a CasADi function."""
-        rates = self._trace.rates
+        rates = self.trace.rates
 
         def make() -> Any:
             x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))
@@ -98,7 +98,7 @@ class DirectPlant:
             slopes = ca.jacobian(smooth, ca.vertcat(x, u))
             return ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
 
-        return self._trace.once('slopes', make)
+        return self.trace.once('slopes', make)
 
     @cached_property
     def _one_slope(self) -> Call:
@@ -108,33 +108,33 @@ class DirectPlant:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""
         nx, nu = state.shape[-1], control.shape[-1]
         call = self._one_slope if state.ndim == 1 else Call(self._slopes, len(state))
-        flat = call(state, control, self._numbers)[0]
+        flat = call(state, control, self.numbers)[0]
         slopes = np.swapaxes(flat.reshape(*state.shape[:-1], nx + nu, nx), -1, -2).copy()
         return slopes[..., :nx], slopes[..., nx:]
 
     @cached_property
     def _one_margin(self) -> Call:
-        return Call(self._trace.margins)
+        return Call(self.trace.margins)
 
     def control_margins(self, time: float, state: Array, control: Array) -> Array:
         """Return what is left to the limits in which the controls have a part, (nm,)."""
-        margins = self._one_margin(time, state, control, self._numbers)[0]
-        found: Array = margins[self._trace.of_controls]
+        margins = self._one_margin(time, state, control, self.numbers)[0]
+        found: Array = margins[self.trace.of_controls]
         return found
 
     def linear_limits(
         self, times: Array, states: Array, controls: Array
     ) -> tuple[Array, Array, Array]:
         """Return what is left to the limits at N instants (N, nm), and its slopes (N, nm, n)."""
-        margins, nx, nu = self._trace.margins, states.shape[1], controls.shape[1]
+        margins, nx, nu = self.trace.margins, states.shape[1], controls.shape[1]
 
         def make() -> Any:
             given = [ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txup')]
             slopes = ca.jacobian(margins(*given), ca.vertcat(*given[1:3]))
             return ca.Function('limits', given, [margins(*given), ca.vec(ca.densify(slopes))])
 
-        call = Call(self._trace.once('linear limits', make), times.size)
-        left, slopes = call(times[:, None], states, controls, self._numbers)
+        call = Call(self.trace.once('linear limits', make), times.size)
+        left, slopes = call(times[:, None], states, controls, self.numbers)
         slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
         return left, slopes[..., :nx], slopes[..., nx:]
 
@@ -160,7 +160,7 @@ class DirectPlant:
 
     def rates(self, states: Array, controls: Array) -> Array:
         """Return the rates of states (N, nx) by the trace, NaN where they are no numbers."""
-        return Call(self._trace.rates, len(states))(states, controls, self._numbers)[0]
+        return Call(self.trace.rates, len(states))(states, controls, self.numbers)[0]
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""

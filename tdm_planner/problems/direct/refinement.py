@@ -14,11 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import (
     COLD,
     Collocation,
@@ -67,35 +66,26 @@ class _Flown(NamedTuple):
 
 
 class Refinement:
-    """Collocation of one problem: `trace` of what is stated, `budget` for all of it."""
+    """Collocation of the problem whose plant is given, within a `budget`."""
 
-    def __init__(
-        self,
-        stated: CheckedFormulation,
-        trace: Trace,
-        plant: DirectPlant,
-        budget: Budget,
-    ) -> None:
-        self.trace, self._plant = trace, plant
-        self.numbers = trace.values(stated.formulation)
-        self.ends = Ends.of(stated)
-        self._budget = budget
-        self._given_tolerance = stated.formulation.terminal_tolerance
-        self._units = stated.formulation.state_units
-        duration = stated.duration()
-        self._duration = duration.guess
-        self._durations = (duration.guess,) * 2 if duration.fixed else duration.bounds
-        limits = stated.control_limits
-        both = [limits.get(name, (-np.inf, np.inf)) for name in stated.control_names]
-        both = [pair if np.isfinite(pair).all() else (-1.0, 1.0) for pair in both]
-        self._middle = np.mean(both, axis=1), 0.5 * np.diff(both).ravel()
-        self._reserve = stated.reserves(trace.margin_names)
+    def __init__(self, plant: DirectPlant, budget: Budget) -> None:
+        self._plant, self.trace, self._budget = plant, plant.trace, budget
+        self._stated, self._numbers = plant.stated, plant.numbers
+        self.ends = Ends.of(plant.stated)
+        given = plant.stated.duration()
+        self._duration = given.guess
+        self._durations = (given.guess,) * 2 if given.fixed else given.bounds
+        limits = plant.control_range
+        limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
+        self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
+        self._reserve = plant.stated.reserves(plant.trace.margin_names)
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
-        if self._given_tolerance is None:
-            return usual_tolerance(states, self._units)
-        return np.array(self._given_tolerance, dtype=float)
+        given = self._stated.formulation.terminal_tolerance
+        if given is None:
+            return usual_tolerance(states, self._plant.state_units)
+        return np.array(given, dtype=float)
 
     def goal(self, states: Array) -> Array:
         """Return the goal, (nx,), which is the last of `states` (N, nx) where the end is free."""
@@ -108,24 +98,19 @@ class Refinement:
         guess: Motion,
         settings: Settings,
         until: Budget | None = None,
+        ends: Ends | None = None,
+        reserve: Array | float = 0.0,
     ) -> Motion | None:
-        """Return the optimum on so many intervals near a guess; None if there is none in time."""
-        no_more = np.zeros(self._reserve.size)
-        return self._solve(intervals, guess, settings, self.ends, no_more, until or self._budget)
+        """
+        Return the optimum on so many intervals near a guess; None if there is none in time.
 
-    def _solve(
-        self,
-        intervals: int,
-        guess: Motion,
-        settings: Settings,
-        ends: Ends,
-        reserve: Array,
-        until: Budget,
-    ) -> Motion | None:
+        With other `ends` than those given, and a further `reserve` (nm,) at the limits.
+        """
+        until = until or self._budget
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
-        given = self.numbers, guess, ends, self._durations, kept, until
+        given = self._numbers, guess, ends or self.ends, self._durations, kept, until
         found = program.solve(*given)
         if found is None and settings is WARM and program.has_kinks and not until.spent:
             found = program.solve(*given, roughly=True)
@@ -146,7 +131,8 @@ class Refinement:
         controls = np.tile(middle + _SMALL * half, (s.size, 1))
         duration = self._duration
         if bend:
-            alike = np.array([[a == b for b in self._units] for a in self._units])
+            units = self._plant.state_units
+            alike = np.array([[a == b for b in units] for a in units])
             size = bend * ((alike * np.abs(last - first)).max(axis=1) + _LEAST_BEND)
             for k in (1, 2, 3):
                 states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
@@ -231,7 +217,7 @@ class Refinement:
                 guess, ends, shifts = self._on(motion, 2 * motion.intervals), self.ends, 0
             else:
                 break
-            again = self._solve(guess.intervals, guess, WARM, ends, reserve, self._budget)
+            again = self.solve(guess.intervals, guess, WARM, ends=ends, reserve=reserve)
             if again is None:
                 break
             motion = again
@@ -261,15 +247,15 @@ class Refinement:
         ends, margins = motion.times, self.trace.margins
         times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
         controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
-        flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self.numbers)
+        flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self._numbers)
         if flown is None:
             nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
             unknown = np.full(margins.numel_out(), np.nan)
             return _Flown(nowhere, unknown, unknown, np.nan, nowhere[0], np.inf)
         states = flown.states(times)
-        seen = Call(margins, times.size)(times[:, None], states, controls, self.numbers)[0]
+        seen = Call(margins, times.size)(times[:, None], states, controls, self._numbers)[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
-        cost = self.trace.cost_along(self.numbers, times[at], states[at], controls[at])
+        cost = self.trace.cost_along(self._numbers, times[at], states[at], controls[at])
         miss = states[-1] - self.goal(states)
         gap = float(np.abs(miss / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
@@ -289,10 +275,8 @@ class Refinement:
         return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
 
     def _on(self, motion: Motion, intervals: int) -> Motion:
-        rates: Any = Call(self.trace.rates, motion.intervals + 1)
-        given = motion.states, motion.controls, self.numbers
-        # Where something is at rest they may be 0 / 0.
-        return motion.on(intervals, np.nan_to_num(rates(*given)[0], posinf=0.0, neginf=0.0))
+        rates = self._plant.rates(motion.states, motion.controls)  # 0 / 0 for some at rest
+        return motion.on(intervals, np.nan_to_num(rates, posinf=0.0, neginf=0.0))
 
 
 def prepare_refinement(trace: Trace) -> None:

@@ -24,7 +24,6 @@ from tdm_planner.direct_method.checked_formulation import check_finite, CheckedF
 from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
@@ -85,17 +84,13 @@ class DirectSearch(Search[Candidate]):
         self._stated = CheckedFormulation(problem)
         self._rng, self._seed = rng, int(rng.integers(2**32))
         self._previous = previous
-        trace = self._trace = Trace.of(self._stated)
-        self._plant = DirectPlant(problem, trace)
-        self._refinement = Refinement(self._stated, trace, self._plant, budget)
-        check_limits(trace)
+        self._plant = DirectPlant(problem)
+        self._trace = self._plant.trace
+        self._refinement = Refinement(self._plant, budget)
+        check_limits(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
-        self._found = self._warm = self._hurried = False
-        self._coarse_error = 0.0  # of J on few intervals, if known
-        self._lowest = np.inf  # J on few intervals of what was refined
-        # J of the last motion; of the one that was verified, and of its plan.
-        self._solved, self._accepted = np.inf, (np.inf, np.inf)
+        self._found = self._planned_for = self._warm = False
         self._closest, self._nearest_miss = np.inf, ''
 
     def candidates(self) -> Iterator[Candidate]:
@@ -106,23 +101,20 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if np.isinf(self._accepted[1]):
+        if not self._planned_for:
             yield from self._direct()
 
     def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
-        """Whether its cost, before refinement, is lower by more than rounding."""
+        """Whether its cost is lower by more than rounding."""
         costs = [
             c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
             for c in (candidate, than)
         ]
-        below = costs[1] - _WORTHWHILE * abs(costs[1])
-        if isinstance(candidate, Motion):  # one that was cheaper on few intervals gave no more
-            below = min(below, self._lowest + self._coarse_error)
-        return costs[0] < below
+        return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
-        self._accepted = min(self._accepted, (self._solved, plan.cost), key=lambda both: both[1])
+        self._planned_for = True
         return self._warm
 
     def widen(self) -> bool:
@@ -150,13 +142,18 @@ class DirectSearch(Search[Candidate]):
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the plan; after a failed check, better refined."""
-        if isinstance(candidate, Motion):
-            yield from self._collocated(candidate)
-        else:
+        if isinstance(candidate, Minimum):
             yield from self._minimised(candidate)
+            return
+        for found, states in self._refinement.refined(candidate):
+            xi = np.concatenate([[found.duration], found.controls.ravel()])
+            plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
+            if plan is None:
+                return
+            yield plan
 
     def _refined(self) -> Iterator[Motion]:
-        """Yield solutions on few intervals: of a warm start, else of a few first guesses."""
+        """Yield solutions: of a warm start, else of the first guess and of the cheapest others."""
         if self._previous is not None:
             motion = self._refinement.warm(self._previous.trajectory)
             if motion is not None:
@@ -164,7 +161,7 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._warm = False
         solved: list[Motion] = []
-        hurried = False
+        hurried, error = False, 0.0
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
@@ -176,17 +173,20 @@ class DirectSearch(Search[Candidate]):
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 hurried = _HURRY * self.budget.elapsed > self.budget.remaining
-                self._hurried = hurried
-                yield motion
-                self._hurried = False
+                finer = self._settled(motion, hurried)
+                error = abs(finer.cost - motion.cost)  # of J on few intervals
+                yield finer
             best = min(found.cost for found in solved)
-            most = best + _ALIKE * abs(best) + self._coarse_error
-            again = sum(found.cost <= most for found in solved)
+            again = sum(found.cost <= best + _ALIKE * abs(best) + error for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
             if agreed or len(solved) >= _ENOUGH or late:
                 break
-        yield from sorted(solved[1:], key=lambda found: found.cost)
+        others = sorted(solved[1:], key=lambda found: found.cost)
+        for before, motion in zip([*solved[:1], *others], others, strict=False):
+            if self._planned_for and motion.cost >= before.cost - _WORTHWHILE * abs(before.cost):
+                break
+            yield self._settled(motion)
         if hurried:  # there was time after all
             yield self._settled(solved[0])
 
@@ -230,25 +230,9 @@ class DirectSearch(Search[Candidate]):
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def _collocated(self, coarse: Motion) -> Iterator[Solution]:
-        """Yield the plan of a solution on more intervals, repaired as its replay asks."""
-        self._lowest = min(self._lowest, coarse.cost)
-        settled = self._warm or coarse.intervals >= FINE
-        motion = coarse if settled else self._settled(coarse)
-        solved, planned = self._accepted
-        if motion.cost >= planned or abs(motion.cost - solved) <= _WORTHWHILE * abs(motion.cost):
-            return  # on more intervals it is the motion that was verified, or a dearer one
-        self._solved = motion.cost
-        for found, states in self._refinement.refined(motion):
-            xi = np.concatenate([[found.duration], found.controls.ravel()])
-            plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
-            if plan is None:
-                return
-            yield plan
-
-    def _settled(self, motion: Motion) -> Motion:
+    def _settled(self, motion: Motion, hurried: bool = False) -> Motion:
         """Solve on more intervals, as many as J asks for; in a hurry on few."""
-        intervals, coarse = COARSE if self._hurried else FINE, motion.cost
+        intervals = COARSE if hurried else FINE
         while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
@@ -256,9 +240,8 @@ class DirectSearch(Search[Candidate]):
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
-            if self._hurried or left <= _SETTLED * abs(motion.cost):
+            if hurried or left <= _SETTLED * abs(motion.cost):
                 break
-        self._coarse_error = abs(coarse - motion.cost)
         return motion
 
     def _direct(self) -> Iterator[Candidate]:
@@ -277,9 +260,10 @@ class DirectSearch(Search[Candidate]):
             if minima.feasible(minimum):
                 found = self._found = True
                 yield minimum
-                motion = self._from_minimum(minimum) if self._refines else None
+                guess = next(self._finite(minimum.point.xi), None) if self._refines else None
+                motion = guess and self._refinement.finer(guess, COARSE)
                 if motion is not None:
-                    yield motion
+                    yield self._settled(motion)
             else:
                 self._keep_nearest(minima.program, minimum)
 
@@ -289,14 +273,9 @@ class DirectSearch(Search[Candidate]):
             self._closest = minimum.point.violation
             self._nearest_miss = self._minima.violated(program, minimum)
 
-    def _from_minimum(self, minimum: Minimum) -> Motion | None:
-        """Solve the collocation from a minimum of the direct method; None if that fails."""
-        guess = next(self._finite(minimum.point.xi), None)
-        return guess and self._refinement.finer(guess, COARSE)
-
     @cached_property
     def _minima(self) -> DirectMinima:
-        return DirectMinima(self._problem, self._tolerance, self._trace, self.budget, self._rng)
+        return DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
 
     @property
     def _refines(self) -> bool:
@@ -320,7 +299,7 @@ class DirectSearch(Search[Candidate]):
 
     def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
-        self._solved, minima, minimum = np.inf, self._minima, candidate
+        minima, minimum = self._minima, candidate
         program, nodes = minima.program, minima.program.nodes.size
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)

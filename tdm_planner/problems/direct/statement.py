@@ -27,8 +27,7 @@ Array = NDArray[np.float64]
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
 _END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
-# Of the range of a cost between two looks; looks between these, turns, to find where it is.
-_JUMP, _LOOKS, _TURNS = 0.05, 33, 8
+_JUMP, _LOOKS = 0.05, 100_001  # of the range of a cost between two looks; looks between these
 _NODES = 5, 10_000
 _STARTS = 1, 10_000
 
@@ -140,16 +139,9 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
         jumps = np.nan_to_num(np.abs(np.diff(values)))
         if not size or jumps.max() < _JUMP * size:
             continue
-        low, high = steps[np.argmax(jumps)], steps[np.argmax(jumps) + 1]
-        jump = jumps.max()
-        for _ in range(_TURNS):
-            places = np.linspace(low, high, _LOOKS)
-            apart = np.abs(np.diff(cost(function, places)))
-            if not apart.max() > 0.5 * jumps.max():  # what is only steep flattens out
-                break
-            jump, at = apart.max(), int(np.argmax(apart))
-            low, high = places[at], places[at + 1]
-        else:
+        at = int(np.argmax(jumps))  # what is only steep flattens out
+        jump = np.abs(np.diff(cost(function, np.linspace(steps[at], steps[at + 1], _LOOKS)))).max()
+        if jump > 0.5 * jumps[at]:
             raise InvalidProblem(
                 f'{name} jumps by {jump:.3g} along the initial guess: the '
                 'performance index must be continuous, a steep slope such as np.tanh in place of '
@@ -219,7 +211,7 @@ def constraints_of(
         function: str, at: slice, index: int, times: Array, states: Array, controls: Array
     ) -> Array:
         left = np.full(times.size, _END_TOLERANCE)
-        left[at] -= np.abs(stated.conditions(function, times[at], states[at])[index])
+        left[at] -= np.abs(stated.parts(function, times[at], states[at])[index])
         return left
 
     found = list(limits_of(stated, trajectory, tolerances))
@@ -228,6 +220,6 @@ def constraints_of(
         ('start_conditions', slice(0, 1)),
         ('end_conditions', slice(-1, None)),
     ):
-        for index in range(len(stated.conditions(function, *first))):
+        for index in range(len(stated.parts(function, *first))):
             found.append(Constraint(f'{function} {index}', partial(missed, function, at, index)))
     return tuple(found)

@@ -110,13 +110,11 @@ def prepare_collocation(stated: StatedSwingUp) -> None:
 def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterator[Candidate]:
     """Yield arcs of what collocation makes of a candidate in time: finely and coarsely read."""
     stated = StatedSwingUp.of(replace(task, start_torque=None), candidate.turns)
-    checked = CheckedFormulation(stated)
-    trace = Trace.of(checked)
     motion = trajectory(task, candidate)
     sample = motion.sample(motion.duration * np.linspace(0.0, 1.0, 2 * _INTERVALS + 1))
     states, torques = sample.state, sample.control[::2]
     guess = Motion(states[::2], states[1::2], torques, motion.duration)
-    refinement = Refinement(checked, trace, DirectPlant(stated, trace), until)
+    refinement = Refinement(DirectPlant(stated), until)
     found = refinement.solve(_INTERVALS, guess, _SETTINGS)
     if found is not None:
         shares = np.clip(found.controls[:, 0] / task.torque, -1.0, 1.0)
