@@ -49,9 +49,9 @@ class Shapes(ABC):
     """
 
     @property
-    @abstractmethod
     def size(self) -> int:
         """Return the number of shapes m."""
+        return int(self.values(0.0).size)
 
     @abstractmethod
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -70,11 +70,6 @@ class CombinedShapes(Shapes):
 
     families: tuple[Shapes, ...]
 
-    @property
-    def size(self) -> int:
-        """Return the number of shapes."""
-        return sum(family.size for family in self.families)
-
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
         return np.concatenate([f.values(s, derivative) for f in self.families], axis=-1)
@@ -89,11 +84,6 @@ class SineSeries(Shapes):
     def __post_init__(self) -> None:
         """Check the number of terms."""
         whole(self.terms, 'the number of terms of a sine series', 1, _MOST)
-
-    @property
-    def size(self) -> int:
-        """Return the number of shapes."""
-        return self.terms
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
@@ -133,11 +123,6 @@ class PowerProducts(Shapes):
             for exponent in pair:  # at least 1, for the product to vanish at both ends
                 whole(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
         object.__setattr__(self, 'exponents', pairs)
-
-    @property
-    def size(self) -> int:
-        """Return the number of shapes."""
-        return len(self.exponents)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""
@@ -226,9 +211,8 @@ class PolynomialBasis:
         np.multiply.accumulate(powers, axis=0, out=powers)
         count = coefficients.shape[1] // 2
         block = max(1, _BLOCK // coefficients.size) if coefficients.size else at.size + 1
-        starts = range(block, at.size, block)
-        rows = [part.T @ coefficients for part in np.split(powers, starts, axis=1)]
-        table = rows[0] if len(rows) == 1 else np.concatenate([np.zeros((0, 2 * count)), *rows])
+        parts = np.split(powers, range(block, at.size, block), axis=1)
+        table = np.concatenate([part.T @ coefficients for part in parts])
         both = table.reshape(*at.shape, 2 * count)
         return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))
 
@@ -291,7 +275,6 @@ def basis_of(shapes: Shapes | None, start: Orders, end: Orders, free: int) -> Ou
     else:
         given, varied = _by_conditions(start, end, free)
     matrix = orthonormal(varied, len(start) + len(end), (0, 2))
-
     return OutputBasis(
         start, end, len(matrix), given, lambda s, k: np.asarray(varied(s, k) @ matrix)
     )

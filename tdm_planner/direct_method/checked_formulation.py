@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checks import number, raised, shown
+from tdm_planner.direct_method.checks import number, shown, told
 from tdm_planner.direct_method.formulation import (
     components,
     Duration,
@@ -215,7 +215,7 @@ class CheckedFormulation:
         except TdmError:
             raise
         except Exception as error:  # noqa: B902
-            raise InvalidProblem(raised(self.formulation, function, error)) from error
+            raise InvalidProblem(told(self.formulation, function, error)) from error
 
     def _names(self, kind: str) -> tuple[str, ...]:
         example = "('x', 'v')" if kind == 'state' else "('force',)"

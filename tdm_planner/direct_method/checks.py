@@ -64,33 +64,23 @@ def whole(value: Any, what: str, least: int, most: int) -> int:
     return int(value)
 
 
-def _line(error: Exception) -> tuple[str, str]:
-    """Return where in the user's source an error came up, in words, and that line."""
+def told(formulation: Any, function: str, error: Exception, traced: bool = False) -> str:
+    """
+    Return the sentence that says which line of the user's source raises what.
+
+    In place of that it says what to write, where it is known; if the line is `traced`, always.
+    """
+    where, source = '', ''
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if not frame.filename.startswith(_LIBRARIES):
             source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
             where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
-            return where, source
-    return '', ''
-
-
-def refusal(formulation: Any, function: str, error: Exception) -> str:
-    """Return the sentence that says which line cannot be traced, and what to write instead."""
-    where, source = _line(error)
-    hint = next((hint for word, hint in _HINTS.items() if word in source), _HINT)
-    return f'{function} of {type(formulation).__name__} cannot be traced{where}: {hint}'
-
-
-def raised(formulation: Any, function: str, error: Exception) -> str:
-    """Return the sentence that says which line raises what, and what to write if that is known."""
-    where, source = _line(error)
-    known = isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
+            break
+    known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
     hint = next((hint for word, hint in _HINTS.items() if known and word in source), None)
-    what = ' '.join(str(error).split())
-    return (
-        f'{function} of {type(formulation).__name__} raises {type(error).__name__}{where}: '
-        f'{hint or what}'
-    )
+    what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
+    hint = hint or (_HINT if traced else ' '.join(str(error).split()))
+    return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 
 
 def suspect(formulation: Any, function: str) -> str:

@@ -178,8 +178,7 @@ class Collocation:
     """
     The program of a traced statement on n `intervals`; made once a kind, for any numbers.
 
-    `seconds` of processor time is what making it took: in proportion to the intervals;
-    `has_kinks` whether the running cost or the rates have any.
+    `seconds` of processor time is what making it took: in proportion to the intervals.
     """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
@@ -193,7 +192,6 @@ class Collocation:
         p, sx, su, sl, st, charged = (ca.SX.sym('s', size) for size in sizes)
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
-        self.has_kinks = running.count + motion.count > 0
         self._limits = Call(trace.unfolded.rows, n + 1)
         self._kinks = [Call(one.sizes, n + 1) for one in kinked]
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
@@ -288,27 +286,25 @@ class Collocation:
         durations: tuple[float, float],
         kept: Array,
         budget: Budget,
-        *,
-        roughly: bool = False,
     ) -> Motion | None:
         """
         Return the optimum near `guess`; None if Ipopt does not converge to one in time.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
-        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
+        to every limit at the nodes, and between them.
         """
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         along = times, guess.states, guess.controls, numbers
-        charge = COLD if roughly else self._settings
-        shares = charge.rounding, charge.rounding, _LIMITS_ROUNDING
+        rounding = self._settings.rounding
+        shares = rounding, rounding, _LIMITS_ROUNDING
         running, motion, limits = self._kinks
         with self._lock:
             rows = self._limits(*along)[0].copy()
             inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
             largest = [np.abs(np.nan_to_num(v)).max(axis=0, initial=0.0) for v in inside]
         # How far the kinks of the running cost, the rates and the limits are rounded.
-        rounding = np.concatenate([by * size for by, size in zip(shares, largest, strict=True)])
+        kinks = np.concatenate([by * size for by, size in zip(shares, largest, strict=True)])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
@@ -337,10 +333,10 @@ class Collocation:
         between = np.tile(kept[1, self.inner_limits], n * (1 + len(INNER)))
         least = np.concatenate([np.zeros(self._equalities), kept.ravel(), between])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, rounding + _LEAST_SCALE[1], [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, sl, kinks + _LEAST_SCALE[1], [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
-            given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
+            given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
             self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = bool(self._solver.stats()['success'])

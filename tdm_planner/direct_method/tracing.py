@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.checks import refusal, suspect
+from tdm_planner.direct_method.checks import suspect, told
 from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
@@ -316,7 +316,7 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
             raise
         except Exception as error:  # noqa: B902
             errors.append(error)  # whatever the user's function raises
-    raise InvalidProblem(refusal(twin.formulation, function, errors[0])) from errors[0]
+    raise InvalidProblem(told(twin.formulation, function, errors[0], traced=True)) from errors[0]
 
 
 def _boxed(value: Any) -> Any:

@@ -238,7 +238,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     diagonal = slice(n * (size + 1), None, size + 1)
     hessian.ravel()[diagonal] = SLACK_CURVATURE
     gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
-    rows, least = _elastic_rows(at, n, na, ng)
+    rows, least = _elastic_rows(at, ng)
     lower, upper = np.zeros(size), np.full(size, 1e12)
     lower[:n] = np.maximum(-search.radius, search.program.lower - search.point.xi)
     upper[:n] = np.minimum(search.radius, search.program.upper - search.point.xi)
@@ -263,24 +263,20 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     return _Step(change, float(now - model), slacks, multipliers)
 
 
-def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, Array]:
+def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
     """Rows A z >= b: equalities from both sides, inequalities, absolute terms, in that order."""
-    ne, ni = at.equalities.size, at.inequalities.size
+    (ne, n), ni, na = at.equality_jacobian.shape, at.inequalities.size, at.terms.size
     both, last = 2 * ne, 2 * ne + ni
     rows, least = np.zeros((last + 2 * na, n + na + ng)), np.empty(last + 2 * na)
-    if ne:
-        rows[:ne, :n], rows[ne:both, :n] = at.equality_jacobian, -at.equality_jacobian
-        rows[:both, n + na] = 1.0
-        least[:ne], least[ne:both] = -at.equalities, at.equalities
+    rows[:ne, :n], rows[ne:both, :n] = at.equality_jacobian, -at.equality_jacobian
+    rows[:both, n + na] = 1.0
     rows[both:last, :n] = at.inequality_jacobian
     rows[np.arange(both, last), n + na + at.inequality_groups] = 1.0
-    least[both:last] = -at.inequalities
+    least[:last] = np.concatenate([-at.equalities, at.equalities, -at.inequalities])
     if na:
-        above, below = slice(last, last + na), slice(last + na, None)
-        rows[above, :n], rows[below, :n] = -at.terms_jacobian, at.terms_jacobian
-        terms = slice(n, n + na)
-        rows[above, terms] = rows[below, terms] = np.eye(na)
-        least[above], least[below] = at.terms, -at.terms
+        rows[last:, :n] = np.concatenate([-at.terms_jacobian, at.terms_jacobian])
+        rows[last:, n : n + na] = np.tile(np.eye(na), (2, 1))
+        least[last:] = np.concatenate([at.terms, -at.terms])
     return rows, least
 
 
@@ -323,10 +319,8 @@ def solve_quadratic_program(
     Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
     """
     n, m = gradient.size, least.size
-    above, below = np.full(n + m, _INFINITE), np.empty(n + m)
-    np.minimum(upper, _INFINITE, out=above[:n])
-    np.maximum(lower, -_INFINITE, out=below[:n])
-    below[n:] = least
+    above = np.concatenate([np.minimum(upper, _INFINITE), np.full(m, _INFINITE)])
+    below = np.concatenate([np.maximum(lower, -_INFINITE), least])
     step, _, flag, info = daqp.solve(
         np.ascontiguousarray(hessian),
         np.ascontiguousarray(gradient),

@@ -5,8 +5,8 @@
 The refinement of a motion until its replay confirms it: the part of the search that collocates.
 
 A solution on few intervals is solved again on more; it is replayed and repaired: by a correction
-where it ends beside the goal, or a shifted end if limits are in the way, by a reserve at a limit
-that the replay violates, or by more intervals.
+where it ends beside the goal, by a reserve at a limit that the replay violates, or by more
+intervals.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 # Intervals of the collocation: from first guesses, from earlier plans, of most plans, at most.
 FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
-_SHARE, _NEAR, _SHIFTS = 0.1, 10.0, 3  # of the end's tolerance: to be content, to shift the end
+_SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
@@ -53,15 +53,14 @@ class _Flown(NamedTuple):
     """
     A replay: states (m, nx) at m looks, J.
 
-    `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `miss`
-    (nx,) is what the end is off by, `gap` that in tolerances; all NaN where it fails.
+    `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
+    what the end is off by, in tolerances. Where it fails there are no numbers but an infinite gap.
     """
 
     states: Array
     least: Array
     unit: Array
     cost: float
-    miss: Array
     gap: float
 
 
@@ -98,23 +97,18 @@ class Refinement:
         guess: Motion,
         settings: Settings,
         until: Budget | None = None,
-        ends: Ends | None = None,
         reserve: Array | float = 0.0,
     ) -> Motion | None:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
 
-        With other `ends` than those given, and a further `reserve` (nm,) at the limits.
+        `reserve` (nm,) is kept of the limits beside what is stated.
         """
-        until = until or self._budget
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
-        given = self._numbers, guess, ends or self.ends, self._durations, kept, until
-        found = program.solve(*given)
-        if found is None and settings is WARM and program.has_kinks and not until.spent:
-            found = program.solve(*given, roughly=True)
-        return found
+        given = self._numbers, guess, self.ends, self._durations, kept
+        return program.solve(*given, until or self._budget)
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
         """
@@ -191,33 +185,23 @@ class Refinement:
 
     def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
         """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
-        reserve, ends, shifts = np.zeros(self._reserve.size), self.ends, 0
-        shifted: tuple[Motion, _Flown] | None = None
+        reserve = np.zeros(self._reserve.size)
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
-            if shifted is not None and not flown.gap < shifted[1].gap:  # a shift is of no use
-                (motion, flown), shifts = shifted, _SHIFTS
-            shifted = None
             near = abs(flown.cost - expected) <= _COARSE * abs(flown.cost)
+            landed = flown.gap <= _SHARE and near
             kept = bool((flown.least >= -_TOUCHED).all())
-            if (flown.gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
+            if (landed and kept) or turn == _REPAIRS or self._late:
                 break
-            if flown.gap <= _SHARE and near:
+            if landed:
                 more = flown.unit * (1.0 - (1.1 if turn < 2 else 2.0) * flown.least)
                 reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
                 guess = motion
-            elif near and flown.gap <= _NEAR and shifts < _SHIFTS:
-                shifted = motion, flown
-                ends, shifts = (
-                    replace(ends, states=ends.states - [0.0 * flown.miss, flown.miss]),
-                    1 + shifts,
-                )
-                guess = motion
             elif self.affords(2 * motion.intervals):
-                guess, ends, shifts = self._on(motion, 2 * motion.intervals), self.ends, 0
+                guess = self._on(motion, 2 * motion.intervals)
             else:
                 break
-            again = self.solve(guess.intervals, guess, WARM, ends=ends, reserve=reserve)
+            again = self.solve(guess.intervals, guess, WARM, reserve=reserve)
             if again is None:
                 break
             motion = again
@@ -244,23 +228,21 @@ class Refinement:
     def _replayed(self, motion: Motion) -> _Flown:
         """Replay a motion, controls linear in every interval, to look before the check proper."""
         n, u = motion.intervals, motion.controls
-        ends, margins = motion.times, self.trace.margins
+        ends = motion.times
         times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
         controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
         flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self._numbers)
-        if flown is None:
-            nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
-            unknown = np.full(margins.numel_out(), np.nan)
-            return _Flown(nowhere, unknown, unknown, np.nan, nowhere[0], np.inf)
-        states = flown.states(times)
-        seen = Call(margins, times.size)(times[:, None], states, controls, self._numbers)[0]
+        nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
+        states = nowhere if flown is None else flown.states(times)
+        seen = Call(self.trace.margins, times.size)(
+            times[:, None], states, controls, self._numbers
+        )[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
         cost = self.trace.cost_along(self._numbers, times[at], states[at], controls[at])
-        miss = states[-1] - self.goal(states)
-        gap = float(np.abs(miss / self.tolerance(states)).max())
+        gap = float(np.abs((states[-1] - self.goal(states)) / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
-        return _Flown(states, seen.min(axis=0) / unit, unit, cost, miss, gap)
+        return _Flown(states, seen.min(axis=0) / unit, unit, cost, gap)
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""

@@ -47,7 +47,6 @@ Array = NDArray[np.float64]
 _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
-_PLAIN = 4, 5  # attempt without a minimum: after lines, before
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -161,7 +160,7 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._warm = False
         solved: list[Motion] = []
-        hurried, error = False, 0.0
+        hurried = False
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
@@ -173,11 +172,9 @@ class DirectSearch(Search[Candidate]):
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 hurried = _HURRY * self.budget.elapsed > self.budget.remaining
-                finer = self._settled(motion, hurried)
-                error = abs(finer.cost - motion.cost)  # of J on few intervals
-                yield finer
+                yield self._settled(motion, hurried)
             best = min(found.cost for found in solved)
-            again = sum(found.cost <= best + _ALIKE * abs(best) + error for found in solved)
+            again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
             if agreed or len(solved) >= _ENOUGH or late:
@@ -209,8 +206,6 @@ class DirectSearch(Search[Candidate]):
                 bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
                 rng = np.random.default_rng([self._seed, pair])
                 yield self._refinement.straight(FIRST, bend, rng)
-            elif attempt in _PLAIN:
-                yield from self._finite(minima.rough.first_guess)
             elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
                 yield from self._finite(minimum.point.xi)
@@ -244,7 +239,7 @@ class DirectSearch(Search[Candidate]):
                 break
         return motion
 
-    def _direct(self) -> Iterator[Candidate]:
+    def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of first guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
@@ -260,10 +255,6 @@ class DirectSearch(Search[Candidate]):
             if minima.feasible(minimum):
                 found = self._found = True
                 yield minimum
-                guess = next(self._finite(minimum.point.xi), None) if self._refines else None
-                motion = guess and self._refinement.finer(guess, COARSE)
-                if motion is not None:
-                    yield self._settled(motion)
             else:
                 self._keep_nearest(minima.program, minimum)
 
