@@ -10,10 +10,10 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription
-from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.problem import DirectProblem

@@ -3,8 +3,16 @@
 
 """The direct method itself, free of any plant: sections 2 and 3 of Yakimenko (2006)."""
 
-from tdm_planner.direct_method.bases import PowerProducts, Shapes, SineSeries, symmetric_powers
-from tdm_planner.direct_method.formulation import Duration, Formulation, Integrated, Output
+from tdm_planner.direct_method.formulation import (
+    Duration,
+    Formulation,
+    Integrated,
+    Output,
+    PowerProducts,
+    Shapes,
+    SineSeries,
+    symmetric_powers,
+)
 from tdm_planner.direct_method.nonlinear_program import Budget
 
 __all__ = [

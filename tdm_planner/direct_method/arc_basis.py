@@ -20,17 +20,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bases import basis_of, OutputBasis
+from tdm_planner.direct_method.bases import (
+    arc_derivatives,
+    basis_of,
+    bernstein_basis,
+    OutputBasis,
+    reciprocal,
+    time_derivatives,
+)
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.direct_method.virtual_arc import (
-    arc_derivatives,
-    bernstein_basis,
-    reciprocal,
-    time_derivatives,
-)
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]

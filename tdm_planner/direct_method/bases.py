@@ -2,23 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Functions on the unit interval: polynomials from boundary conditions, Taranenko's shapes, outputs.
+Functions on the unit interval: polynomials from boundary conditions, outputs, the speed factor.
 
-Taranenko's shapes Phi of section 2 of Yakimenko (2006) vanish at both ends. Section 3 has
-polynomials: (2)-(4) give the quintic with x, x', x'' at both ends; every further derivative that
-is prescribed or varied at an end raises the order by one. Here any set of derivatives at either
-end works. System (4) is badly conditioned in raw tau, so it is solved on the unit interval for
-derivatives scaled by the span, in exact rational arithmetic, once for every set of conditions; and
-the polynomial is kept as its Taylor expansions about both ends, evaluated about the nearer one,
-so that the boundary conditions hold to the last bits whatever the span and the order.
+In section 3 of Yakimenko (2006), (2)-(4) give the quintic with x, x', x'' at both ends; every
+further derivative that is prescribed or varied at an end raises the order by one. Here any set of
+derivatives at either end works. System (4) is badly conditioned in raw tau, so it is solved on the
+unit interval, in exact rational arithmetic, once for every set of conditions; the polynomial is
+kept as its Taylor expansions about both ends, evaluated about the nearer one, so that the boundary
+conditions hold to the last bits whatever the span and the order.
 
 The basis of an output is what its boundary conditions determine, and well scaled free shapes.
+
+With the speed factor lambda = dtau/dt of the virtual arc tau, d/dt = lambda d/dtau, so that
+
+    x. = lambda x',   x.. = lambda^2 x'' + lambda lambda' x',   and so on to any order.
+
+Yakimenko (2006) has only the first terms ((20)-(22) leave out lambda'). The maps are linear in
+the derivatives of x and triangular, which is what makes the way back exact; they accept whatever
+can be multiplied and added: numbers, arrays, symbols. Bernstein polynomials are positive wherever
+their coefficients are.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -28,122 +35,18 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.direct_method.checks import shown, whole
+from scipy.fft import dct
+from scipy.interpolate import BPoly
+from tdm_planner.direct_method.formulation import product_derivative, Shapes
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 Orders = tuple[int, ...]
 Sampled = Callable[[ArrayLike, int], Array]  # of s (...) and the derivative's order, (..., m)
 
-_MOST = 100  # terms, and exponents: more cannot be told apart in floating point
 # Multiplications of one matrix product: few enough for the result not to depend on the threads.
 _BLOCK = 65536
 _DEPENDENT = 1e-9  # share of a shape, or of a condition, that the others leave of it
-
-
-class Shapes(ABC):
-    """
-    Functions phi_k(s) on the unit interval with phi_k(0) = phi_k(1) = 0; Phi = sum A_k phi_k.
-
-    Families can be combined: `SineSeries(3) + symmetric_powers(2)`.
-    """
-
-    @property
-    def size(self) -> int:
-        """Return the number of shapes m."""
-        return int(self.values(0.0).size)
-
-    @abstractmethod
-    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """Return the `derivative`-th derivative of every shape at s (...), (..., m)."""
-
-    def __add__(self, other: Shapes) -> Shapes:
-        """Return the shapes of both families."""
-        if not isinstance(other, Shapes):
-            return NotImplemented
-        return CombinedShapes((self, other))
-
-
-@dataclass(frozen=True)
-class CombinedShapes(Shapes):
-    """The shapes of several families, one after the other."""
-
-    families: tuple[Shapes, ...]
-
-    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """Return the derivatives of all shapes, (..., m)."""
-        return np.concatenate([f.values(s, derivative) for f in self.families], axis=-1)
-
-
-@dataclass(frozen=True)
-class SineSeries(Shapes):
-    """sin(k pi s), k = 1..`terms`. All even derivatives vanish at the ends."""
-
-    terms: int
-
-    def __post_init__(self) -> None:
-        """Check the number of terms."""
-        whole(self.terms, 'the number of terms of a sine series', 1, _MOST)
-
-    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """Return the derivatives of all shapes, (..., m)."""
-        k = np.arange(1, self.terms + 1)
-        at = np.asarray(s, dtype=float)[..., None]
-        # From the nearer end, so that the values at both ends are exact.
-        beyond = at > 0.5
-        angle = k * np.pi * np.where(beyond, 1.0 - at, at)
-        parity = np.where(beyond, (-1.0) ** k, 1.0)
-        wave = np.cos(angle) if derivative % 2 else np.where(beyond, -np.sin(angle), np.sin(angle))
-        sign = -1.0 if derivative % 4 in (2, 3) else 1.0
-        return np.asarray(sign * (k * np.pi) ** derivative * parity * wave)
-
-
-@dataclass(frozen=True)
-class PowerProducts(Shapes):
-    """
-    s^m1 (s - 1)^m2 for every pair (m1, m2) of `exponents`, both at least 1.
-
-    In the paper's argument these are (tau - tau_0)^m1 (tau - tau_f)^m2; their coefficients here
-    are the paper's times (tau_f - tau_0)^(m1 + m2), in the unit of x.
-    """
-
-    exponents: Any  # kept as a tuple of pairs
-
-    def __post_init__(self) -> None:
-        """Check the exponents."""
-        try:
-            pairs = tuple((first, second) for first, second in self.exponents)
-        except (TypeError, ValueError):
-            pairs = ()
-        if not pairs:
-            raise InvalidProblem(
-                f'exponents = {shown(self.exponents)} must be pairs, such as [(1, 2), (2, 2)]'
-            )
-        for pair in pairs:
-            for exponent in pair:  # at least 1, for the product to vanish at both ends
-                whole(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
-        object.__setattr__(self, 'exponents', pairs)
-
-    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""
-        at = np.asarray(s, dtype=float)
-        shapes = [product_derivative(at, a, b, derivative) for a, b in self.exponents]
-        return np.stack(shapes, axis=-1)
-
-
-def product_derivative(s: Array, first: int, second: int, derivative: int) -> Array:
-    """Return the `derivative`-th derivative of s^first (s - 1)^second, exponents >= 0."""
-    total = np.zeros_like(s)
-    for j in range(max(0, derivative - second), min(derivative, first) + 1):
-        factor = math.comb(derivative, j) * math.perm(first, j) * math.perm(second, derivative - j)
-        total = total + factor * s ** (first - j) * (s - 1.0) ** (second - derivative + j)
-    return total
-
-
-def symmetric_powers(terms: int) -> PowerProducts:
-    """Return s^k (s - 1)^k, k = 1..`terms`: symmetric about the middle of the arc."""
-    count = whole(terms, 'the number of terms of a series of powers', 1, _MOST)
-    return PowerProducts(tuple((k, k) for k in range(1, count + 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,3 +284,77 @@ def _taranenko(shapes: Shapes, start: Orders, end: Orders) -> tuple[Sampled, Sam
         lambda s, k: np.asarray(line(s, k) + shapes.values(s, k) @ by_given),
         lambda s, k: np.asarray(shapes.values(s, k) @ free),
     )
+
+
+def chebyshev_nodes(count: int) -> Array:
+    """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)))
+
+
+def quadrature_weights(nodes: Array) -> Array:
+    """
+    Return the weights (K,) that integrate functions given at Chebyshev-Lobatto `nodes` (K,).
+
+    They are those of Clenshaw and Curtis, exact for polynomials up to order K - 1.
+    """
+    count = nodes.size
+    k = np.arange(count)
+    moments = np.where(k % 2 == 0, 1.0 / (1.0 - np.where(k % 2 == 0, k, 0) ** 2.0), 0.0)
+    weights = np.asarray(dct(moments, type=1)) / (count - 1)
+    weights[[0, -1]] *= 0.5
+    return weights
+
+
+def bernstein_basis(degree: int, s: ArrayLike, derivative: int = 0) -> Array:
+    """
+    Return the `derivative`-th derivative of B_0..B_degree at s (...), (..., degree + 1).
+
+    That of order -1 is the integral from 0 to s.
+    """
+    return np.asarray(_bernstein(degree, derivative)(np.array(s, dtype=float)))
+
+
+@lru_cache(maxsize=64)
+def _bernstein(degree: int, derivative: int) -> BPoly:
+    return BPoly(np.eye(degree + 1)[:, None], [0.0, 1.0]).derivative(derivative)
+
+
+def time_derivatives(jet: Sequence[Any], factor: Sequence[Any]) -> list[Any]:
+    """
+    Return x, x., x.., ... from x, x', x'', ... and lambda, lambda', ...
+
+    As many as `jet` has; one element less of `factor` is needed.
+    """
+    found, left = [jet[0]], list(jet)
+    while len(left) > 1:
+        left = _product(factor, left[1:])
+        found.append(left[0])
+    return found
+
+
+def arc_derivatives(wanted: Sequence[Any], factor: Sequence[Any]) -> list[Any]:
+    """Return x, x', x'', ... from x, x., x.., ... and lambda, lambda', ...: the way back."""
+    found = [wanted[0]]
+    for order in range(1, len(wanted)):
+        lower = time_derivatives([*found, 0.0 * found[0]], factor[:order])[-1]
+        found.append((wanted[order] - lower) / factor[0] ** order)
+    return found
+
+
+def reciprocal(jet: Sequence[Any]) -> list[Any]:
+    """Return 1/f and its derivatives from f and its derivatives: lambda from dt/dtau."""
+    found = [1.0 / jet[0]]
+    for order in range(1, len(jet)):
+        terms: Any = sum(
+            math.comb(order, j) * jet[j] * found[order - j] for j in range(1, order + 1)
+        )
+        found.append(-terms / jet[0])
+    return found
+
+
+def _product(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
+    """Return the derivatives of a product, as many as the shorter factor has (Leibniz' rule)."""
+    count = min(len(first), len(second))
+    return [
+        sum(math.comb(n, j) * first[j] * second[n - j] for j in range(n + 1)) for n in range(count)
+    ]

@@ -1,31 +1,30 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-What a user states, called with care: what goes wrong in there is said in one sentence.
-
-A user's function may raise, return too many or too few components, other shapes or types than it
-should, or numbers that are not finite.
-"""
+"""Calls the functions of a user's statement and turns their errors into one-sentence messages."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
+import linecache
 import math
-from typing import Any
+from pathlib import Path
+import traceback
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checks import number, shown, told
 from tdm_planner.direct_method.formulation import (
     components,
     Duration,
     Formulation,
     Integrated,
+    number,
     Output,
     Outputs,
+    shown,
 )
 from tdm_planner.exceptions import InvalidProblem, NotFinite, TdmError
 
@@ -33,6 +32,24 @@ Array = NDArray[np.float64]
 Values = NDArray[Any]
 
 _SAME = 1e-9  # share by which a state passed on may differ from itself
+HINTS = {
+    'math.': "use numpy's functions, such as np.sqrt(x)",
+    'float(': 'leave the conversion to float out',
+    'if ': 'use np.where(condition, this, that) in place of `if` on a value',
+    ' and ': 'use np.logical_and(...) in place of `and` on values',
+    ' or ': 'use np.logical_or(...) in place of `or` on values',
+    ' & ': 'use np.logical_and(...) in place of & on values',
+    ' | ': 'use np.logical_or(...) in place of | on values',
+    'min(': 'use np.minimum and np.maximum',
+    'max(': 'use np.minimum and np.maximum',
+    'np.linalg': 'write the formula by components',
+    'pline': 'use a formula in place of a spline',
+    'mean(': 'write what holds at one node: there are no sums over nodes',
+    'sum(': 'write what holds at one node: there are no sums over nodes',
+}
+_SPECS = [find_spec(name) for name in ('casadi', 'numpy', __name__)]
+_LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
+HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
 
 class CheckedFormulation:
@@ -279,8 +296,26 @@ class CheckedFormulation:
             ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class ArcMotion:
+def told(formulation: Any, function: str, error: Exception, traced: bool = False) -> str:
+    """
+    Return the sentence that says which line of the user's source raises what.
+
+    In place of that it says what to write, where it is known; if the line is `traced`, always.
+    """
+    where, source = '', ''
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not frame.filename.startswith(_LIBRARIES):
+            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
+            where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
+            break
+    known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
+    hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
+    what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
+    hint = hint or (HINT if traced else ' '.join(str(error).split()))
+    return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
+
+
+class ArcMotion(NamedTuple):
     """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu)."""
 
     times: Array

@@ -15,14 +15,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import copy
 import dataclasses
+import inspect
 import threading
 from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.checks import suspect, told
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation, HINT, HINTS, told
 from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
@@ -352,7 +352,7 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             number = float(wanted[node, column])
             reason = 'write a formula that gives numbers there'
             if np.isfinite(number):
-                reason = suspect(stated.formulation, function)
+                reason = _suspect(stated.formulation, function)
             raise InvalidProblem(
                 f'{function} of {type(stated.formulation).__name__} gives '
                 f'{_part(stated, function, column)} = {found[node, column]:g} when it is traced, '
@@ -367,3 +367,17 @@ def _part(stated: CheckedFormulation, function: str, column: int) -> str:
         'margins': stated.limit_names,
     }.get(function, ())
     return f"'{names[column]}'" if names else f'number {column}'
+
+
+def _suspect(formulation: Any, function: str) -> str:
+    """Return what may be the cause, from words in the function's source."""
+    try:
+        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
+    except (OSError, TypeError):
+        return HINT
+    words = {w: h for w, h in HINTS.items() if w not in ('if ', ' and ', ' or ')}
+    for number, line in enumerate(lines):
+        hint = next((hint for word, hint in words.items() if word in line), None)
+        if hint:
+            return f'line {first + number}, `{line.strip()}`: {hint}'
+    return 'it must depend on its arguments at the same node alone'

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.arc_basis import ArcBasis, NodeGraphs
+from tdm_planner.direct_method.bases import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import (
     ArcMotion,
     check_finite,
@@ -40,7 +41,6 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.direct_method.virtual_arc import quadrature_weights
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics

@@ -20,13 +20,13 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
-from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
-from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.formulation import Formulation, shown, whole
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription

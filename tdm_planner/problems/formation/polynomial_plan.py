@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import bernstein_basis
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.virtual_arc import bernstein_basis
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_kernels import Values
 from tdm_planner.problems.formation.reference_motion import (

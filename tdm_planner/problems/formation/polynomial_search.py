@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
+from tdm_planner.direct_method.bases import PolynomialBasis
+from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.formation.polynomial_kernels import (

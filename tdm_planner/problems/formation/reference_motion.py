@@ -27,10 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bases import orthonormal, PolynomialBasis
-from tdm_planner.direct_method.virtual_arc import (
+from tdm_planner.direct_method.bases import (
     bernstein_basis,
     chebyshev_nodes,
+    orthonormal,
+    PolynomialBasis,
     quadrature_weights,
 )
 from tdm_planner.plants.compilation import compiled, inlined

@@ -12,6 +12,7 @@ from scipy.optimize import rosen, rosen_der, rosen_hess
 from stated import Cart, changed
 from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method import nonlinear_program as programs
+from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
@@ -22,7 +23,6 @@ from tdm_planner.direct_method.trust_region import (
     solve_quadratic_program,
     TrustRegionOptions,
 )
-from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.pendulum.switching_minimiser import solve_compiled
 from tdm_planner.trajectory import to_nanoseconds, Trajectory

@@ -14,8 +14,14 @@ from obstacle import RoundTheObstacle
 import pytest
 from stated import Car, Cart, changed, LONG, solve
 import table
-from tdm_planner.direct_method import Budget, Duration, Integrated, Output
-from tdm_planner.direct_method.bases import PowerProducts, SineSeries
+from tdm_planner.direct_method import (
+    Budget,
+    Duration,
+    Integrated,
+    Output,
+    PowerProducts,
+    SineSeries,
+)
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Ends, Motion
 from tdm_planner.direct_method.tracing import Trace

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from replays import central, faults
+from tdm_planner.direct_method.bases import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.direct_method.nonlinear_program import Multipliers
-from tdm_planner.direct_method.virtual_arc import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.parameters import RobotStart
