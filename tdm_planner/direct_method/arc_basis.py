@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -119,6 +119,7 @@ class ArcBasis:
         self.duration = duration
         self.layout = layout = ArcLayout.of(outputs, duration)
         self.boundary = boundary_values(layout)
+        self._boundary_call = Call(self.boundary.value)
         self.given = np.array(
             [
                 value
@@ -136,6 +137,7 @@ class ArcBasis:
         self.free = {name: basis.size for name, basis in bases.items()}
         self.timing = 0 if duration.fixed else self.nc
         self.size = self.timing + sum(self.free.values())
+        self.is_linear = not (self.timing and self.nb)  # else boundary values depend on mu
         self.table = self._table(outputs, points)
 
     def _table(self, outputs: Mapping[str, Output], points: Array) -> Array:
@@ -161,20 +163,11 @@ class ArcBasis:
         """Return c (nc,), the coefficients of mu [s]."""
         return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
 
-    @cached_property
-    def _boundary_call(self) -> Call:
-        return Call(self.boundary.value)
-
     def values(self, xi: Array) -> Array:
         """Return w at the points, (P, nw)."""
         c = self._coefficients(xi)
         b = self._boundary_call(c, self.given)[0] if self.nb else np.zeros(0)
         return np.asarray(self.table @ np.concatenate([c, b, np.split(xi, [self.timing])[1]]))
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether w is linear in Xi: no boundary values depend on the coefficients of mu."""
-        return not (self.timing and self.nb)
 
     def slopes(self, xi: Array) -> Array:
         """Return the derivatives of w by Xi, (P, nw, n)."""

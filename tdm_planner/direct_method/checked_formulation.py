@@ -390,7 +390,7 @@ def _stated_values(
         ('end_conditions', slice(-1, None)),
     ):
         given = [values[at] for values in (times, states, controls)]
-        del given[3 if function == 'running_cost' else 2 :]
-        for index, value in enumerate(stated.parts(function, *given)):
+        count = 3 if function == 'running_cost' else 2
+        for index, value in enumerate(stated.parts(function, *given[:count])):
             part = 'J' if function.endswith('_cost') else f'number {index}'
             yield f'{function} gives {part}', value, at.start == -1

@@ -79,7 +79,6 @@ class Shapes(ABC):
         """Return the `derivative`-th derivative of every shape at s (...), (..., m)."""
 
     def __add__(self, other: Shapes) -> Shapes:
-        """Return the shapes of both families."""
         if not isinstance(other, Shapes):
             return NotImplemented
         return CombinedShapes((self, other))
@@ -103,7 +102,6 @@ class SineSeries(Shapes):
     terms: int
 
     def __post_init__(self) -> None:
-        """Check the number of terms."""
         whole(self.terms, 'the number of terms of a sine series', 1, _MOST)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -131,7 +129,6 @@ class PowerProducts(Shapes):
     exponents: Any  # kept as a tuple of pairs
 
     def __post_init__(self) -> None:
-        """Check the exponents."""
         try:
             pairs = tuple((first, second) for first, second in self.exponents)
         except (TypeError, ValueError):
@@ -194,7 +191,6 @@ class Output:
     scale: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
         for where in ('start', 'end'):
             for order in self.conditions(where):
                 whole(order, f'the order of a derivative given at the {where}', 0, _HIGHEST_ORDER)
@@ -248,7 +244,6 @@ class Duration:
     speed_factor_order: int = 0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         given = {'guess': self.guess, 'shortest': self.shortest, 'longest': self.longest}
         for what, value in given.items():
             if value is not None or what == 'guess':
@@ -288,7 +283,6 @@ class Integrated:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         number(self.start, 'the start of an integrated state')
         if self.end is not None:
             number(self.end, 'the end of an integrated state')

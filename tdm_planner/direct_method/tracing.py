@@ -209,10 +209,11 @@ def numbers(formulation: Any) -> dict[str, Array]:
     """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
     found: dict[str, Array] = {}
     for path, value in _leaves(formulation):
-        if isinstance(value, float):
-            found[path] = np.array([value])
-        elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
-            found[path] = np.array(value, dtype=float)
+        several = (value,) if isinstance(value, float) else value
+        if not isinstance(several, list | tuple) or not several:
+            continue
+        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
+            found[path] = np.array(several, dtype=float)
     return found
 
 
@@ -223,10 +224,6 @@ def _leaves(formulation: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
             yield from _leaves(value, f'{prefix}{name}.')
         else:
             yield prefix + name, value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _fields(formulation: Any) -> dict[str, Any]:

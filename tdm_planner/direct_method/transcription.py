@@ -69,7 +69,6 @@ class Transcription(NonlinearProgram):
     ) -> None:
         self.formulation = formulation
         self.nodes = nodes
-        self.reserve = dict(reserve or {})
         self.evaluations = 0
         self.cost_scale = 1.0
         self._stated = CheckedFormulation(formulation)
@@ -88,11 +87,23 @@ class Transcription(NonlinearProgram):
         self.lower = -self.upper
         self.lower[: self.basis.timing] = shortest / duration.guess
         self.upper[: self.basis.timing] = longest / duration.guess
-
-    @property
-    def size(self) -> int:
-        """Return the number of varied parameters."""
-        return int(self.lower.size)
+        self.size = self.basis.size
+        # Integrated states with a given end: index among them, end, scale.
+        states = enumerate(self.integrated.values())
+        self._ended = [(i, s.end, s.scale) for i, s in states if s.end is not None]
+        self._weights, steps = quadrature_weights(nodes), np.diff(nodes)
+        self._step_numbers = np.hstack([np.tile(self._numbers, (steps.size, 1)), steps[:, None]])
+        # Where equalities and margins stand among all values, which begin with J.
+        first = 1 + len(self._ended) + self._graphs.ends + self._graphs.starts
+        self._parts = slice(1, first), slice(first, None)
+        # Whether conditions remain at an end that no reference function meets by itself.
+        self.has_end_conditions = first > 1
+        # What is kept of every limit at the nodes, (K, nm).
+        names, reserve = self.trace.margin_names, reserve or {}
+        self.kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
+        self.kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
+        self.kept[0, ~self.trace.of_controls] = 0.0
+        self.kept[-1, ~self.trace.of_controls] = 0.0
 
     @cached_property
     def first_guess(self) -> Array:
@@ -143,21 +154,6 @@ class Transcription(NonlinearProgram):
         rates, nx = self.basis.layout.rates, len(self._stated.state_names)
         motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:])
         return motion, np.split(wz, [self.basis.layout.size], axis=1)[1]
-
-    @property
-    def has_end_conditions(self) -> bool:
-        """Whether conditions remain at an end that no reference function meets by itself."""
-        return bool(self._parts[0].stop > 1)
-
-    @cached_property
-    def _ended(self) -> list[tuple[int, float, float]]:
-        """Integrated states with a given end: index among them, end, scale."""
-        states = enumerate(self.integrated.values())
-        return [(i, s.end, s.scale) for i, s in states if s.end is not None]
-
-    def cost(self, xi: Array) -> float:
-        """Return J of a candidate (n,)."""
-        return float(self.evaluate(xi).cache[0][0] * self.cost_scale)
 
     def flow(self, xi: Array) -> tuple[Array, Array]:
         """
@@ -330,28 +326,3 @@ class Transcription(NonlinearProgram):
         if key not in self._calls:
             self._calls[key] = Call(getattr(getattr(self._graphs, graph), which), count)
         return self._calls[key]
-
-    @property
-    def _parts(self) -> tuple[slice, slice]:
-        """Where equalities and margins stand among all values, which begin with J."""
-        first = 1 + len(self._ended) + self._graphs.ends + self._graphs.starts
-        return slice(1, first), slice(first, None)
-
-    @cached_property
-    def _weights(self) -> Array:
-        return quadrature_weights(self.nodes)
-
-    @cached_property
-    def _step_numbers(self) -> Array:
-        steps = np.diff(self.nodes)
-        return np.hstack([np.tile(self._numbers, (steps.size, 1)), steps[:, None]])
-
-    @cached_property
-    def kept(self) -> Array:
-        """Return what is kept of every limit at the nodes, (K, nm)."""
-        names = self.trace.margin_names
-        kept = np.tile(self._stated.reserves(names), (self.nodes.size, 1))
-        kept[1:-1] += np.array([self.reserve.get(name, 0.0) for name in names])
-        kept[0, ~self.trace.of_controls] = 0.0
-        kept[-1, ~self.trace.of_controls] = 0.0
-        return kept

@@ -275,7 +275,7 @@ def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
     least[:last] = np.concatenate([-at.equalities, at.equalities, -at.inequalities])
     if na:
         rows[last:, :n] = np.concatenate([-at.terms_jacobian, at.terms_jacobian])
-        rows[last:, n : n + na] = np.tile(np.eye(na), (2, 1))
+        rows[last:, n:-ng] = np.tile(np.eye(na), (2, 1))
         least[last:] = np.concatenate([at.terms, -at.terms])
     return rows, least
 

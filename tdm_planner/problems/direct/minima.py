@@ -104,10 +104,8 @@ class DirectMinima:
     def loose(self, attempt: int) -> Minimum | None:
         """Minimise roughly from the initial guess or, from `attempt` 1 on, a change of it."""
         program = self.rough
-        xi = program.first_guess
-        if attempt:
-            size = _CHANGE[program.has_end_conditions] * attempt
-            xi = self._change(program, min(size, 1.0))
+        size = min(_CHANGE[program.has_end_conditions] * attempt, 1.0)
+        xi = self._change(program, size) if attempt else program.first_guess
         return self._minimise(program, xi, self._budget, self._loose)
 
     def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:

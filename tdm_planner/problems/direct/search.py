@@ -21,7 +21,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import chebyshev_nodes
-from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import check_finite
 from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -79,13 +79,17 @@ class DirectSearch(Search[Candidate]):
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
-        self._problem, self._tolerance, self._refined_too = problem, tolerance, refined
-        self._stated = CheckedFormulation(problem)
+        self._problem, self._tolerance = problem, tolerance
         self._rng, self._seed = rng, int(rng.integers(2**32))
         self._previous = previous
         self._plant = DirectPlant(problem)
-        self._trace = self._plant.trace
+        self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
+        # Not where collocation would lose a boundary condition.
+        self._refines = refined and self._refinement.ends.complete
+        # When minimising before any check has to end [s]: a check takes its time, too.
+        seconds = budget.seconds
+        self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
         check_limits(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
@@ -268,21 +272,10 @@ class DirectSearch(Search[Candidate]):
     def _minima(self) -> DirectMinima:
         return DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
 
-    @property
-    def _refines(self) -> bool:
-        """Whether plans are refined: not where collocation would lose a boundary condition."""
-        return self._refined_too and self._refinement.ends.complete
-
     @cached_property
     def _halves(self) -> Transcription:
         """Return the program on the ends and middles of the first intervals."""
         return self._minima.on(np.linspace(0.0, 1.0, 2 * FIRST * self._minima.parts + 1))
-
-    @property
-    def _latest(self) -> float:
-        """When minimising before any check has to end [s]: a check takes its time, too."""
-        seconds = self.budget.seconds
-        return seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
 
     @property
     def _late(self) -> bool:
@@ -330,7 +323,8 @@ class DirectSearch(Search[Candidate]):
             self.rejected = str(error)
             return None
         given = motion.times, motion.states, motion.controls
-        return self._planned(*given, 'cubic', program.cost(xi), xi)
+        cost = minimum.point.cost * program.cost_scale
+        return self._planned(*given, 'cubic', cost, xi)
 
     # What is written, and its check.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,14 @@ def check_statement(problem: Formulation) -> None:
             )
     whole(problem.nodes, 'nodes', *_NODES)
     whole(problem.starts, 'starts', *_STARTS)
-    if problem.terminal_tolerance is not None:
-        _check_tolerance(problem.terminal_tolerance, len(problem.state_names))
+    tolerance, count = problem.terminal_tolerance, len(stated.state_names)
+    if tolerance is not None:
+        values = list(tolerance) if isinstance(tolerance, tuple | list | np.ndarray) else []
+        if len(values) != count or not all(isinstance(v, Real) and v > 0 for v in values):
+            raise InvalidProblem(
+                f'terminal_tolerance = {shown(tolerance)} is not allowed: must be {count} '
+                'positive numbers, one for each state, inf where any end will do'
+            )
     given = problem.feedback_weights()
     if given is not None:
         sizes = len(stated.state_names), len(stated.control_names)
@@ -65,18 +72,6 @@ def check_statement(problem: Formulation) -> None:
                 raise InvalidProblem(
                     f'feedback_weights gives {what} of shape {shape}, expected {(count, count)}'
                 )
-
-
-def _check_tolerance(tolerance: Any, count: int) -> None:
-    try:
-        found = np.asarray(tolerance)
-    except ValueError:  # nested sequences of several lengths
-        found = np.asarray(None)
-    if found.dtype.kind not in 'iuf' or found.shape != (count,) or not (found > 0).all():
-        raise InvalidProblem(
-            f'terminal_tolerance = {shown(tolerance)} is not allowed: must be {count} positive '
-            'numbers, one for each state, inf where any end will do'
-        )
 
 
 def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -196,8 +191,7 @@ def limits_of(
         return stated.margins(times, states, controls)[name]
 
     names = list(stated.margins(trajectory.times, trajectory.states, trajectory.controls))
-    allowed = np.broadcast_to(tolerances, len(names)).tolist()
-    pairs = zip(names, allowed, strict=True)
+    pairs = zip(names, np.broadcast_to(tolerances, len(names)).tolist(), strict=True)
     return tuple(Constraint(name, partial(margin, name), least) for name, least in pairs)
 
 
