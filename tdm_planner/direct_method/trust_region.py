@@ -255,17 +255,15 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
         + search.penalties @ slacks
     )
     now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
-    both = 2 * ne
-    last = both + at.inequalities.size
-    multipliers = Multipliers(
-        equalities=dual[ne:both] - dual[:ne], inequalities=dual[both:last], tags=at.tags
-    )
+    above, below, limits, _ = np.split(dual, np.cumsum([ne, ne, at.inequalities.size]))
+    multipliers = Multipliers(below - above, limits, at.tags)
     return _Step(change, float(now - model), slacks, multipliers)
 
 
 def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
     """Rows A z >= b: equalities from both sides, inequalities, absolute terms, in that order."""
-    (ne, n), ni, na = at.equality_jacobian.shape, at.inequalities.size, at.terms.size
+    parts = at.gradient, at.equalities, at.inequalities, at.terms
+    n, ne, ni, na = (part.size for part in parts)
     both, last = 2 * ne, 2 * ne + ni
     rows, least = np.zeros((last + 2 * na, n + na + ng)), np.empty(last + 2 * na)
     rows[:ne, :n], rows[ne:both, :n] = at.equality_jacobian, -at.equality_jacobian
