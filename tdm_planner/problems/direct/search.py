@@ -156,7 +156,7 @@ class DirectSearch(Search[Candidate]):
             yield plan
 
     def _refined(self) -> Iterator[Motion]:
-        """Yield solutions: of a warm start, else of the first guess and of the cheapest others."""
+        """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
         if self._previous is not None:
             motion = self._refinement.warm(self._previous.trajectory)
             if motion is not None:
