@@ -15,12 +15,12 @@ that belong to the answer by `plan_summary`, and reads them with the joints that
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
 import json
 import threading
 import time
-from typing import Any
+from typing import Any, TypeVar
 import uuid
 
 import numpy as np
@@ -34,17 +34,17 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan, SECOND
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
+T = TypeVar('T')
+
 _BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
 _REMEMBERED = 64  # plans, and motions of all vehicles
-_SECOND = 1_000_000_000  # ns
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _LOOK = 0.05  # s between looks at what comes without a callback
-_FIGURES = ('plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary')
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +100,14 @@ class PlanClient:
         self._executor = SingleThreadedExecutor(context=node.context)
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
-        self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id
-        self._last: Mapping[str, Any] | None = None  # of them
-        self._newest: tuple[Mapping[str, Any], PlanResult] | None = None
+        self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id, the newest last
+        self._newest: tuple[Mapping[str, Any], PlanResult | None] = {}, None
         self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
         self._subscriptions: dict[str, Any] = {}
         self._client = node.create_client(
             SetParametersAtomically, f'{self._prefix}plan_with', qos_profile=SERVICE
         )
-        self._told = self._subscribe('plan_summary', String, self._on_summary)
+        self._subscribe('plan_summary', String, self._on_summary)
 
     def __enter__(self) -> PlanClient:
         """Return the client."""
@@ -185,11 +184,15 @@ class PlanClient:
         answer = json.loads(result.reason)
         if not result.successful:
             raise _BY_CODE[answer['code']](answer['reason'])
-        missing = f'the messages of plan {answer["plan_id"]} did not come within {timeout:g} s'
-        self._wait(lambda: self._found(answer) is not None, end - time.monotonic(), missing)
-        found = self._found(answer)
-        assert found is not None
-        return found
+        warnings, plan_id = tuple(answer.pop('warnings', ())), answer['plan_id']
+
+        def found() -> PlanResult | None:
+            summary = self._summaries.get(plan_id, {})
+            told = answer.items() <= summary.items()
+            return self._read(summary) if told else None
+
+        missing = f'the messages of plan {plan_id} did not come within {timeout:g} s'
+        return replace(self._wait(found, end - time.monotonic(), missing), warnings=warnings)
 
     @property
     def newest(self) -> PlanResult | None:
@@ -198,16 +201,14 @@ class PlanClient:
 
         It is known as far as the node has been served.
         """
-        told = self._last
-        if told is not None and (self._newest is None or self._newest[0] is not told):
-            found = self._read(told)
-            if found is not None:
-                self._newest = told, found
-        return None if self._newest is None else self._newest[1]
+        told = next(reversed(self._summaries.values()), self._newest[0])
+        if told is not self._newest[0] and (found := self._read(told)) is not None:
+            self._newest = told, found
+        return self._newest[1]
 
     # What was received.
 
-    def _subscribe(self, topic: str, kind: Any, callback: Callable[[Any], None]) -> Any:
+    def _subscribe(self, topic: str, kind: Any, callback: Callable[[Any], None]) -> None:
         def take(message: Any) -> None:
             callback(message)
             self._news.set()
@@ -216,11 +217,10 @@ class PlanClient:
             self._subscriptions[topic] = self._node.create_subscription(
                 kind, f'{self._prefix}{topic}', take, _LATCHED
             )
-        return self._subscriptions[topic]
 
     def _connected(self) -> bool:
-        published = self._node.count_publishers(self._told.topic_name) > 0
-        return published and bool(self._client.service_is_ready())
+        topic = self._subscriptions['plan_summary'].topic_name
+        return self._node.count_publishers(topic) > 0 and bool(self._client.service_is_ready())
 
     def _on_summary(self, message: String) -> None:
         try:
@@ -229,27 +229,15 @@ class PlanClient:
             for topic in topics:
                 self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
             _remember(self._summaries, summary['plan_id'], summary)
-            self._last = summary
         except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
             return  # not a planner's
 
     def _on_trajectory(self, topic: str, message: JointTrajectory) -> None:
         _remember(self._messages, (topic, nanoseconds_of(message.header.stamp)), message)
 
-    def _found(self, answer: Mapping[str, Any]) -> PlanResult | None:
-        """Return the plan of an answer once its summary and all its motions have come."""
-        warnings = tuple(answer.get('warnings', ()))
-        figures = {name: value for name, value in answer.items() if name != 'warnings'}
-        summary = self._summaries.get(answer['plan_id'])
-        if summary is None or any(summary[name] != value for name, value in figures.items()):
-            return None
-        return self._read(summary, warnings)
-
-    def _read(
-        self, summary: Mapping[str, Any], warnings: tuple[str, ...] = ()
-    ) -> PlanResult | None:
+    def _read(self, summary: Mapping[str, Any]) -> PlanResult | None:
         """Return the plan that a summary tells of; None until all its motions have come."""
-        start = summary['stamp']['sec'] * _SECOND + summary['stamp']['nanosec']
+        start = summary['stamp']['sec'] * SECOND + summary['stamp']['nanosec']
         trajectories = {}
         for vehicle, told in summary['vehicles'].items():
             topics = (f'{vehicle}/trajectory', 'trajectory')
@@ -258,19 +246,17 @@ class PlanClient:
                 return None
             trajectories[vehicle] = read_plan(_kind(told), messages[0], told['interpolation'])
         return PlanResult(
-            **{name: summary[name] for name in _FIGURES},
+            **{f.name: summary[f.name] for f in fields(PlanResult) if f.name in summary},
             start=start,
             trajectories=trajectories,
-            parameters=summary['parameters'],
-            warnings=warnings,
         )
 
     # Waiting.
 
-    def _wait(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
+    def _wait(self, condition: Callable[[], T | None], timeout: float, otherwise: str) -> T:
         """Serve the node, or wait for who serves it, until `condition` holds; NoAnswer if not."""
         end = time.monotonic() + timeout
-        while not condition():
+        while not (found := condition()):
             left = end - time.monotonic()
             if left <= 0.0:
                 raise NoAnswer(otherwise)
@@ -279,6 +265,7 @@ class PlanClient:
             else:
                 self._news.wait(min(left, _LOOK))
                 self._news.clear()
+        return found
 
 
 def _remember(kept: dict[Any, Any], key: Any, value: Any) -> None:

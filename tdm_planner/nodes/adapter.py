@@ -1,35 +1,48 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Connects a problem to ROS: the plants' states and trackers, plan messages, markers."""
+"""Connects a problem to ROS: the plants' states, trackers and goals, plan messages, markers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+import math
+import textwrap
 from typing import Any, TypeVar
 
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.drawing import DrawnPath
-from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.exceptions import Failure, InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.markers import plan_markers
+from tdm_planner.nodes.markers import MARKER_DEPTH, Pen, Picture, plan_markers
+from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
+from tdm_planner.nodes.reading import check_frame, read_joints, yaw_of
 from tdm_planner.nodes.services import Request
-from tdm_planner.nodes.vehicle import Vehicle
+from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
+from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Execution, Observation
-from tdm_planner.replanning.planned_plants import planned_plant, Values
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.replanning import ActivePlan, Execution, Mode, Observation
+from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
+from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
+
+_MARKER_RATE = 20.0  # Hz
+_OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
+_NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
+_LETTERS = 0.1  # m
+_LINE = 44  # letters
 
 
 class ActivePlans:
@@ -57,6 +70,132 @@ class ActivePlans:
         return start if start > now else None
 
 
+class Vehicle:
+    """
+    A plant of a planner and its topics; of several plants each has its `prefix`, 'robot1/'.
+
+    A pose on `<robot>/goal_pose`, from RViz or Foxglove, asks for a plan with the robot's place in
+    the formation moved there (`formation.<robot>`, which is set if there is a plan).
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        clock: MotionClock,
+        name: str,
+        plant: PlannedPlant,
+        values: Values,
+        request: Callable[[Request], None],
+    ) -> None:
+        self._node, self._clock, self._plant, self._request = node, clock, plant, request
+        self.name, kind = name, plant.kind
+        self.prefix = prefix = f'{name}/' if plant.several else ''
+        self.label = f"robot '{name}': " if plant.several else ''  # begins a sentence
+        self._angles = np.array([state in kind.angles for state in kind.state_names])
+        self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
+        self.path = (
+            node.create_publisher(Path, f'{prefix}path', LATCHED) if kind.odometry else None
+        )
+        self.tracker = TrackerWatch(node, clock, prefix, plant.tracker)
+        self._picture: Picture | None = None
+        self.measured = MeasuredState(node, clock, kind, prefix, self._observe)
+        self._markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
+        node.create_timer(1.0 / _MARKER_RATE, self._show)
+        if f'formation.{name}' in values:
+            node.create_subscription(PoseStamped, f'{prefix}goal_pose', self._on_goal, 10)
+
+    def values_changed(self, values: Values) -> None:
+        """Draw the plant as the parameters have it, unless they contradict each other."""
+        self._values = values
+        with suppress(InvalidProblem):
+            drawn = self._plant.drawn(values)
+            if drawn is not None:
+                trail, name = self._plant.trail, self.prefix.rstrip('/')
+                self._picture = self._picture or Picture(drawn, trail, name)
+                self._picture.set_up(drawn, trail)
+
+    def seen(self, now: float, max_age: float) -> Observation:
+        """Return the newest state and what the tracker does; NoState as of `fresh`."""
+        state, stamp = self.measured.fresh(now, max_age)
+        return Observation(state, stamp, self.tracker.mode(now), self.tracker.followed(now))
+
+    def follows(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
+        """Return the motion of the plant by an active plan; None unless it is followed."""
+        motion = plan.motion(self.name)
+        known = motion.trajectory.state_names == self._plant.kind.state_names
+        return motion if known and self.tracker.mode(now) is Mode.FOLLOWING else None
+
+    def predicted(
+        self, values: Values, now: float, start: float, plan: ActivePlan | None
+    ) -> Array:
+        """
+        Return the state (nx,) at the instant `start`, measured not long before `now`.
+
+        A plant that follows the active `plan`, within the tracking tolerance, is predicted along
+        it, plus the rest of its deviation. Any other plant is predicted without control.
+
+        Raise InvalidProblem or NoState if a state is missing, too old, or cannot be predicted.
+        """
+        state, measured = self.measured.fresh(now, values['start.max_age'])
+        motion, wait = None if plan is None else self.follows(plan, now), start - measured
+        if motion is not None:
+            away = state - motion.reference(measured)
+            away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
+            if (np.abs(away) <= self._plant.tracking_tolerance(motion.trajectory, values)).all():
+                return np.asarray(
+                    motion.reference(start) + self._plant.remaining_deviation(away, wait)
+                )
+        return self._plant.coasted(state, wait, values)
+
+    def _observe(self, state: Array, at: float) -> None:
+        if self._picture is not None:
+            self._picture.add(at, state)
+
+    def _show(self) -> None:
+        """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
+        markers, newest, kind = self._markers, self.measured.newest, self._plant.kind
+        if self._picture is None or newest is None or markers.get_subscription_count() == 0:
+            return
+        old = self._clock.now() - newest[1] > _OLDEST_SHOWN
+        if old or self._node.count_publishers(markers.topic_name) > 1:
+            return
+        efforts: dict[str, float] = {}  # that the plant's driver reports
+        for joint in kind.actuated:
+            with suppress(InvalidProblem):
+                efforts |= read_joints([joint], self.measured.joints, [joint.effort])
+        control = np.array([efforts.get(name, 0.0) for name in kind.control_names])
+        now = self._node.get_clock().now().to_msg()
+        markers.publish(self._picture.draw(now, newest[0], control))
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        parameter, anchor = f'formation.{self.name}', self._values['formation.anchor']
+        title, at = f"goal_pose of '{self.name}' rejected", message.pose.position
+        try:
+            check_frame(self._plant.kind, message, 'goal_pose')
+            if not (math.isfinite(at.x) and math.isfinite(at.y)):
+                raise InvalidProblem(
+                    f"the pose's position is ({at.x:g}, {at.y:g}) m: must be finite numbers"
+                )
+            pose = at.x, at.y, yaw_of(message.pose.orientation)
+        except InvalidProblem as error:
+            failure = Failure.of(error)
+            self._node.get_logger().warning(f'{title}: {failure}')
+            place = self._values.get(parameter) or (0.0, 0.0, 0.0)
+            self._tell(place_in_arena(anchor, place), failure)
+            return
+        changes = {parameter: place_in_formation(anchor, pose)}
+        self._request(Request(lambda outcome: self._tell(pose, outcome), changes, True, title))
+
+    def _tell(self, pose: Sequence[float], outcome: str | Failure) -> None:
+        """Show for some seconds why there is no plan, or remove the text shown before."""
+        pen = Pen(self._plant.kind.frame, lifetime=_NOTICE_TIME)
+        marker = pen.marker('rejected', action=Marker.DELETE)
+        if isinstance(outcome, Failure):
+            text = textwrap.fill(f'{self.name}: {outcome.code}: {outcome.reason}', _LINE)
+            marker = pen.text('rejected', text, (pose[0], pose[1], 0.3), _LETTERS)
+        self._markers.publish(MarkerArray(markers=[marker]))
+
+
 class Adapter:
     """
     Gathers the measured states of a problem's plants, and publishes plans for them.
@@ -76,11 +215,10 @@ class Adapter:
     ) -> None:
         self._node, self._clock, self._problem = node, clock, problem
         self.plans = ActivePlans()
-        self._plant = planned_plant(problem, values)
-        names = values['robots'] if self._plant.several else [self._plant.vehicle]
-        self.vehicles = {
-            name: Vehicle(node, clock, name, self._plant, values, request) for name in names
-        }
+        self._plant = plant = planned_plant(problem, values)
+        self.kind = plant.kind
+        names = values['robots'] if plant.several else [plant.vehicle]
+        self.vehicles = {n: Vehicle(node, clock, n, plant, values, request) for n in names}
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
         self._drawn = False
@@ -94,14 +232,14 @@ class Adapter:
         with suppress(InvalidProblem):
             preview = None if self._drawn else self._plant.preview(values)
             if preview is not None:
-                self._markers.publish(plan_markers(self._plant.kind.frame, *preview))
+                self._markers.publish(plan_markers(self.kind.frame, *preview))
 
     # The state.
 
     @property
     def measures(self) -> bool:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
-        return bool(self._plant.kind.state_names)
+        return bool(self.kind.state_names)
 
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
@@ -113,7 +251,7 @@ class Adapter:
 
         `values` are the parameters of the request. Called in the worker's thread.
 
-        Raise InvalidProblem or NoState naming what is missing or too old, and how old it is.
+        Raise InvalidProblem or NoState as `Vehicle.predicted` does.
         """
         plan = self.plans.at(now)
         return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
@@ -125,11 +263,7 @@ class Adapter:
         return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:
-        """
-        Return the newest measured state of every vehicle, and what its tracker does.
-
-        Raise NoState naming what is missing or older than `start.max_age`, and how old it is.
-        """
+        """Return every newest state, and what the tracker does; NoState as of `fresh`."""
         return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
 
     def ages(self, now: float) -> Mapping[str, float | None]:
@@ -153,42 +287,38 @@ class Adapter:
         return {
             f'{name}.start.{key}' if self._plant.several else f'start.{key}': value
             for name, state in states.items()
-            for key, value in zip(self._plant.kind.state_names, state.tolist(), strict=True)
+            for key, value in zip(self.kind.state_names, state.tolist(), strict=True)
         }
 
     # Plans.
 
     def publish(self, plan: ActivePlan, stamp: int) -> None:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
-        trajectories = plan.solution.trajectories
-        for name, trajectory in trajectories.items():
+        motions, several = plan.solution.trajectories, self._plant.several
+        only = next(iter(self.vehicles.values())) if len(motions) == 1 else None
+        for name, trajectory in motions.items():
             kind = plan_kind(plan.problem, trajectory)
             besides = self._plant.besides(plan.problem, trajectory)
             message = plan_message(kind, trajectory, to_stamp(stamp), besides)
-            self._topic(name, trajectories).publish(message)
-            vehicle = self.vehicles.get(name)
-            if vehicle is not None and vehicle.path is not None:
-                vehicle.path.publish(path_message(kind, trajectory, stamp))
+            vehicle = self.vehicles.get(name, only)
+            if vehicle is not None:
+                vehicle.trajectory.publish(message)
+                if vehicle.path is not None:
+                    vehicle.path.publish(path_message(kind, trajectory, stamp))
+                continue
+            if name not in self._others:
+                topic = f'{name}/trajectory'
+                made = self._node.create_publisher(JointTrajectory, topic, LATCHED)
+                self._others[name] = made
+            self._others[name].publish(message)
         self.plans.add(plan, self._clock.now())
         self._drawn = True
-        view = view_of(plan.problem, next(iter(trajectories.values())))
-        paths = [
-            DrawnPath(view, motion.states, name if self._plant.several else '')
-            for name, motion in trajectories.items()
-        ]
+        view = view_of(plan.problem, next(iter(motions.values())))
+        ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]
         try:
-            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), paths))
+            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), ways))
         except InvalidProblem as error:  # markers must not cost the plan
             self._node.get_logger().warning(str(error))
-
-    def _topic(self, name: str, motions: Mapping[str, Trajectory]) -> Any:
-        """Return the publisher of a motion; vehicles that only a solution names have their own."""
-        if name in self.vehicles or len(motions) == 1:
-            return self.vehicles.get(name, next(iter(self.vehicles.values()))).trajectory
-        if name not in self._others:
-            topic = f'{name}/trajectory'
-            self._others[name] = self._node.create_publisher(JointTrajectory, topic, LATCHED)
-        return self._others[name]
 
     def forget_plans(self) -> None:
         """Forget the plans: simulated time was set back, and the trackers have dropped them."""
@@ -202,9 +332,7 @@ class Adapter:
         """
         Return the plan for parameters `values` that trajectories from the instant [ns] on are.
 
-        Called in the worker's thread.
-
-        Raise TdmError if they are no plan of such a problem.
+        Called in the worker's thread. Raise TdmError if they are no plan of such a problem.
         """
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})
@@ -220,11 +348,8 @@ class Adapter:
     @property
     def tracker_parameters(self) -> dict[str, Any]:
         """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
-        return {
-            name: vehicle.tracker.parameters
-            for name, vehicle in self.vehicles.items()
-            if vehicle.tracker.parameters is not None
-        }
+        known = {name: vehicle.tracker.parameters for name, vehicle in self.vehicles.items()}
+        return {name: found for name, found in known.items() if found is not None}
 
     def not_following(self, stamp: int) -> list[str]:
         """Return the vehicles whose trackers do not follow the plan of a start [ns]."""

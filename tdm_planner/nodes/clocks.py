@@ -78,14 +78,18 @@ class MotionClock:
         clock = self._clock
         return not clock.ros_time_is_active or bool(clock.now().nanoseconds > 0)
 
+    @property
+    def _zero(self) -> int:
+        """Stamp [ns] of the node's clock at the instant 0."""
+        return self._simulated_begin if self._simulated else self._begin + self._offset
+
     def now(self) -> float:
         """Present instant [s]."""
-        if self._clock.ros_time_is_active:
+        self._simulated = bool(self._clock.ros_time_is_active)
+        if self._simulated:
             stamp = int(self._clock.now().nanoseconds)
-            self._simulated = True
             self._simulated_begin = self._simulated_begin or stamp
             return self.instant(stamp)
-        self._simulated = False
         before = time.monotonic_ns()
         stamp = int(self._clock.now().nanoseconds)
         steady = time.monotonic_ns()
@@ -99,9 +103,7 @@ class MotionClock:
 
     def instant(self, stamp: int) -> float:
         """Instant [s] of a stamp [ns] of the node's clock."""
-        if self._simulated:
-            return (stamp - self._simulated_begin) * NANOSECOND
-        return (stamp - self._offset - self._begin) * NANOSECOND
+        return (stamp - self._zero) * NANOSECOND
 
     def instant_of(self, stamp: Any) -> float:
         """Instant [s] of a message's time stamp; zero means now, as usual in ROS."""
@@ -110,8 +112,7 @@ class MotionClock:
 
     def stamp(self, instant: float) -> int:
         """Stamp [ns] of the node's clock at an instant [s]."""
-        begin = self._simulated_begin if self._simulated else self._offset + self._begin
-        return begin + round(instant / NANOSECOND)
+        return self._zero + round(instant / NANOSECOND)
 
 
 class RateWatch:

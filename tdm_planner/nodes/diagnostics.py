@@ -79,7 +79,7 @@ class Diagnostics:
 
 class PublisherCount:
     """
-    Counts the publishers of `topic` (resolved); if there are several, `warning` says so.
+    Counts the publishers of `topic`; if there are several, `warning` says so.
 
     `publishers` begins the sentence, `consequence` ends it. `changed` is called when the warning
     appears or disappears. A process that was killed counts until the middleware drops it, with
@@ -94,7 +94,8 @@ class PublisherCount:
         changed: Callable[[], None],
         publishers: str = 'planners',
     ) -> None:
-        self._node, self._topic, self._publishers = node, topic, publishers
+        self._node, self._publishers = node, publishers
+        self._topic = node.resolve_topic_name(topic)
         self._consequence, self._changed = consequence, changed
         self.count = 0
         steady_timer(node, PERIOD, self.look)

@@ -15,7 +15,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-import time
 from typing import Any
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -45,17 +44,14 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     Subclasses call `bring_up` at the end of their constructor.
     """
 
-    drain_time = 0.0  # s that a message sent on deactivation has to arrive before topics go
-
     def __init__(
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
     ) -> None:
         self._kept: frozenset[int] | None = None  # ids of what stays for as long as the node
-        self._configuration = 0
         ParameterNode.__init__(self, name, {AUTOSTART.name: AUTOSTART, **parameters}, **options)
-        before = list(self.services)
+        count = len(list(self.services))
         LifecycleNodeMixin.__init__(self)
-        for service in [made for made in self.services if made not in before]:
+        for service in list(self.services)[count:]:
             answer_reliably(self, service)
             answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
@@ -79,19 +75,11 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     @abstractmethod
     def cleanup(self) -> None:
-        """
-        Release what `configure` made; topics, services and timers are destroyed anyway.
-
-        Also called where `configure` failed half-way.
-        """
+        """Release what `configure` made, if only in part; topics and timers go by themselves."""
 
     @abstractmethod
     def report(self) -> Report:
         """Return what the diagnostics say of the node at work."""
-
-    def faults(self) -> list[str]:
-        """Sentences about parameters with which the node cannot do its work."""
-        return list(self.invalid_overrides.values())
 
     # What they may ask.
 
@@ -112,12 +100,10 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         if not self.parameter_values[AUTOSTART.name]:
             return
         self._starting = True
-        try:
-            self._start_failed = (
-                self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
-            )
-        finally:
-            self._starting = False
+        self._start_failed = (
+            self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
+        )
+        self._starting = False
 
     def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
@@ -161,13 +147,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """Guard a callback: EventsExecutor may call it after its entity was destroyed."""
         if self._kept is None:
             return callback
-        configuration = self._configuration
-
-        def guarded(*message: Any) -> None:
-            if configuration == self._configuration:
-                callback(*message)
-
-        return guarded
+        return lambda *message: callback(*message) if self.configured else None
 
     def _entities(self) -> list[tuple[Any, Callable[[Any], Any]]]:
         """Return everything that the node has, with what destroys it."""
@@ -186,9 +166,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """From unconfigured to inactive."""
 
         def configure() -> None:
-            faults = self.faults()
-            if faults and not self._starting:
-                raise InvalidProblem('; '.join(faults))
+            if self.fault and not self._starting:
+                raise InvalidProblem(self.fault)
             self.configure()
 
         return self._go('configure', configure, 'inactive', undo=self._release)
@@ -258,20 +237,17 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self._diagnostics.update()
 
     def _rest(self) -> None:
-        """Stop working; let the last message arrive before its topic may go."""
         try:
             self.deactivate()
         finally:
             self._stage = 'inactive'
             super().on_deactivate(None)
-            time.sleep(self.drain_time)
 
     def _release(self) -> None:
         """Destroy what was created from `configure` on."""
         try:
             self.cleanup()
         finally:
-            self._configuration += 1
             for item, destroy in self._entities():
                 of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
                 if id(item) not in (self._kept or ()) and not of_rclpy:
@@ -285,6 +261,6 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     def _report_stage(self) -> Report:
         if self.active:
             return self.report()
-        faults = [*filter(None, [self._setback]), *self.faults()]
+        faults = [*filter(None, [self._setback]), *self.invalid_overrides.values()]
         message = '; '.join([self._stage, *dict.fromkeys(faults)])
         return Report(Level.ERROR if faults else Level.OK, message)

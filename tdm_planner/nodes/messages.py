@@ -23,6 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import SECOND
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -47,13 +48,12 @@ Array = NDArray[np.float64]
 # end. Trajectory controllers want the last velocities to be exactly zero
 # (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
-_SECOND = 1_000_000_000  # ns
 _NOTHING: Mapping[str, Array] = {}
 
 
 def to_stamp(nanoseconds: int) -> Time:
     """Instant [ns since the epoch] as a message."""
-    return Time(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
+    return Time(sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND)
 
 
 def from_wire(data: bytes, kind: type) -> Any:
@@ -71,7 +71,7 @@ def from_wire(data: bytes, kind: type) -> Any:
 def to_duration(seconds: float) -> Duration:
     """Span of time [s], rounded to the nanosecond, as a message."""
     nanoseconds = round(seconds / NANOSECOND)
-    return Duration(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
+    return Duration(sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND)
 
 
 def to_quaternion(yaw: float) -> Quaternion:

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 import gc
+import json
 import sys
 from typing import Any
 
@@ -20,16 +22,14 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
-from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
-from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
-from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import make_plan
-from tdm_planner.nodes.replanning import Replanning
+from tdm_planner.nodes.planning import make_plan, PlanQueue, Replanning
+from tdm_planner.nodes.reading import SECOND
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.services import create_deferred_service, Request, service_response
+from tdm_planner.nodes.services import create_plan_service, Request
+from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
@@ -42,7 +42,10 @@ from tdm_planner.trajectory import Trajectory
 _REQUEST = specifications(RequestParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
+_REMEMBERED = 64  # plans
+_LATEST = 2**31 * SECOND  # ns that no stamp reaches
 _SUPERSEDED = "another planner's plan is active"
+_SUMMARY = 'plan_summary'
 
 
 class Planner(ManagedNode):
@@ -50,7 +53,7 @@ class Planner(ManagedNode):
     Plans for the problem that the parameter `problem` names.
 
     Services `plan` (std_srvs/Trigger) and `plan_with` (rcl_interfaces/SetParametersAtomically)
-    answer with one line of JSON. Solving runs beside the executor, see `plan_queue`: states,
+    answer with one line of JSON. Solving runs beside the executor, see `PlanQueue`: states,
     parameters and further requests are served meanwhile. The `Adapter` reads the measured state
     and publishes plans.
     """
@@ -77,22 +80,23 @@ class Planner(ManagedNode):
 
     def configure(self) -> None:
         """Connect the problem, and begin to prepare it."""
-        self._summary = self.create_publisher(String, SUMMARY, LATCHED)
-        self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
+        self._summary = self.create_publisher(String, _SUMMARY, LATCHED)
+        self._own_starts: deque[int] = deque(maxlen=_REMEMBERED)  # starts of plans [ns]
+        self._of_others: deque[int] = deque(maxlen=_REMEMBERED)
+        self.create_subscription(String, _SUMMARY, self._on_summary, LATCHED)
+        self._planners = PublisherCount(
+            self,
+            _SUMMARY,
+            'trackers follow the plan that starts last; run only one of them',
+            self._diagnostics.update,
+        )
         for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
-            create_deferred_service(
-                self,
-                kind,
-                name,
-                lambda message, send: self._on_request(
-                    Request(lambda outcome: send(service_response(message, outcome))),
-                    getattr(message, 'parameters', ()),
-                ),
-            )
+            create_plan_service(self, kind, name, self._on_request)
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
-        recoverable = problem.assess is not Problem.assess
-        self._recovery = Recovery(self, self._adapter.vehicles.values() if recoverable else ())
+        recoverable = self._adapter.vehicles if problem.assess is not Problem.assess else {}
+        prefixes = {name: vehicle.prefix for name, vehicle in recoverable.items()}
+        self._recovery = Recovery(self, self._adapter.kind, prefixes)
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
         steady_timer(self, _PERIOD, self._on_timer)
@@ -162,8 +166,8 @@ class Planner(ManagedNode):
                     "the planner is inactive: 'ros2 lifecycle set "
                     f"{self.get_fully_qualified_name()} activate' lets it plan"
                 )
-            if faults := self.faults():
-                raise InvalidProblem('; '.join(faults))
+            if self.fault:
+                raise InvalidProblem(self.fault)
             if parameters:
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
@@ -212,7 +216,7 @@ class Planner(ManagedNode):
             self._failure, self._superseded = None, False
             self._follow(plan)
             self._expected = stamp, plan.start
-            self._others.own.append(stamp)
+            self._own_starts.append(stamp)
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             if request.answer is not None:
@@ -262,8 +266,16 @@ class Planner(ManagedNode):
             self.get_logger().warning(self._unfollowed)
             self._diagnostics.update()
 
-    def _on_other_plan(self, stamp: int) -> None:
+    def _on_summary(self, message: String) -> None:
         """Stop reviewing the own plan when another planner's plan supersedes it."""
+        try:
+            told = json.loads(message.data)['stamp']
+            stamp = int(told['sec']) * SECOND + int(told['nanosec'])
+        except (ArithmeticError, ValueError, TypeError, KeyError, RecursionError):
+            return  # not a planner's
+        if not 0 <= stamp < _LATEST or stamp in self._own_starts:
+            return
+        self._of_others.append(stamp)
         start = self._time.instant(stamp)
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
@@ -276,7 +288,7 @@ class Planner(ManagedNode):
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
         """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
-        if self._plan is not None or stamp in self._others.published:
+        if self._plan is not None or stamp in self._of_others:
             return
 
         def done(outcome: ActivePlan | Exception) -> None:
@@ -325,15 +337,14 @@ class Planner(ManagedNode):
         return Report(*self._state(), values)
 
     def _state(self) -> tuple[Level, str]:
-        faults = self.faults()
-        if faults:
-            return Level.ERROR, '; '.join(faults)
+        if self.fault:
+            return Level.ERROR, self.fault
         if self._queue.solving:
             return Level.OK, 'planning'
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        told = [_SUPERSEDED * self._superseded, self._others.count.warning, self._unfollowed]
+        told = [_SUPERSEDED * self._superseded, self._planners.warning, self._unfollowed]
         if any(told):
             return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared:

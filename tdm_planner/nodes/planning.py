@@ -1,16 +1,23 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One request, from parameters and measured state to a verified plan or the reason for none."""
+"""What the planner computes beside its executor: plans on request, reviews of the active plan."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import threading
 import time
 from typing import Any
 
+from rclpy.node import Node
+from rclpy.timer import Timer
 from tdm_planner.exceptions import (
+    Busy,
     DeadlineExceeded,
+    Failure,
     Infeasible,
     InvalidProblem,
     NoState,
@@ -18,9 +25,12 @@ from tdm_planner.exceptions import (
     VerificationFailed,
 )
 from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.clocks import MotionClock, NO_TIME
+from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock
+from tdm_planner.nodes.lifecycle import ManagedNode
+from tdm_planner.parameters import build
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.replanning import ActivePlan, Replanner, Review
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; no plan is found in less
@@ -28,13 +38,108 @@ _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
+_LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
+_SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
+
+Values = Mapping[str, Any]
+
+
+@dataclass(eq=False)
+class _Job:
+    kind: str
+    compute: Callable[[], Any]
+    done: Callable[[Any], None]
+    stale: bool = False  # its outcome is of no use any more, and dropped when it comes
+
+
+class PlanQueue:
+    """
+    Runs `compute()` in a daemon thread and calls `done(outcome)` in the node's executor.
+
+    The outcome is what `compute` returns, or the exception it raised. One computation runs at a
+    time, and cannot be interrupted; a daemon, lest it keep the process from ending. Methods are
+    called in callbacks of the executor.
+
+    request    next; while one waits or is being solved, another is Busy
+    task       when there is no request: preparing the problem, checking a recovered plan
+    review     only when there is nothing else to do; a request makes it stale
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._running: _Job | None = None
+        self._waiting: deque[_Job] = deque()
+
+    @property
+    def solving(self) -> bool:
+        """Whether a request waits or is being solved."""
+        return any(job.kind == 'request' for job in self._jobs)
+
+    def request(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Solve a request next; raise Busy while there is another."""
+        if self.solving:
+            raise Busy('a request is being solved: ask again when it is answered')
+        self.drop_review()
+        self._waiting.appendleft(_Job('request', compute, done))
+        self._next()
+
+    def task(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Compute something when there is no request."""
+        self._waiting.append(_Job('task', compute, done))
+        self._next()
+
+    def review(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Review the active plan, if there is nothing else to do."""
+        if not self._jobs:
+            self._waiting.append(_Job('review', compute, done))
+            self._next()
+
+    def drop_review(self) -> None:
+        """Drop the outcome of a review under way: it is of a plan that is not active any more."""
+        if self._running is not None and self._running.kind == 'review':
+            self._running.stale = True
+
+    def cancel(self, error: TdmError) -> None:
+        """Drop everything; a request that is not answered yet is done with `error`."""
+        dropped = [job for job in self._jobs if not job.stale]
+        self._waiting.clear()
+        for job in dropped:
+            job.stale = True
+            if job.kind == 'request':
+                job.done(error)
+
+    @property
+    def _jobs(self) -> list[_Job]:
+        return [*filter(None, [self._running]), *self._waiting]
+
+    def _next(self) -> None:
+        if self._running is None and self._waiting:
+            job = self._running = self._waiting.popleft()
+            threading.Thread(
+                target=self._run, args=(job,), name='tdm_planner worker', daemon=True
+            ).start()
+
+    def _run(self, job: _Job) -> None:
+        try:
+            outcome = job.compute()
+        except Exception as error:  # noqa: B902
+            outcome = error
+        executor = self._node.executor
+        if executor is not None:  # None: the node is being destroyed
+            executor.create_task(self._deliver, job, outcome)
+
+    def _deliver(self, job: _Job, outcome: Any) -> None:
+        self._running = None
+        if not job.stale:
+            job.done(outcome)
+        self._next()
+
+
+# Requests.
 
 
 def make_plan(
-    problem_class: type[Problem],
-    values: Mapping[str, Any],
-    adapter: Adapter,
-    clock: MotionClock,
+    problem_class: type[Problem], values: Values, adapter: Adapter, clock: MotionClock
 ) -> ActivePlan:
     """
     Plan for the parameters `values` (the problem's and the request's), at the present of `clock`.
@@ -51,7 +156,7 @@ def make_plan(
         raise NoState(NO_TIME)
     failure: TdmError | None = None
     now = _after_a_start(adapter, values, clock) if measured else clock.now()
-    delays = [share * values['start.delay'] for share in (_SHARES if measured else _SHARES[:1])]
+    delays = [share * values['start.delay'] for share in _SHARES]
     starts = [now + delay for delay in delays]
     for delay, start, sooner in zip(delays, starts, [*starts[1:], None], strict=True):
         begin = adapter.measured_start(values, now, start) if measured else {}
@@ -96,7 +201,7 @@ def _time_until(start: float, sooner: float | None, now: float) -> float:
     return half if half >= _SHORTEST else start - now
 
 
-def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClock) -> float:
+def _after_a_start(adapter: Adapter, values: Values, clock: MotionClock) -> float:
     """Return the instant to plan at [s]: the present, or the start of a plan that begins soon."""
     # From that start on the plant follows the pending plan; until then, the one before.
     now = clock.now()
@@ -116,3 +221,131 @@ def _with_prediction_note(error: TdmError, delay: float) -> TdmError:
     if 'start' in text:
         text += f' (as predicted from the measured state for {delay:g} s later, start.delay)'
     return type(error)(text)
+
+
+# Reviews.
+
+
+class Replanning:
+    """
+    Reviews the active plan at a rate, and hands new plans to `publish`.
+
+    A plan is reviewed for the node's present parameters, except those that were given for this
+    plan alone (`ActivePlan.own`). Problems without a measured state are not reviewed.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        clock: MotionClock,
+        queue: PlanQueue,
+        adapter: Adapter,
+        publish: Callable[[ActivePlan], None],
+    ) -> None:
+        self._node, self._clock, self._queue, self._publish = node, clock, queue, publish
+        self._adapter = adapter
+        self._rate = 0.0  # Hz
+        self._timer: Timer | None = None
+        self._plan: ActivePlan | None = None
+        self._replanner: Replanner | None = None
+        self._reviewed: ActivePlan | None = None
+        self._trackers: Values = {}
+        self._reviews = self._replans = 0
+        self._last = ''
+        self.values_changed()
+
+    def values_changed(self) -> None:
+        """Review at the rate that the node's parameters say from now on."""
+        rate = self._node.parameter_values['replan.rate']
+        if rate == self._rate:
+            return
+        self._rate = rate
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+        if rate > 0:
+            period, clock = min(1.0 / rate, _LONGEST_PERIOD), pacing_clock(self._node)
+            self._timer = self._node.create_timer(period, self._on_timer, clock=clock)
+
+    def follow(self, plan: ActivePlan | None) -> None:
+        """Review this plan from now on; drop the outcome of a review under way."""
+        self._plan = plan
+        self._queue.drop_review()
+
+    def figures(self) -> dict[str, Any]:
+        """Return what the diagnostics show."""
+        if self._timer is None:
+            return {}
+        return {'reviews': self._reviews, 'replans': self._replans, 'last review': self._last}
+
+    def _on_timer(self) -> None:
+        plan, adapter = self._plan, self._adapter
+        if not self._node.active or plan is None or not adapter.measures:
+            return
+        values, now = {**self._node.parameter_values, **plan.own}, self._clock.now()
+        inactive = adapter.inactive if plan.start <= now else []
+        if inactive:
+            reason = f'no replanning: no tracker is active for {", ".join(inactive)}'
+            if self._last != reason:
+                self._last = reason
+                self._node.get_logger().warning(reason)
+            return
+        try:
+            observations = adapter.observations(values, now)
+        except NoState as error:
+            self._last = f'{error.code}: {error}'
+            self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
+            return
+
+        def review() -> Review:
+            # Ignore start.*: it must not make the problem invalid.
+            problem, own = plan.problem, plan.problem.to_parameters()
+            starts = {name: value for name, value in own.items() if 'start.' in name}
+            asked = {**values, **starts}
+            if any(asked.get(name) != value for name, value in own.items()):
+                problem = type(problem).from_parameters(asked)
+            return self._replanner_of(plan, values).review(problem, observations, now)
+
+        self._queue.review(review, self._on_review)
+
+    def _replanner_of(self, plan: ActivePlan, values: Values) -> Replanner:
+        """Return the replanner, for the plan, its trackers and parameters as they are now."""
+        parameters, adapter = build(ReplanParameters, values, 'replan.'), self._adapter
+        trackers = {**adapter.tracker_parameters, '': parameters.deviation}
+        if self._replanner is None:
+            self._replanner = Replanner(adapter.execution(plan.problem), parameters)
+        elif self._reviewed is not plan or trackers != self._trackers:
+            self._replanner.execution = adapter.execution(plan.problem)
+        if self._reviewed is not plan:
+            self._replanner.adopt(plan)
+        self._reviewed, self._trackers = plan, trackers
+        self._replanner.parameters = parameters
+        return self._replanner
+
+    def _on_review(self, outcome: Review | Exception) -> None:
+        self._reviews += 1
+        logger = self._node.get_logger()
+        if isinstance(outcome, Exception):
+            failure = Failure.of(outcome)
+            self._last = f'{failure.code}: {failure.reason}'
+            logger.error(f'no replanning: {failure}', **_SELDOM)
+            return
+        self._last = outcome.reason
+        if outcome.rejected:
+            kept = ', '.join(outcome.rejected)
+            logger.warning(
+                f'the last plan was rejected by {kept}: the one before is still followed',
+                **_SELDOM,
+            )
+        if outcome.plan is None:
+            if outcome.necessary:
+                logger.warning(
+                    f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
+                )
+        elif (late := self._clock.now() - outcome.plan.start) > 0.0:
+            self._last = f'a new plan came {late:.3f} s late'
+            logger.warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
+        else:
+            self._replans += 1
+            logger.info(f'new plan: {self._last}')
+            self._publish(outcome.plan)

@@ -23,14 +23,14 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 
-_SECOND = 1_000_000_000  # ns
+SECOND = 1_000_000_000  # ns
 _UNIT_TOLERANCE = 1e-3
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 
 
 def nanoseconds_of(message: Any) -> int:
     """Instant or span of a Time or Duration message [ns], without loss."""
-    return int(message.sec) * _SECOND + int(message.nanosec)
+    return int(message.sec) * SECOND + int(message.nanosec)
 
 
 def seconds_of(message: Any) -> float:

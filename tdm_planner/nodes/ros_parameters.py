@@ -27,7 +27,7 @@ from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
-from tdm_planner.parameters import ParameterSpec, Range
+from tdm_planner.parameters import ParameterSpec
 from yaml import YAMLError
 
 _TYPES: Mapping[Any, Parameter.Type] = {
@@ -99,6 +99,11 @@ class ParameterNode(Node):
         service = super().create_service(*args, **kwargs)
         answer_reliably(self, service)
         return service
+
+    @property
+    def fault(self) -> str:
+        """Sentences about parameters that were given wrong values, '' if none were."""
+        return '; '.join(self.invalid_overrides.values())
 
     @property
     def parameter_values(self) -> dict[str, Any]:
@@ -301,14 +306,7 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
             FloatingPointRange(from_value=spec.range.lower, to_value=spec.range.upper)
         ]
     elif spec.range.bounded and spec.kind is int:
-        described.integer_range = [_integer_range(spec.range)]
+        lower = math.ceil(max(spec.range.lower, -_INT64))
+        upper = min(math.floor(min(spec.range.upper, _INT64)), _INT64 - 1)
+        described.integer_range = [IntegerRange(from_value=lower, to_value=upper, step=1)]
     return described
-
-
-def _integer_range(allowed: Range) -> IntegerRange:
-    lower, upper = -_INT64, _INT64 - 1
-    if math.isfinite(allowed.lower):
-        lower = math.floor(allowed.lower) + 1 if allowed.lower_open else math.ceil(allowed.lower)
-    if math.isfinite(allowed.upper):
-        upper = math.ceil(allowed.upper) - 1 if allowed.upper_open else math.floor(allowed.upper)
-    return IntegerRange(from_value=lower, to_value=upper, step=1)

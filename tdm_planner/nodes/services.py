@@ -17,7 +17,7 @@ The latter are workarounds, with the versions until which they are needed:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 import warnings
@@ -34,7 +34,7 @@ from tdm_planner.nodes.messages import SERVICE
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
 ATTEMPTS = 6
 
-Answer = Callable[[Any], None]
+Answer = Callable[[str | Failure], None]
 
 
 def answer_reliably(node: Node, service: Any) -> None:
@@ -90,19 +90,6 @@ def answer_malformed_requests(node: Node, service: Any) -> None:
     service.callback = guarded
 
 
-def create_deferred_service(
-    node: Node, service_type: Any, name: str, handler: Callable[[Any, Answer], None]
-) -> None:
-    """Serve `name`; `handler(request, answer)` calls `answer(response)` now or later, once."""
-    service: Any = node.create_service(
-        service_type, name, lambda request, _: request, qos_profile=SERVICE
-    )
-    send = service.send_response
-    service.send_response = lambda request, header: handler(
-        request, lambda response: send(response, header)
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Request:
     """
@@ -114,17 +101,34 @@ class Request:
     the log's line about a failure.
     """
 
-    answer: Callable[[str | Failure], None] | None = None
+    answer: Answer | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
     lasting: bool = False
     title: str = 'no plan'
 
 
-def service_response(request: Any, outcome: str | Failure) -> Any:
-    """Return the response of `plan` or `plan_with`: figures of the plan, or code and reason."""
-    success = not isinstance(outcome, Failure)
-    text = outcome.to_json() if isinstance(outcome, Failure) else outcome
-    if isinstance(request, Trigger.Request):
-        return Trigger.Response(success=success, message=text)
-    result = SetParametersResult(successful=success, reason=text)
-    return SetParametersAtomically.Response(result=result)
+def create_plan_service(
+    node: Node,
+    service_type: type[Trigger] | type[SetParametersAtomically],
+    name: str,
+    handler: Callable[[Request, Sequence[Any]], None],
+) -> None:
+    """Serve `name`; `handler(request, parameters)` has the request answered now or later, once."""
+
+    def asked(message: Any, header: Any) -> None:
+        def answer(outcome: str | Failure) -> None:
+            success = not isinstance(outcome, Failure)
+            text = outcome.to_json() if isinstance(outcome, Failure) else outcome
+            if service_type is Trigger:
+                response = Trigger.Response(success=success, message=text)
+            else:
+                result = SetParametersResult(successful=success, reason=text)
+                response = SetParametersAtomically.Response(result=result)
+            send(response, header)
+
+        handler(Request(answer), getattr(message, 'parameters', ()))
+
+    service: Any = node.create_service(
+        service_type, name, lambda request, _: request, qos_profile=SERVICE
+    )
+    send, service.send_response = service.send_response, asked

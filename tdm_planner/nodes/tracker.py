@@ -41,6 +41,7 @@ from trajectory_msgs.msg import JointTrajectory
 Array = NDArray[np.float64]
 
 QUEUE = 10  # messages
+DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
 FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
@@ -66,7 +67,6 @@ class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
     decisive = frozenset({_KIND.name})
-    drain_time = 0.1  # s; the command that switches the actuators off
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
@@ -94,7 +94,7 @@ class TrackerNode(ManagedNode):
         self._status = TrackerStatus(self)
         self._planners = PublisherCount(
             self,
-            self.resolve_topic_name('trajectory'),
+            'trajectory',
             'the tracker follows the plan that starts last; run only one of them',
             self._diagnostics.update,
         )
@@ -132,6 +132,7 @@ class TrackerNode(ManagedNode):
         self.destroy_timer(self._timer)
         self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
+        time.sleep(DRAIN_TIME)
 
     def cleanup(self) -> None:
         """Forget what was received."""
@@ -156,13 +157,12 @@ class TrackerNode(ManagedNode):
                 made.adopt(self.tracker)
             except TrajectoryRejected as error:
                 raise InvalidProblem(f'the active plan could not be followed: {error}') from None
+        self._checked = made
 
     def values_changed(self) -> None:
         """Apply the changed parameters, without a jump of phase or trajectory."""
         if self.configured:
-            changed = self._make_tracker(self.parameter_values)
-            changed.adopt(self.tracker)
-            self.tracker = changed
+            self.tracker = self._checked
         super().values_changed()
 
     # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
@@ -341,8 +341,8 @@ class TrackerNode(ManagedNode):
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
         message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
-        if faults := self.faults():
-            level, message = Level.ERROR, '; '.join(faults)
+        if self.fault:
+            level, message = Level.ERROR, self.fault
         now, motion = self._time.now(), self.tracker.current
         figures: dict[str, Any] = {
             'phase': phase.value,

@@ -4,14 +4,16 @@
 """
 The plans of a tracker: when each is looked at, and its status, as of an action's goal.
 
-`PlanIntake` limits the time that a tracker spends on incoming plans: its commands must keep their
-rate. It tells of its plans by `TrackerStatus`; `TrackerWatch` is what the planner knows of it.
+A tracker tells of its plans by `TrackerStatus`. From there the planner knows what it does, by
+`TrackerWatch`, and, after a restart, which plan is active, by `Recovery`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 import math
 import time
 from typing import Any
@@ -26,8 +28,9 @@ from rclpy.task import Future
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, steady_timer
 from tdm_planner.nodes.messages import LATCHED, to_stamp
-from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.parameters import build, specifications
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import Phase, TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -35,6 +38,9 @@ from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'tracker_status'
+FOLLOWED = 'active_trajectory'
+WINDOW = 10.0  # s after the planner's start in which a followed plan is its predecessor's
+GRACE = 1.0  # s for a living planner's summary of that plan to arrive
 
 _ACTIVE: Mapping[Phase, int] = {
     Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
@@ -56,30 +62,6 @@ _WORTH_IN_LEAD = 0.5  # s beyond the budget for a plan whose start must be prepa
 _WORTH_AT_START = 1.0  # s beyond the budget for a plan about to start
 
 
-class TimeBudget:
-    """
-    A time budget: a `reserve` [s] to begin with, refilled by a `share` of the time that passes.
-
-    Ask what is `left` [s], less than nothing if it is overdrawn, and report what was `spent`.
-    `clock` returns seconds.
-    """
-
-    def __init__(self, share: float, reserve: float, clock: Callable[[], float]) -> None:
-        self._share, self._reserve, self._clock = share, reserve, clock
-        self._paid = clock() - reserve / share  # instant up to which the share is spent [s]
-
-    @property
-    def left(self) -> float:
-        """Time that may be spent now [s]."""
-        now = self._clock()
-        self._paid = max(self._paid, now - self._reserve / self._share)
-        return self._share * (now - self._paid)
-
-    def spent(self, seconds: float) -> None:
-        """Subtract the time of work; it may exceed what was left."""
-        self._paid += seconds / self._share
-
-
 class PlanIntake:
     """
     Hands the newest plan received, the one `waiting`, to `look_at`, once there is time for it.
@@ -90,21 +72,21 @@ class PlanIntake:
 
     def __init__(self, clock: MotionClock, look_at: Callable[[Any, bytes], None]) -> None:
         self._clock, self._look_at = clock, look_at
-        self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
+        self._paid = -math.inf  # instant up to which the share of the time is spent [s]
         self.waiting: tuple[Any, bytes] | None = None
 
     def look(self, lead: float) -> None:
         """Look at the plan that waits; one needs the time `lead` [s] before its start."""
         if self.waiting is None or not self._clock.runs:
             return
-        stamp, data = self.waiting
-        left = self._budget.left
-        if left <= 0.0 and left + self._worth(stamp, lead) <= 0.0:
+        now, (stamp, data) = time.monotonic(), self.waiting
+        self._paid = max(self._paid, now - _RESERVE / _SHARE)
+        if _SHARE * (now - self._paid) + self._worth(stamp, lead) <= 0.0:
             return
         self.waiting = None
         began = time.perf_counter()
         self._look_at(stamp, data)
-        self._budget.spent(time.perf_counter() - began)
+        self._paid += (time.perf_counter() - began) / _SHARE
 
     def _worth(self, stamp: Any, lead: float) -> float:
         """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
@@ -150,7 +132,7 @@ class TrackerStatus:
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(GoalStatusArray, TOPIC, LATCHED)
-        self._followed = node.create_publisher(JointTrajectory, 'active_trajectory', LATCHED)
+        self._followed = node.create_publisher(JointTrajectory, FOLLOWED, LATCHED)
         self._announced: Trajectory | None = None
         self._plans: list[_Plan] = []
         self._changed = False
@@ -183,16 +165,19 @@ class TrackerStatus:
             active[id(tracker.current.trajectory)] = _ACTIVE.get(tracker.phase, unknown)
         if tracker.following is not None:
             active[id(tracker.following.trajectory)] = GoalStatus.STATUS_ACCEPTED
-        newest = max(
-            (i for i, p in enumerate(self._plans) if id(p.trajectory) in active), default=-1
-        )
         gone = GoalStatus.STATUS_CANCELING if tracker.unquiet else GoalStatus.STATUS_ABORTED
-        for number, plan in enumerate(self._plans):
-            status = active.get(id(plan.trajectory))
-            if status is None:
-                status = _ended(plan.status, superseded=number < newest, gone=gone)
-            self._changed |= status != plan.status
-            plan.status = status
+        superseded = False
+        for plan in reversed(self._plans):
+            before = plan.status
+            if id(plan.trajectory) in active:
+                plan.status, superseded = active[id(plan.trajectory)], True
+            elif before in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
+                continue
+            elif not superseded or before == GoalStatus.STATUS_CANCELING:
+                plan.status = gone
+            elif before != GoalStatus.STATUS_SUCCEEDED:
+                plan.status = GoalStatus.STATUS_CANCELED
+            self._changed |= plan.status != before
         if self._changed:
             self._publish()
             self._plans = [
@@ -221,16 +206,6 @@ class TrackerStatus:
         self._changed = False
         told = [goal_status(plan.start, plan.status) for plan in self._plans]
         self._publisher.publish(GoalStatusArray(status_list=told))
-
-
-def _ended(status: int, superseded: bool, gone: int) -> int:
-    """Return the new status of a plan that is not followed or awaited any more."""
-    if status in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
-        return status
-    if superseded and status != GoalStatus.STATUS_CANCELING:
-        succeeded = status == GoalStatus.STATUS_SUCCEEDED
-        return status if succeeded else int(GoalStatus.STATUS_CANCELED)
-    return gone
 
 
 class TrackerWatch:
@@ -334,3 +309,37 @@ class TrackerWatch:
             self._node.get_logger().warning(f'parameters of {self._name} cannot be read: {error}')
         else:
             self.parameters = found
+
+
+class Recovery:
+    """
+    Finds the plan that the trackers follow when the planner starts; to be looked at repeatedly.
+
+    `prefixes` are the trackers' namespaces by vehicle, as of a `TrackerWatch`. Where the trackers
+    tell of different starts, their trajectories are not parts of one plan.
+    """
+
+    def __init__(self, node: Node, kind: PlantKind, prefixes: Mapping[str, str]) -> None:
+        self._kind, self._count = kind, len(prefixes)
+        self._until = time.monotonic() + WINDOW
+        self._told: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
+        self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
+        self._waits = False  # for GRACE to pass, and for the planner to become active
+        for name, prefix in prefixes.items():
+            take = partial(self._told.__setitem__, name)
+            node.create_subscription(JointTrajectory, f'{prefix}{FOLLOWED}', take, LATCHED)
+
+    def look(self, active: bool) -> tuple[dict[str, Trajectory], int] | None:
+        """Return trajectories by vehicle and their start [ns], once there are any."""
+        now, told = time.monotonic(), self._told
+        starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
+        start = starts.pop() if len(told) == self._count and len(starts) == 1 else 0
+        if start != self._start:
+            self._start, self._since = start, now
+            self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
+        if self._waits and active and now >= self._since + GRACE:
+            self._waits = False
+            if start:
+                with suppress(InvalidProblem):
+                    return {name: read_plan(self._kind, p) for name, p in told.items()}, start
+        return None

@@ -19,14 +19,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.exceptions import Busy
+from tdm_planner.exceptions import Busy, Failure
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.nodes.plan_queue import PlanQueue
+from tdm_planner.nodes.planning import PlanQueue
 from tdm_planner.nodes.runtime import make_executor
-from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
+from tdm_planner.nodes.services import ATTEMPTS, create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import goal_status, TrackerWatch
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
@@ -149,7 +149,7 @@ class Stranger(ManagedNode):
         super().__init__('stranger', 'stranger', {}, **options)
         self.queue, self.release = PlanQueue(self), threading.Event()
         self.create_service(Trigger, 'at_once', lambda _, response: response)
-        create_deferred_service(self, Trigger, 'think', self.on_request)
+        create_plan_service(self, Trigger, 'think', self.on_request)
         self.bring_up()
 
     def configure(self) -> None:
@@ -160,15 +160,15 @@ class Stranger(ManagedNode):
     def report(self) -> Report:
         return Report(Level.OK, 'active')
 
-    def on_request(self, _, answer: Answer) -> None:
+    def on_request(self, request: Request, _) -> None:
         def done(thought: bool) -> None:
             assert threading.current_thread() is threading.main_thread()
-            answer(Trigger.Response(success=thought, message='thought'))
+            request.answer('thought' if thought else '')
 
         try:
             self.queue.request(lambda: self.release.wait(20.0), done)
         except Busy as error:
-            answer(Trigger.Response(message=error.code))
+            request.answer(Failure.of(error))
 
 
 class Server:
@@ -242,4 +242,5 @@ def test_every_request_of_a_burst_is_answered(ros, server):
     assert server.serve_until(lambda: sum(future.done() for future in asked) == 59)
     server.node.release.set()
     assert server.serve_until(lambda: all(future.done() for future in asked))
-    assert sorted({future.result().message for future in asked}) == ['BUSY', 'thought']
+    told = sorted({future.result().message for future in asked})
+    assert [text[:15] for text in told] == ['thought', '{"code": "BUSY"']

@@ -1,23 +1,24 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Small parts of nodes on clocks set by hand: instants, rates, rations, plans' status, states."""
+"""Small parts of nodes on clocks set by hand: instants, rates, shares of time, status, states."""
 
 from types import SimpleNamespace
 from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.clock import ClockType
 from sensor_msgs.msg import JointState
+from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.nodes.tracker_plans import TimeBudget, TrackerStatus
+from tdm_planner.nodes.tracker_plans import TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
@@ -27,27 +28,31 @@ STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STAT
 NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
 
-class Clock:
-    now = 100.0
+@given(work=st.floats(2e-3, 0.1))
+def test_plans_get_their_share_of_the_time_in_the_long_run(work):
+    with pytest.MonkeyPatch.context() as patch:
+        clock, looked = SimpleNamespace(now=100.0), []
+        tells = dict.fromkeys(('monotonic', 'perf_counter'), lambda: clock.now)
+        patch.setattr(tracker_plans, 'time', SimpleNamespace(**tells))
 
-    def __call__(self) -> float:
-        return self.now
+        def look_at(*plan) -> None:
+            looked.append(plan)
+            clock.now += work
 
-
-@given(work=st.floats(1e-3, 0.1), share=st.floats(0.005, 0.5), reserve=st.floats(1e-3, 1.0))
-def test_work_that_can_wait_gets_its_share_in_the_long_run(work, share, reserve):
-    clock = Clock()
-    ration = TimeBudget(share, reserve, clock)
-    done, span, step = 0.0, 60.0, 1e-2
-    assume(min(work, reserve) >= share * step)  # there is more to do than the share allows
-    for _ in range(round(span / step)):
-        clock.now += step
-        if ration.left > 0.0:
-            ration.spent(work)
-            done += work
-    assert share * (span - 2 * step) <= done <= share * span + reserve + work
-    clock.now += 3600.0 / share  # no more than the reserve is saved
-    assert ration.left == pytest.approx(reserve)
+        intake = tracker_plans.PlanIntake(Mock(runs=True), look_at)
+        share, reserve, began = tracker_plans._SHARE, tracker_plans._RESERVE, clock.now
+        plan = to_stamp(0), b''
+        while (span := clock.now - began) < 60.0:
+            clock.now += 0.01
+            intake.waiting = plan
+            intake.look(0.0)
+        assert share * (span - 0.1) <= work * len(looked) <= share * span + reserve + 2 * work
+        clock.now += 3600.0 / share  # no more than the reserve is saved
+        looked.clear()
+        for _ in range(100):
+            intake.waiting = plan
+            intake.look(0.0)
+        assert work * (len(looked) - 1) <= reserve * (1.0 + share) + work
 
 
 class NodeClock:

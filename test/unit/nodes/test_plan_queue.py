@@ -12,11 +12,9 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
-from tdm_planner.nodes import other_planners
-from tdm_planner.nodes.adapter import ActivePlans
-from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.replanning import Replanning
-from tdm_planner.nodes.vehicle import Vehicle
+from tdm_planner.nodes import tracker_plans
+from tdm_planner.nodes.adapter import ActivePlans, Vehicle
+from tdm_planner.nodes.planning import PlanQueue, Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
@@ -133,11 +131,10 @@ class Restarted:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.active = 100.0, False
         self.taken: list[tuple[list[str], int]] = []
-        monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
-        monkeypatch.setattr(other_planners, 'read_plan', lambda _, message: message.plan)
+        monkeypatch.setattr(tracker_plans, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(tracker_plans, 'read_plan', lambda _, message: message.plan)
         node = Mock()
-        vehicles = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
-        self.recovery = other_planners.Recovery(node, vehicles)
+        self.recovery = tracker_plans.Recovery(node, None, {'a': 'a/', 'b': 'b/'})  # type: ignore
         self.takes = {c.args[1]: c.args[2] for c in node.create_subscription.call_args_list}
         assert list(self.takes) == ['a/active_trajectory', 'b/active_trajectory']
 
@@ -164,7 +161,7 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
     restarted.active = True
     restarted.told('A', 1, 1)
     assert restarted.taken == []
-    for seconds in (1.0, 1.0, other_planners.WINDOW):
+    for seconds in (1.0, 1.0, tracker_plans.WINDOW):
         restarted.later(seconds)
         assert restarted.taken == [(['A', 'A'], 1)]
     restarted.told('B', 2, 2)
