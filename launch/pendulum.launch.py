@@ -19,11 +19,10 @@ from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined
 from launch.actions import OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import argument, common_arguments, Launch
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.parameter_files import config_file, ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.resources import config_file
 
 
 def start(context: LaunchContext) -> list[Any]:

@@ -23,10 +23,9 @@ from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined
 from launch.actions import OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.launching import argument, common_arguments, Launch
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.parameter_files import config_file, ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.problems.formation.parameters import FormationParameters
-from tdm_planner.resources import config_file
 from tdm_planner.robot_nodes import robot_nodes
 
 

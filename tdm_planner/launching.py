@@ -25,8 +25,8 @@ from launch_ros.actions import Node
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameter_files import read_document
-from tdm_planner.resources import config_file, executable_of
+from tdm_planner.parameter_files import config_file, read_document
+from tdm_planner.starting import executable_of
 from tdm_sim.record_command import record_command
 import yaml
 

@@ -25,8 +25,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
-from tdm_sim.demo_scene import make_scene, Scene
-from tdm_sim.processes import NodeProcesses
+from tdm_sim.processes import make_scene, NodeProcesses, Scene
 from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
