@@ -284,7 +284,6 @@ class Trial:
 
 
 def _row(code: str, reason: str) -> Row:
-    """Return a row without figures."""
     return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
 
 
@@ -353,7 +352,6 @@ def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
 
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
-    """Write pictures and page."""
     # matplotlib takes half a second to import, and worker processes do not need it
     from tdm_sim.study.pictures import draw, write_page
 
