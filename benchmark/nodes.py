@@ -37,8 +37,7 @@ class Rig:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import String
         from std_srvs.srv import Trigger
-        from tdm_sim.demo_scene import make_scene
-        from tdm_sim.processes import NodeProcesses
+        from tdm_sim.processes import make_scene, NodeProcesses
 
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)  # the namespaces are anybody's

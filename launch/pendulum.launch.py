@@ -18,12 +18,11 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
-from tdm_planner.launching import argument, common_arguments, Launch
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.launching import argument, common_arguments, Launch, switch
+from tdm_planner.parameter_files import config_file, ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.resources import config_file
 
 
 def start(context: LaunchContext) -> list[Any]:
@@ -52,19 +51,13 @@ def generate_launch_description() -> LaunchDescription:
                 'params_file', str(config_file('pendulum.yaml')), 'parameter file of all nodes'
             ),
             argument('namespace', 'pendulum', 'namespace of all nodes'),
-            argument(
+            switch(
                 'plant',
                 'true',
                 'simulate the plant; false where the real one publishes joint_states',
-                switch=True,
             ),
-            argument(
-                'description',
-                'true',
-                'start robot_state_publisher, for RobotModel and tf',
-                switch=True,
-            ),
-            argument('rviz', 'false', 'start RViz with everything in place', switch=True),
+            switch('description', 'true', 'start robot_state_publisher, for RobotModel and tf'),
+            switch('rviz', 'false', 'start RViz with everything in place'),
             *common_arguments(),
             OpaqueFunction(function=start),
         ]

@@ -22,11 +22,10 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.launching import argument, common_arguments, Launch
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.launching import argument, common_arguments, Launch, switch
+from tdm_planner.parameter_files import config_file, ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.problems.formation.parameters import FormationParameters
-from tdm_planner.resources import config_file
 from tdm_planner.robot_nodes import robot_nodes
 
 
@@ -72,17 +71,9 @@ def generate_launch_description() -> LaunchDescription:
                 'all',
                 'how many take part; all: those that the parameter file names',
             ),
-            argument(
-                'plant',
-                'true',
-                'simulate the robots; false where the real ones publish odom',
-                switch=True,
-            ),
-            argument(
-                'rviz',
-                'false',
-                'start RViz with everything in place, a goal tool for each robot',
-                switch=True,
+            switch('plant', 'true', 'simulate the robots; false where the real ones publish odom'),
+            switch(
+                'rviz', 'false', 'start RViz with everything in place, a goal tool for each robot'
             ),
             *common_arguments(),
             OpaqueFunction(function=start),

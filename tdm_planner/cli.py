@@ -22,18 +22,14 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
 from tdm_sim.progress import Progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
-EXTRAS = {
-    'dask': 'study',
-    'distributed': 'study',
-    'pyarrow': 'study',
-    'viser': 'live',
-}  # by package
+EXTRAS = dict.fromkeys(('dask', 'distributed', 'pyarrow'), 'study') | {'viser': 'live'}
 
 EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 
@@ -45,12 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with interruptible():
             return run(options)
-    except Infeasible as error:
-        _say(f'{error.code}: {error}')
-        return EXIT_NO_PLAN
     except TdmError as error:
         _say(f'{error.code}: {error}')
-        return EXIT_USAGE
+        return EXIT_NO_PLAN if isinstance(error, Infeasible) else EXIT_USAGE
     except ImportError as error:
         _say(_what_is_missing(error))
         return EXIT_USAGE
@@ -82,9 +75,15 @@ def _say(text: str) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='tdm', description=__doc__.strip().split('\n')[0])
-    file, settings, quiet, view = (argparse.ArgumentParser(add_help=False) for _ in range(4))
+    file, quiet, view = (argparse.ArgumentParser(add_help=False) for _ in range(3))
     file.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
-    settings.add_argument(
+    problem = argparse.ArgumentParser(add_help=False, parents=[file])
+    problem.add_argument(
+        'problem',
+        type=lambda name: SHORT_NAMES.get(name, name),
+        help='pendulum, robots, an installed problem, module:Class',
+    )
+    problem.add_argument(
         '--set',
         nargs='+',
         action='extend',
@@ -100,9 +99,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 
     plan = commands.add_parser(
-        'plan', parents=[file, settings, quiet], help='plan without ROS running and write the plan'
+        'plan', parents=[problem, quiet], help='plan without ROS running and write the plan'
     )
-    plan.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
     plan.add_argument(
         '-o', '--output', type=Path, required=True, metavar='FILE', help='.json, .csv or .npz'
     )
@@ -110,9 +108,8 @@ def _parser() -> argparse.ArgumentParser:
     plan.set_defaults(run=_plan)
 
     check = commands.add_parser(
-        'check', parents=[file, settings], help='compare the equations and limits of a problem'
+        'check', parents=[problem], help='compare the equations and limits of a problem'
     )
-    check.add_argument('problem', help='module:Class, or the name of an installed problem')
     check.set_defaults(run=_check)
 
     demo = commands.add_parser(
@@ -181,11 +178,8 @@ def _parser() -> argparse.ArgumentParser:
     report.set_defaults(run=_report)
 
     study = commands.add_parser(
-        'study',
-        parents=[file, settings, view, quiet],
-        help='plan many times, over ranges of parameters',
+        'study', parents=[problem, view, quiet], help='plan many times, over ranges of parameters'
     )
-    study.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
     study.add_argument(
         '--over',
         action='append',
@@ -209,12 +203,16 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _problem(options: argparse.Namespace) -> Problem:
+    problem_class = load_problem(options.problem)
+    return problem_class.from_parameters(read_parameters(options.params, options.set))
+
+
 def _plan(options: argparse.Namespace) -> int:
     check_path(options.output)
     if options.plot is not None:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
-    problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
-    problem = problem_class.from_parameters(read_parameters(options.params, options.set))
+    problem = _problem(options)
     with Progress(options.quiet) as progress:
         tell_of_compilation(progress.line)
         progress.phase('preparing')
@@ -239,9 +237,7 @@ def _check(options: argparse.Namespace) -> int:
     from rich.console import Console
     from tdm_planner.problem_check import check_problem
 
-    problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
-    problem = problem_class.from_parameters(read_parameters(options.params, options.set))
-    reasons = check_problem(problem, Console())
+    reasons = check_problem(_problem(options), Console())
     for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')
     return EXIT_USAGE if reasons else EXIT_DONE
@@ -305,7 +301,7 @@ def _study(options: argparse.Namespace) -> int:
         raise InvalidProblem(f"'--{next(iter(given))}' is of flights: it needs '--closed-loop'")
     with Progress(options.quiet) as progress:
         run(
-            SHORT_NAMES.get(options.problem, options.problem),
+            options.problem,
             [parse_axis(text) for text in options.over],
             options.output,
             parameters=read_parameters(options.params, options.set),

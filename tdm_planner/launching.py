@@ -25,8 +25,8 @@ from launch_ros.actions import Node
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameter_files import read_document
-from tdm_planner.resources import config_file, executable_of
+from tdm_planner.parameter_files import config_file, read_document
+from tdm_planner.starting import executable_of
 from tdm_sim.record_command import record_command
 import yaml
 
@@ -62,7 +62,6 @@ class Launch:
         self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
 
     def __getitem__(self, name: str) -> str:
-        """Return an argument's text."""
         return str(LaunchConfiguration(name).perform(self._context))
 
     def on(self, name: str) -> bool:
@@ -182,40 +181,31 @@ def joined(*parts: str) -> str:
     return '/'.join(part for part in parts if part)
 
 
-def argument(
-    name: str, default: str, description: str, switch: bool = False
-) -> DeclareLaunchArgument:
-    """Declare an argument, which a `switch` leaves to be true or false."""
-    return DeclareLaunchArgument(
-        name,
-        default_value=default,
-        choices=SWITCH if switch else None,
-        description=description,
-    )
+def argument(name: str, default: str, description: str, **more: Any) -> DeclareLaunchArgument:
+    """Declare an argument."""
+    return DeclareLaunchArgument(name, default_value=default, description=description, **more)
+
+
+def switch(name: str, default: str, description: str) -> DeclareLaunchArgument:
+    """Declare an argument that is true or false."""
+    return argument(name, default, description, choices=SWITCH)
 
 
 def common_arguments() -> list[DeclareLaunchArgument]:
     """Declare the arguments that both launch files have."""
     return [
-        argument(
-            'record',
-            'false',
-            'record all topics of the namespace, and shared ones, to a rosbag2',
-            switch=True,
+        switch(
+            'record', 'false', 'record all topics of the namespace, and shared ones, to a rosbag2'
         ),
         argument('bag', '', 'folder to record to; empty: named after namespace and time'),
-        argument('respawn', 'true', 'restart a tracker that dies, up to three times', switch=True),
-        argument(
+        switch('respawn', 'true', 'restart a tracker that dies, up to three times'),
+        switch(
             'use_sim_time',
             'false',
             'let all nodes follow /clock; a plant with publish_clock drives it',
-            switch=True,
         ),
-        argument(
-            'enclaves',
-            'false',
-            'run every node of this package in the SROS2 enclave of its name',
-            switch=True,
+        switch(
+            'enclaves', 'false', 'run every node of this package in the SROS2 enclave of its name'
         ),
         argument('log_level', 'info', 'level of the loggers of all nodes but the recorder'),
     ]

@@ -1,20 +1,55 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""ROS 2 parameter files and ``name=value`` settings, read without ROS."""
+"""ROS 2 parameter files: where those of the package are; read, as ``name=value``, without ROS."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 import re
+import sys
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import flatten, shown
+from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
 
 _LONGEST = 300  # letters of an error
+
+
+def share_directory() -> Path:
+    """
+    Folder that holds `config` and `launch`.
+
+    The first of: the prefixes of a sourced ROS 2 workspace (colcon), the Python environment (pip),
+    the source tree (an editable installation, or none).
+
+    Raise FileNotFoundError, naming the folders that were tried, if it is in none.
+    """
+    tried = [prefix / 'share' / PACKAGE for prefix in (*ament_prefixes(PACKAGE), Path(sys.prefix))]
+    tried.append(Path(__file__).resolve().parents[1])
+    for folder in tried:
+        if (folder / 'config').is_dir():
+            return folder
+    raise FileNotFoundError(
+        f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
+    )
+
+
+def config_file(name: str) -> Path:
+    """
+    Path of the parameter file `name`, e.g. ``pendulum.yaml``.
+
+    Raise FileNotFoundError, listing the parameter files there are, if there is no such file.
+    """
+    folder = share_directory() / 'config'
+    path = folder / name
+    if not path.is_file():
+        names = ', '.join(sorted(p.name for p in folder.glob('*.yaml'))) or 'none'
+        raise FileNotFoundError(f"no parameter file '{name}' in {folder}; there is: {names}")
+    return path
 
 
 class _Loader(yaml.SafeLoader):
@@ -26,7 +61,6 @@ class _Loader(yaml.SafeLoader):
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose the next node."""
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem='aliases are not supported', problem_mark=mark)

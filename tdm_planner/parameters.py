@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 import math
 import operator
@@ -107,15 +107,7 @@ class ParameterSpec:
         return kind
 
     def check(self, value: Any) -> Any:
-        """
-        Return `value` in the declared type.
-
-        Raises
-        ------
-        InvalidProblem
-            Naming the parameter, the value and what is allowed.
-
-        """
+        """Return `value` in the declared type; raises InvalidProblem if it is not allowed."""
         if value is None and self.optional:
             return None
         checked = self._coerce(value)
@@ -131,11 +123,8 @@ class ParameterSpec:
         return checked
 
     def _coerce(self, value: Any) -> Any:
-        if self.kind is bool:
-            if isinstance(value, bool):
-                return value
-        elif self.kind is str:
-            if isinstance(value, str):
+        if self.kind in (bool, str):
+            if isinstance(value, self.kind):
                 return value
         elif self.kind in (float, int):
             return self._number(value, self.kind)
@@ -188,19 +177,12 @@ def parameter(
     length: int | None = None,
 ) -> Any:
     """Declare a dataclass field as a parameter; the arguments are those of `ParameterSpec`."""
-    metadata = {
-        _METADATA_KEY: {
-            'description': description,
-            'unit': unit,
-            'range': allowed,
-            'choices': choices,
-            'read_only': read_only,
-            'length': length,
-        }
-    }
+    spec = ParameterSpec(
+        '', None, default, description, unit, allowed, choices, read_only=read_only, length=length
+    )
     if isinstance(default, list):
-        return field(default_factory=lambda: list(default), metadata=metadata)
-    return field(default=default, metadata=metadata)
+        return field(default_factory=lambda: list(default), metadata={_METADATA_KEY: spec})
+    return field(default=default, metadata={_METADATA_KEY: spec})
 
 
 def group(cls: type[T]) -> T:
@@ -230,11 +212,7 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
     """
     Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration.
 
-    Raises
-    ------
-    InvalidProblem
-        For the first field that is of no type a parameter can have.
-
+    Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
     found: dict[str, ParameterSpec] = {}
     for item, hint in _fields(cls):
@@ -249,18 +227,8 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
                     f"parameter '{name}' is declared as {shown(hint)}: must be float, int, bool, "
                     'str, list[float] or list[str]'
                 )
-            if item.default is not dataclasses.MISSING:
-                default = item.default
-            else:
-                assert item.default_factory is not dataclasses.MISSING
-                default = item.default_factory()
-            found[name] = ParameterSpec(
-                name=name,
-                kind=kind,
-                default=default,
-                optional=optional,
-                **item.metadata[_METADATA_KEY],
-            )
+            spec = item.metadata[_METADATA_KEY]
+            found[name] = replace(spec, name=name, kind=kind, optional=optional)
     return found
 
 
@@ -268,11 +236,7 @@ def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
     """
     Make a dataclass of parameters from dotted names; names that are absent keep the default.
 
-    Raises
-    ------
-    InvalidProblem
-        For the first value that is not allowed.
-
+    Raise InvalidProblem for the first value that is not allowed.
     """
     specs = specifications(cls, prefix)
     arguments: dict[str, Any] = {}
@@ -290,15 +254,7 @@ class Validated:
     """Mixin for a frozen dataclass of parameters: its fields are checked when it is made."""
 
     def __post_init__(self) -> None:
-        """
-        Check every declared field.
-
-        Raises
-        ------
-        InvalidProblem
-            For the first value that is not allowed.
-
-        """
+        """Check every declared field; raises InvalidProblem for the first wrong value."""
         assert dataclasses.is_dataclass(self)
         for name, spec in specifications(type(self)).items():
             if '.' not in name:
@@ -309,11 +265,7 @@ def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     """
     Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
 
-    Raises
-    ------
-    InvalidProblem
-        If it is not a mapping, or one nested without end.
-
+    Raise InvalidProblem if it is not a mapping, or one nested without end.
     """
     if not isinstance(mapping, Mapping):
         raise InvalidProblem(

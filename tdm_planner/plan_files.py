@@ -98,15 +98,7 @@ WRITERS: dict[str, Callable[[Mapping[str, Any]], bytes]] = {
 
 
 def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
-    """
-    Reject a path that cannot be written, before a long computation begins.
-
-    Raises
-    ------
-    UnusableFile
-        If the ending is unknown or the folder does not exist.
-
-    """
+    """Raise UnusableFile for a path that cannot be written, before a long computation begins."""
     if path.suffix.lower() not in endings:
         raise UnusableFile(f"the file '{path}' must end in one of {', '.join(endings)}")
     if not path.parent.is_dir():

@@ -4,10 +4,10 @@
 """
 What a process does before it imports anything else of this package.
 
-It looks for what must be installed. Processes of our own limit the threads of BLAS and end quietly
-on a signal: the imports take about a second, in which Ctrl-C would end in a traceback. From when a
-node runs, `tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruptible`:
-one signal interrupts it, others do not disturb the clean-up.
+It looks for the packages and programs that must be installed. Processes of our own limit the
+threads of BLAS and end quietly on a signal: the imports take about a second, in which Ctrl-C would
+end in a traceback. From when a node runs, `tdm_planner.nodes.runtime` handles signals; from when a
+command runs, `interruptible`: one signal interrupts it, others do not disturb the clean-up.
 """
 
 from __future__ import annotations
@@ -17,12 +17,16 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 import os
 from pathlib import Path
+import shutil
 import signal
 import sys
 import threading
 from types import FrameType
 from typing import NoReturn
 
+from tdm_planner.exceptions import InvalidProblem
+
+PACKAGE = 'tdm_planner'
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 NODES = {  # modules, by executable
@@ -32,6 +36,7 @@ NODES = {  # modules, by executable
     'pendulum_plant': 'tdm_sim.pendulum_plant',
     'robot_plant': 'tdm_sim.robot_plant',
 }
+_COMMAND = ('tdm_planner.cli', ''), ('', 'tdm')  # module, executable
 NO_ROS = (
     "this needs 'rclpy', which is not installed: source a ROS 2 installation, or run 'make setup' "
     'in the source tree'
@@ -54,18 +59,12 @@ REQUIRED = {
 
 
 def begin() -> None:
-    """
-    Prepare the process of a node or a command; called when the package is imported.
-
-    A missing package is one sentence, and code 1.
-    """
-    if not is_ours():
-        return
-    fault = _missing()
-    if fault:
-        sys.exit(fault)
-    limit_threads()
-    end_quietly_on_signals()
+    """Prepare the process of a node or a command; called when the package is imported."""
+    if is_ours():
+        if fault := _missing():
+            sys.exit(fault)  # as a sentence, with code 1
+        limit_threads()
+        end_quietly_on_signals()
 
 
 def require_packages() -> None:
@@ -74,8 +73,7 @@ def require_packages() -> None:
 
     Raise ImportError if one is missing, with a sentence that says how to install it.
     """
-    fault = _missing()
-    if fault:
+    if fault := _missing():
         raise ImportError(fault)
 
 
@@ -90,14 +88,41 @@ def _missing() -> str:
     return NO_ROS if is_node() and find_spec('rclpy') is None else ''
 
 
+def ament_prefixes(package: str) -> Iterator[Path]:
+    """Where a package of ROS 2 is installed, of what is sourced, the overlay first."""
+    for prefix in _sourced():
+        if (prefix / 'share/ament_index/resource_index/packages' / package).is_file():
+            yield prefix
+
+
+def _sourced() -> list[Path]:
+    return [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+
+
+def executable_of(package: str, name: str) -> str:
+    """
+    Path of the program that ``ros2 run PACKAGE NAME`` runs.
+
+    Raise InvalidProblem, saying what to install, if it is not installed.
+    """
+    for prefix in ament_prefixes(package):
+        found = shutil.which(name, path=prefix / 'lib' / package)
+        if found is not None:
+            return found
+    distribution = os.environ.get('ROS_DISTRO', 'jazzy')
+    way = f'sudo apt install ros-{distribution}-{package.replace("_", "-")}'
+    if package == PACKAGE:
+        way = 'source the workspace in which colcon has built it'
+    raise InvalidProblem(f"'{name}' of package '{package}' is not installed: {way}")
+
+
 def require_one_ros() -> None:
     """
     Go on only where ROS 2 is there once, natively or as wheels: both would be loaded at random.
 
     Raise ImportError if there are two, naming both, and the ways out.
     """
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    native = [p for p in prefixes if p and any(Path(p).glob('lib/python*/*-packages/rclpy'))]
+    native = [p for p in _sourced() if any(p.glob('lib/python*/*-packages/rclpy'))]
     if native and find_spec('ros_wheels_bootstrapper') is not None:
         raise ImportError(
             f'ROS 2 is sourced from {native[0]} and also installed as wheels in {sys.prefix}: '
@@ -122,67 +147,48 @@ def end_quietly_on_signals() -> None:
 
     The code is 0 for nodes and recordings, which have done what they were asked to.
     """
-    if threading.current_thread() is not threading.main_thread():
+    done = is_node() or command()[1:2] == ['record']
+    if not (done or command()) or threading.current_thread() is not threading.main_thread():
         return
-    if is_node() or command()[1:2] == ['record']:
-        handler = _end
-    elif command():
-        handler = _give_up
-    else:
-        return
+
+    def end(number: int, frame: object) -> None:
+        # Nothing is open yet; an exception would be swallowed, or told, by the import under way.
+        os._exit(0 if done else 128 + number)
+
     for number in SIGNALS:
-        signal.signal(number, handler)
+        signal.signal(number, end)
 
 
 def is_ours() -> bool:
     """Whether the process was started as a node, as `tdm`, or as another module of the package."""
-    package = _module().partition('.')[0]
+    package = _started()[0].partition('.')[0]
     return package in ('tdm_planner', 'tdm_sim') or is_node() or bool(command())
 
 
 def is_node() -> bool:
     """Whether the process was started as a node: as a module, or as one of the executables."""
-    if module := _module():
-        return module in NODES.values()
-    return Path(_arguments()[0]).name in NODES
+    module, executable, _ = _started()
+    return module in NODES.values() or executable in NODES
 
 
 def command() -> list[str]:
     """Return the words of the `tdm` command that the process was started as, else none."""
-    if words := _module_words():
-        return ['tdm', *words[1:]] if words[0] == 'tdm_planner.cli' else []
-    return ['tdm', *_arguments()[1:]] if Path(_arguments()[0]).name == 'tdm' else []
+    module, executable, arguments = _started()
+    return ['tdm', *arguments] if (module, executable) in _COMMAND else []
 
 
-def _module() -> str:
-    """Return the module that Python was started with, '' if it was not."""
-    return next(iter(_module_words()), '')
-
-
-def _module_words() -> list[str]:
-    """Return the module that Python was started with and its arguments, none if it was not."""
+def _started() -> tuple[str, str, list[str]]:
+    """Return the module or the executable, the other being '', and the arguments."""
     words = iter(sys.orig_argv[1:])
     for word in words:
         if word == '-m':
-            return list(words)
+            return next(words, ''), '', list(words)
         if word in ('-W', '-X'):  # options whose value is a word of its own
             next(words, '')
         elif word == '-c' or not word.startswith('-'):
             break  # what follows are the arguments of a script
-    return []
-
-
-def _arguments() -> list[str]:
-    return getattr(sys, 'argv', None) or ['']
-
-
-def _end(number: int, frame: object) -> None:
-    # Nothing is open yet; an exception would be swallowed, or told, by the import under way.
-    os._exit(0)
-
-
-def _give_up(number: int, frame: object) -> None:
-    os._exit(128 + number)
+    program, *arguments = getattr(sys, 'argv', None) or ['']
+    return '', Path(program).name, arguments
 
 
 class Interrupted(KeyboardInterrupt):

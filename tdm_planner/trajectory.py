@@ -66,7 +66,6 @@ class Trajectory:
     rates: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Check shapes and values."""
         for name in ('times', 'states', 'controls'):
             values = np.array(getattr(self, name), dtype=float)
             if not np.isfinite(values).all():
@@ -134,16 +133,9 @@ class Trajectory:
         interpolation: Interpolation = 'zero_order_hold',
     ) -> Trajectory:
         """Return a trajectory whose names and units are those of `named`, a plant or problem."""
-        return cls(
-            times=times,
-            states=states,
-            controls=controls,
-            state_names=named.state_names,
-            control_names=named.control_names,
-            interpolation=interpolation,
-            state_units=named.state_units,
-            control_units=named.control_units,
-        )
+        names = named.state_names, named.control_names
+        units = named.state_units, named.control_units
+        return cls(times, states, controls, *names, interpolation, *units)
 
     def with_rates(self, derivative: Callable[[Array, Array], Array]) -> Trajectory:
         """Return a copy whose `rates` follow from the plant's `derivative(state, control)`."""
@@ -187,13 +179,12 @@ class Trajectory:
 
     def sample(self, t: ArrayLike) -> Sample:
         """Read states and controls at time(s) `t` [s], held at the ends outside the samples."""
-        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
+        at = self._inside(t)
         return Sample(self._state_at(at), self._control_at(at))
 
     def controls_at(self, t: ArrayLike) -> Array:
         """Read the controls alone at time(s) `t` [s], as `sample` does."""
-        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
-        return self._control_at(at)
+        return self._control_at(self._inside(t))
 
     def control_integral(self, t: ArrayLike) -> Array:
         """
@@ -201,8 +192,11 @@ class Trajectory:
 
         Exact for the `interpolation` they have; they are zero outside the samples.
         """
-        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
-        return np.asarray(self._control_antiderivative(at))
+        return np.asarray(self._control_antiderivative(self._inside(t)))
+
+    def _inside(self, t: ArrayLike) -> Array:
+        at: Array = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
+        return at
 
     def _control_at(self, t: Array) -> Array:
         if self.interpolation == 'zero_order_hold':
@@ -216,10 +210,6 @@ class Trajectory:
         if self.rates is None:
             return _linear(t, self.times, self.states)
         index = np.clip(np.searchsorted(self.times, t, side='right') - 1, 0, self.times.size - 2)
-        return self._hermite(t, index)
-
-    def _hermite(self, t: Array, index: NDArray[np.intp]) -> Array:
-        assert self.rates is not None
         start, end = self.times[index], self.times[index + 1]
         h = (end - start)[..., None]
         s = ((t - start) / (end - start))[..., None]
@@ -258,13 +248,9 @@ class Trajectory:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Trajectory:
         """
-        Inverse of `to_dict`; the samples are the same to the last bit.
+        Return what `to_dict` was of; the samples are the same to the last bit.
 
-        Raises
-        ------
-        InvalidProblem
-            If a key is missing or the samples do not fit together.
-
+        Raise InvalidProblem if a key is missing or the samples do not fit together.
         """
         try:
             states, controls = dict(data['states']), dict(data['controls'])
@@ -308,10 +294,6 @@ class TimedTrajectory:
     def reference(self, time: float) -> Array:
         """Planned state (nx,) at an instant [s]; the ends are held."""
         return self.sample(time).state
-
-    def moved(self, step: float) -> TimedTrajectory:
-        """Return the same by a clock whose instants are `step` [s] more."""
-        return replace(self, start=self.start + step)
 
 
 def _linear(t: Array, times: Array, values: Array) -> Array:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
 import math
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tdm_planner.direct_method.flight import Flown
 
 Array = NDArray[np.float64]
 
@@ -86,22 +89,11 @@ class SelfReplaying(Protocol):
         """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
 
 
-class Flight(Protocol):
-    """A motion as it was integrated."""
-
-    @property
-    def steps(self) -> Array:
-        """Instants at which steps of the integration begin or end [s]."""
-
-    def states(self, times: Array) -> Array:
-        """States at `times` (n,), (n, nx); NaN where the integration could not go on."""
-
-
 @runtime_checkable
 class SelfFlying(Protocol):
     """A plant whose equations of motion are compiled, and integrated as exactly or more so."""
 
-    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flight | None:
+    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
         """Integrate along the controls of `trajectory`; None: cannot."""
 
 
@@ -129,7 +121,6 @@ class _Pieces:
 
     @property
     def steps(self) -> Array:
-        """Instants at which steps of the integration begin or end [s]."""
         return np.unique(np.concatenate([piece.ts for piece in self.pieces] or [np.zeros(0)]))
 
     def states(self, times: Array) -> Array:
@@ -142,7 +133,7 @@ class _Pieces:
         return states
 
 
-def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Flight:
+def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Flown | _Pieces:
     """
     Integrate the plant along the trajectory's controls, see `replay`.
 
@@ -240,7 +231,7 @@ def verify(
 
 
 def resolved(
-    flight: Flight, trajectory: Trajectory, constraints: Sequence[Constraint]
+    flight: Flown | _Pieces, trajectory: Trajectory, constraints: Sequence[Constraint]
 ) -> tuple[Array, Array]:
     """
     Instants (n,) and states (n, nx) at which a violation of the constraints shows.
@@ -331,35 +322,19 @@ def judge(
     """
     controls = trajectory.controls_at(times)
     error = np.where(np.isfinite(tolerance), states[-1] - goal, 0.0)
-    reasons = [
-        f'{name} ends {abs(e):.3g} {unit} from the goal (allowed {tol:.3g})'
-        for name, unit, e, tol in zip(
-            plant.state_names, plant.state_units, error, tolerance, strict=True
-        )
-        if not abs(e) <= tol
-    ]
-    usual = usual_tolerance(trajectory.states, plant.state_units)
+    reasons = _beyond(plant, error, tolerance, '{} ends {:.3g} {} from the goal')
     allowed = consistency
     if allowed is None:
+        usual = usual_tolerance(trajectory.states, plant.state_units)
         # A wide goal allows no motion that is written far off the one that is flown.
         wide = np.minimum(tolerance, _WIDEST * usual)
         allowed = np.where(np.isfinite(tolerance), wide, usual)
     written = np.searchsorted(times, trajectory.times)
     drift = np.abs(states[written] - trajectory.states).max(axis=0)
-    reasons += [
-        f'{name} as written differs by {d:.3g} from the replay (allowed {a:.3g})'
-        for name, d, a in zip(plant.state_names, drift, allowed, strict=True)
-        if not d <= a
-    ]
+    reasons += _beyond(plant, drift, allowed, '{} as written differs by {:.3g} from the replay')
     if start is not None:
-        away = np.nan_to_num(np.abs(trajectory.states[0] - start))
-        reasons += [
-            f'{name} begins {d:.3g} {unit} from the start (allowed {a:.3g})'
-            for name, unit, d, a in zip(
-                plant.state_names, plant.state_units, away, allowed, strict=True
-            )
-            if not d <= a
-        ]
+        away = np.nan_to_num(trajectory.states[0] - start)
+        reasons += _beyond(plant, away, allowed, '{} begins {:.3g} {} from the start')
     worst, worst_times, violated = check(constraints, times, states, controls)
     reasons += violated
     return Verification(
@@ -371,6 +346,16 @@ def judge(
         state_names=plant.state_names,
         units={constraint.name: constraint.unit for constraint in constraints},
     )
+
+
+def _beyond(plant: Plant, errors: Array, allowed: Array, text: str) -> list[str]:
+    """Say which errors of states are larger than allowed: `text` takes name, error and unit."""
+    given = zip(plant.state_names, plant.state_units, np.abs(errors), allowed, strict=True)
+    return [
+        f'{text.format(name, error, unit)} (allowed {most:.3g})'
+        for name, unit, error, most in given
+        if not error <= most
+    ]
 
 
 def check(

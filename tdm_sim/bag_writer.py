@@ -50,7 +50,6 @@ class _Mcap(McapWriter):
         self.bio.flush()
 
     def complete(self) -> None:
-        """Complete what has been written last, so that it survives a kill."""
         if self.chunk.msgs:
             self.close_chunk()
 
@@ -199,7 +198,6 @@ class BagWriter(Writer):
             self._reserve.unlink()
 
     def __enter__(self) -> BagWriter:
-        """Make the folder and open the files in it."""
         try:
             self.open()
         except (*StorageError, WriterError) as error:

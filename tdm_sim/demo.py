@@ -25,8 +25,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
-from tdm_sim.demo_scene import make_scene, Scene
-from tdm_sim.processes import NodeProcesses
+from tdm_sim.processes import make_scene, NodeProcesses, Scene
 from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
@@ -35,11 +34,7 @@ from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import figures
 
 SPEED = ParameterSpec(
-    name='speed',
-    kind=float,
-    default=1.0,
-    description='simulated time relative to real time',
-    range=Range(0.05, 10.0),
+    'speed', float, 1.0, 'simulated time relative to real time', range=Range(0.05, 10.0)
 )
 
 _START_LIMIT = 60.0  # s for every node to be up and connected
@@ -89,9 +84,8 @@ def run_demo(
     judged = comparison.verdict
     Console(quiet=quiet, highlight=False).print(_table(mission, comparison))
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
-    told = ['too little was recorded to judge it']
-    if judged is not None:
-        told = [*judged.reasons, judged.undecided]
+    unjudged = ('too little was recorded to judge it',)
+    told = unjudged if judged is None else (*judged.reasons, judged.undecided)
     for reason in filter(None, (*told, *unclean)):
         print(f'tdm demo: {reason}', file=sys.stderr)
     return judged is not None and judged.reached and not unclean
@@ -108,12 +102,11 @@ def _prepare_folder(folder: Path) -> None:
             f"the folder '{folder}' holds '{others[0]}', which no demo has written: "
             'name another one with -o'
         )
-    for name in _OWN_FILES:
-        path = folder / name
+    for path in folder.iterdir():
         if path.is_dir():
             shutil.rmtree(path)
         else:
-            path.unlink(missing_ok=True)
+            path.unlink()
 
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
@@ -188,9 +181,10 @@ def _plan_file(mission: Mission) -> dict[str, Any]:
 
 def _table(mission: Mission, comparison: Comparison) -> Table:
     judged = comparison.verdict
-    title = 'not known' if judged is None or not judged.reasons else 'goal missed'
-    reached = judged is not None and judged.reached
-    table = Table('', title='goal reached and held' if reached else title)
+    title = 'not known'
+    if judged is not None and (judged.reached or judged.reasons):
+        title = 'goal reached and held' if judged.reached else 'goal missed'
+    table = Table('', title=title)
     for heading in ('planned', 'achieved'):
         table.add_column(heading, justify='right')
     for row in figures(mission, comparison):

@@ -86,7 +86,6 @@ def _setup(given: PendulumPlantParameters) -> PlantSetup:
 
 
 def _push(given: PendulumPlantParameters, simulation: SimulatedPlant, _: str) -> str:
-    """Give an impulse about the pendulum's pivot."""
     impulse, plant = given.disturbance.impulse, simulation.setup.plant
     assert isinstance(plant, RotaryPendulum)
     simulation.push(lambda state: pendulum_push(plant, state, impulse))

@@ -1,23 +1,53 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Nodes as processes: started, watched and ended together."""
+"""Nodes as processes: started, watched and ended together; the scene of a plant's nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+import json
+import math
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
 import time
+from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from tdm_planner.exceptions import TdmError
-from tdm_planner.starting import uninterrupted
+from tdm_planner.nodes.diagnostics import TOPIC
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.reading import seconds_of
+from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.parameter_files import config_file, read_parameters
+from tdm_planner.parameters import specifications
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.request import RequestParameters
+from tdm_planner.robot_nodes import robot_nodes
+from tdm_planner.starting import NODES, uninterrupted
+from tdm_sim.plant_node import SimulationParameters
+from tdm_sim.report.verdict import HOLD_TIME
 
 _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
+_AFTER = 0.5  # s that are waited beyond what the verdict needs
+_NODES = 100  # that may speak at once
+_BUILT_IN = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plants: problems
+_RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
+_COVER_REAL_TIME = frozenset({
+    'start.delay', 'start.max_age', 'replan.delay', 'state_timeout', 'replan.interval',
+    'command_timeout',
+})  # fmt: skip
 
 
 class ProcessFailed(TdmError):
@@ -100,3 +130,176 @@ def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> N
     if process.poll() is None:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, number)
+
+
+class Part(NamedTuple):
+    """A node of a scene: executable, namespace, parameters beside those of the file."""
+
+    executable: str
+    namespace: str
+    parameters: Mapping[str, Any] = {}
+
+
+class Scene:
+    """
+    Planner, trackers and plants in the planner's namespace and below it, seen from outside.
+
+    `file` is the parameter file of all nodes, if any; `parts` are the nodes, a plant before its
+    tracker. `now` is the instant [s] of the newest state, in the plants' time; -inf before the
+    first. `heard_at` is the monotonic time at which it, or the plan, was heard.
+    """
+
+    def __init__(
+        self, problem: Problem, namespace: str, parts: tuple[Part, ...], file: Path | None
+    ) -> None:
+        self.problem, self.namespace, self.parts, self.file = problem, namespace, parts, file
+        self.speed = 1.0  # of simulated time
+        self.plants = [part for part in parts if part.executable.endswith('plant')]
+        self.now, self.heard_at = -math.inf, -math.inf
+        self._after = view_of(problem).settling + HOLD_TIME + _AFTER  # the planned end
+        self._plan: dict[str, Any] = {}
+        self._figures: dict[str, dict[str, str]] = {}  # by node
+
+    def nodes(self) -> list[tuple[str, str, list[str]]]:
+        """Name, module and arguments of every node to start."""
+        spaces = [plant.namespace for plant in self.plants]
+        # what simulated time waits for: commands, and states of all plants
+        followers = [f'{space}/joint_command' for space in spaces]
+        followers += [f'{space}/joint_states' for space in spaces[1:]]
+        rates = _RATES if len(spaces) == 1 else 1.0
+        commands = []
+        for part in self.parts:
+            arguments = ['--ros-args', '-r', f'__ns:={part.namespace}']
+            arguments += ['--params-file', str(self.file)] if self.file else []
+            waits_for = followers if part == self.plants[0] else ()
+            settings = speed_settings(part, self.file, self.speed, waits_for, rates)
+            for key, value in {**settings, **part.parameters}.items():
+                told = value if isinstance(value, str) else json.dumps(value)
+                arguments += ['-p', f'{key}:={told}']
+            below = part.namespace.removeprefix(self.namespace).strip('/')
+            name = f'{part.executable}_{below}' if below else part.executable
+            commands.append((name, NODES[part.executable], arguments))
+        return commands
+
+    def listen(self, node: Node) -> None:
+        """Subscribe to diagnostics, the plan, and the first plant's state: all have one clock."""
+        node.create_subscription(DiagnosticArray, TOPIC, self.take_diagnostics, _NODES)
+        node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
+        first = f'{self.plants[0].namespace}/joint_states'
+        node.create_subscription(JointState, first, self._on_state, qos_profile_sensor_data)
+
+    def take_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep the figures of nodes."""
+        for status in message.status:
+            name = status.name.split(':', 1)[0]
+            self._figures[name] = {value.key: value.value for value in status.values}
+
+    def _on_plan(self, message: String) -> None:
+        self._plan, self.heard_at = json.loads(message.data), time.monotonic()
+
+    def _on_state(self, message: JointState) -> None:
+        now = seconds_of(message.header.stamp)
+        if now > self.now:  # a clock that stands still is silence
+            self.now, self.heard_at = now, time.monotonic()
+
+    def missing(self, client: Client) -> list[str]:
+        """
+        Name the nodes that are not up or not connected; `client` is of the planner's service.
+
+        A plan requested earlier might reach a node after its motion is over. Whether others see
+        each other is in their own figures: the middleware may connect some pairs seconds later.
+        """
+        return [
+            f'{part.namespace}/{part.executable}'
+            for part in self.parts
+            if not (client.service_is_ready() if part.executable == 'planner' else self.up(part))
+        ]
+
+    def up(self, part: Part) -> bool:
+        """Whether a plant receives commands; a tracker states, and sees a planner."""
+        figures = self._figures.get(f'{part.namespace}/{part.executable}', {})
+        if part in self.plants:
+            return figures.get('commands accepted', '0') != '0'
+        return figures.get('planners', '0') != '0' and figures.get('state age [s]', 'inf') != 'inf'
+
+    @property
+    def planned(self) -> bool:
+        """Whether the plan has been received."""
+        return bool(self._plan)
+
+    @property
+    def _since(self) -> float:
+        """Time [s] since the start of the plan."""
+        stamp = self._plan['stamp']
+        return self.now - float(stamp['sec'] + 1e-9 * stamp['nanosec'])
+
+    @property
+    def over(self) -> bool:
+        """Whether there was time to reach the goal and to hold it."""
+        return self.planned and self._since > self._plan['duration'] + self._after
+
+    def status(self) -> str:
+        """Return the live line."""
+        if not math.isfinite(self.now):
+            return 'waiting for the plants'
+        return f't = {self._since:+6.2f} s of {self._plan["duration"]:.2f} s' if self._plan else ''
+
+
+def make_scene(plant: str, parameters: Path | None = None) -> Scene:
+    """
+    Return the scene of a built-in plant, or of a stated problem by its name.
+
+    Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
+    """
+    built_in = plant in _BUILT_IN
+    kind = load_problem(_BUILT_IN.get(plant, plant))
+    space = f'/{plant if built_in else kind.name}'
+    file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
+    values = read_parameters(file, namespace=space if built_in else None, required=built_in)
+    if plant == 'robots':
+        planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
+        parts = [
+            Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
+            for node in (*others, planner)
+        ]
+    elif built_in:
+        parts = [Part(name, space) for name in (f'{plant}_plant', 'tracker', 'planner')]
+    else:
+        named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
+        parts = [Part(node, space, {parameter: plant}) for node, parameter in named]
+    return Scene(kind.from_parameters(values), space, tuple(parts), file and file.resolve())
+
+
+def speed_settings(
+    part: Part,
+    file: Path | None,
+    speed: float,
+    followers: Sequence[str] = (),
+    rates: float = 1.0,
+) -> dict[str, Any]:
+    """
+    Return a node's parameters beside the parameter file, for a demo at `speed` times real time.
+
+    The plant with `followers`, topics whose publishers it waits for, drives `/clock`. Solving and
+    messages take real time: at a higher speed, what covers them is longer in simulated time, and
+    rates are lowered to `rates` times as many calls in a second as at real time.
+    """
+    if speed == 1.0:
+        return {}
+    kind = part.executable.rpartition('_')[2]
+    if kind == 'tracker':
+        declared = tracker_specifications('pendulum')
+    else:
+        declared = specifications(RequestParameters if kind == 'planner' else SimulationParameters)
+    given = read_parameters(file, node=part.executable, namespace=part.namespace, required=False)
+    settings: dict[str, Any] = {'use_sim_time': True}
+    if followers:
+        settings = {'use_sim_time': False, 'publish_clock': True, 'real_time_factor': speed}
+        settings['clock_followers'] = list(followers)
+    for name in declared.keys() & _COVER_REAL_TIME:
+        value = float(given.get(name, declared[name].default)) * max(speed, 1.0)
+        settings[name] = min(value, declared[name].range.upper)
+    if 'rate' in declared:
+        rate = float(given.get('rate', declared['rate'].default))
+        settings['rate'] = rate * min(rates / speed, 1.0)
+    return settings

@@ -53,6 +53,5 @@ class Progress:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End the live line."""
         if self.live:
             self._bars.stop()

@@ -13,7 +13,7 @@ from collections.abc import Collection
 from datetime import datetime
 import re
 
-from tdm_planner.resources import ament_prefixes, executable_of
+from tdm_planner.starting import ament_prefixes, executable_of
 
 RECORDING = 'recording to'  # how the line begins that `tdm record` prints with the first message
 # Topics that belong to no namespace, and are recorded with any.

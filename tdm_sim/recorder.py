@@ -61,7 +61,6 @@ class Figures:
         return sum(self.counts.values())
 
     def __str__(self) -> str:
-        """Return the figures as the progress line shows them."""
         return (
             f'{self.elapsed:.0f} s, {self.messages} messages on {len(self.counts)} topics, '
             f'{self.rate:.0f}/s, {self.size / 1e6:.1f} MB, {self.dropped} dropped'

@@ -143,7 +143,6 @@ def _setup(given: RobotPlantParameters) -> PlantSetup:
 
 
 def _push(given: RobotPlantParameters, simulation: SimulatedPlant, name: str) -> str:
-    """Give an impulse at the centre of mass."""
     plant, impulse = simulation.setup.plant, given.disturbance.impulse
     assert isinstance(plant, WheeledRobot)
     direction = given.disturbance.direction

@@ -93,7 +93,7 @@ class PlantSetup:
     Set-up of a simulated plant; arrays (nx,) or (nu,) in the plant's order and SI units.
 
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
-    multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are
+    multiplied by `gains`. Without a command for `command_timeout` s the controls are
     zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
     deviations of measured states. A plant that is `held` stays in its initial state until its
     `release`, or until the first command that is not zero.
@@ -104,7 +104,7 @@ class PlantSetup:
     lower: Array
     upper: Array
     noise: Array
-    gains: Array | None = None
+    gains: Array | float = 1.0
     command_timeout: float = 0.1
     command_loss: float = 0.0
     largest_step: float = LARGEST_STEP
@@ -156,7 +156,7 @@ class SimulatedPlant:
         if not self.commanded:
             return np.zeros_like(self._command)
         saturated: Array = np.clip(self._command, self.setup.lower, self.setup.upper)
-        return saturated if self.setup.gains is None else self.setup.gains * saturated
+        return self.setup.gains * saturated
 
     def command(self, control: Array) -> None:
         """Give a command, (nu,); one that is not finite or of another length raises ValueError."""

@@ -37,10 +37,10 @@ from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 _LARGEST_CONTROL = 1e9  # of what has no limits
 
 PROBLEM = ParameterSpec(
-    name='problem',
-    kind=str,
-    default='',
-    description='the problem whose plant this is: module:Class, or an installed name',
+    'problem',
+    str,
+    '',
+    'the problem whose plant this is: module:Class, or an installed name',
     read_only=True,
 )
 
@@ -103,7 +103,6 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
 
 
 def _model_of(node: PlantNode) -> PlantModel:
-    """Return the plant of the problem that the node's parameter names."""
     name = str(node.parameter_values[PROBLEM.name])
     built_in = {'pendulum_swing_up': PENDULUM_MODEL, 'robot_formation': ROBOT_MODEL}
     return built_in.get(name) or _stated_model(stated_problem(name), node)

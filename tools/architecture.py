@@ -25,7 +25,7 @@ ROOMS = {
         'tdm, demo, live page, studies',
         'tdm_planner.cli tdm_planner.set_up tdm_planner.launching tdm_planner.robot_nodes '
         'tdm_planner.problem_check '
-        'tdm_sim.demo tdm_sim.demo_scene tdm_sim.processes tdm_sim.live tdm_sim.study',
+        'tdm_sim.demo tdm_sim.processes tdm_sim.live tdm_sim.study',
     ),
     'recorder, report': (
         'rosbag2 in, one HTML page out',

@@ -21,11 +21,10 @@ import rclpy
 from rclpy.context import Context
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_planner.starting import require_one_ros
-from tdm_sim.demo_scene import make_scene, Scene
 from tdm_sim.live.listener import Listener
 from tdm_sim.live.page import Page
 from tdm_sim.live.recordings import Recordings
-from tdm_sim.processes import NodeProcesses
+from tdm_sim.processes import make_scene, NodeProcesses, Scene
 import viser
 
 FRAME_RATE = 25.0  # Hz

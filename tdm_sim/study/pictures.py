@@ -31,9 +31,8 @@ from tdm_planner.plan_files import write_file
 from tdm_planner.plotting import legend_above
 from tdm_sim.report.page import page_html
 from tdm_sim.report.tables import card
-from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
-from tdm_sim.study.study import cell, MARGIN
+from tdm_sim.study.study import Axis, cell, MARGIN
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
@@ -96,7 +95,6 @@ class Variable:
 
 
 def _plain(axis: Any) -> None:
-    """Write plain numbers on a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(lambda value, _: f'{value:g}')
     axis.set_minor_formatter(NullFormatter())
@@ -214,7 +212,6 @@ def _norm(name: str, values: Array) -> Normalize:
 
 
 def _reasons(codes: Codes) -> list[str]:
-    """Return the codes of what is not verified."""
     return sorted({*codes} - {''})
 
 
@@ -223,7 +220,6 @@ def _hatched(code: str) -> dict[str, Any]:
 
 
 def _legend(axis: Axes, codes: Codes) -> None:
-    """Explain the markers or hatches above a picture."""
     lines, labels = axis.get_legend_handles_labels()
     hatches: dict[str, Any] = {code: Patch(**_hatched(code)) for code in _reasons(codes)}
     if hatches:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A study from beginning to end: points, rows, table, pictures, page.
+A study from beginning to end: what it varies, rows, table, pictures, page.
 
 Its folder holds its statement and the table of the rows computed so far, which is replaced as a
 whole, so that it can be read whenever the study ends.
@@ -10,31 +10,46 @@ whole, so that it can be read whenever the study ends.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import timedelta
 from functools import partial
+from itertools import chain, product
 import json
+import math
 import os
 from pathlib import Path
+import re
 import time
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem, PlannerFault, TdmError
+from tdm_planner.parameter_files import parse_yaml
+from tdm_planner.parameters import shown
 from tdm_planner.plan_files import finite, UnusableFile
-from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.problem import Problem, problem_parameters
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.study.axes import Axis, checked, parse_axis, Point, points_of
 from tdm_sim.study.flights import ClosedLoop, FLOWN, measured
 from tdm_sim.study.workers import each, workers
+import yaml
 
+Spacing = Literal['linear', 'log', 'list', 'random']
+Point = dict[str, Any]
 Row = dict[str, Any]
-Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]
 
+_RANGE = re.compile(r'([^:]+):([^:]+):\s*(log|random)?\s*(\d+)')
+_FORMS = (
+    'NAME=LOW:HIGH:N, NAME=LOW:HIGH:log N, NAME=LOW:HIGH:random N or NAME=VALUE,VALUE,...; '
+    'N must be in [1, 1e6], both ends of a log range must be > 0'
+)
+_MOST = 1_000_000  # values of one parameter
+_WHOLE = 1e-9  # from an integer
 _SAVED = 10.0  # s between two times at which the table is saved, and between lines that stay
 MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 STATEMENT = 'study.json'
@@ -45,9 +60,102 @@ _READERS = {'.parquet': parquet.read_table, '.csv': partial(csv.read_csv, conver
 _WRITERS = {'.parquet': parquet.write_table, '.csv': csv.write_csv}
 
 
+@dataclass(frozen=True)
+class Axis:
+    """A parameter by its dotted name, the `values` it takes, and how they are spaced."""
+
+    name: str
+    values: tuple[Any, ...]
+    spacing: Spacing = 'list'
+
+
+def parse_axis(text: str) -> Axis:
+    """
+    Return what ``--over`` says: a range, linear, logarithmic or random, or a list of values.
+
+    Raise InvalidProblem if `text` has none of these forms.
+    """
+    name, _, given = text.partition('=')
+    found = _RANGE.fullmatch(given.strip())
+    spacing: Any = 'list' if found is None else found[3] or 'linear'
+    values: Any = None
+    try:
+        if found is not None:
+            values = _spaced(name, spacing, float(found[1]), float(found[2]), int(found[4]))
+        elif given.strip() and ':' not in given:
+            values = parse_yaml(f'[{given}]')
+    except (ValueError, yaml.YAMLError):
+        pass
+    if not (name and isinstance(values, list)):
+        raise InvalidProblem(f"'{shown(text)}' is not allowed: must be {_FORMS}")
+    return Axis(name, tuple(values), spacing)
+
+
+def _spaced(name: str, spacing: str, low: float, high: float, count: int) -> list[float] | None:
+    """Return the values of a range; None if there are none."""
+    least = 0.0 if spacing == 'log' else -math.inf
+    if not (least < low < math.inf and least < high < math.inf and 1 <= count <= _MOST):
+        return None
+    if spacing == 'random':  # the same whenever it is asked for, another for another parameter
+        generator = np.random.default_rng([count, *name.encode()])
+        values = generator.uniform(low, high, count)
+    else:
+        values = (np.geomspace if spacing == 'log' else np.linspace)(low, high, count)
+    return list(values.tolist())
+
+
+def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -> Axis:
+    """
+    Return an axis whose values have the type that the problem declares for the parameter.
+
+    Raise InvalidProblem if the problem has no such parameter, or does not allow a value of it.
+    """
+    spec = problem.parameter_specifications(parameters).get(axis.name)
+    values = []
+    for value in axis.values:
+        number = spec is not None and spec.kind is int and isinstance(value, float)
+        if number and math.isfinite(value) and abs(value - round(value)) < _WHOLE:
+            value = round(value)
+        found = problem_parameters(problem, {**parameters, axis.name: value})
+        if axis.name not in found:
+            raise InvalidProblem(
+                f"parameter '{shown(axis.name)}' belongs to a node: a study varies those of "
+                f'{problem.name}'
+            )
+        values.append(found[axis.name])
+    if not values:
+        raise InvalidProblem(f"parameter '{shown(axis.name)}' has no values to vary over")
+    return Axis(axis.name, tuple(values), axis.spacing)
+
+
+def points_of(axes: Sequence[Axis]) -> list[Point]:
+    """
+    Return every combination of the axes' values by name, the last axis varied first.
+
+    Random axes are drawn together: the n-th values of all of them make one combination.
+
+    Raise InvalidProblem if a parameter is varied twice, or random axes have different numbers of
+    values.
+    """
+    for name, count in Counter(axis.name for axis in axes).items():
+        if count > 1:
+            raise InvalidProblem(f"parameter '{shown(name)}' is varied twice")
+    drawn = [axis for axis in axes if axis.spacing == 'random']
+    if len({len(axis.values) for axis in drawn}) > 1:
+        raise InvalidProblem(
+            'random parameters are drawn together and must have as many values each: '
+            + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in drawn)
+        )
+    groups = [[axis] for axis in axes if axis not in drawn] + [drawn] * bool(drawn)
+    names = [axis.name for group in groups for axis in group]
+    choices = [zip(*(axis.values for axis in group), strict=True) for group in groups]
+    points = [dict(zip(names, chain(*chosen), strict=True)) for chosen in product(*choices)]
+    return [{axis.name: point[axis.name] for axis in axes} for point in points]
+
+
 def run(
     problem: str | type[Problem],
-    over: Over,
+    over: Mapping[str, str | Sequence[Any]] | Sequence[Axis],
     output: Path | str | None = None,
     *,
     parameters: Mapping[str, Any] | None = None,
@@ -176,7 +284,6 @@ class Trial:
 
 
 def _row(code: str, reason: str) -> Row:
-    """Return a row without figures."""
     return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
 
 
@@ -245,7 +352,6 @@ def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
 
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
-    """Write pictures and page."""
     # matplotlib takes half a second to import, and worker processes do not need it
     from tdm_sim.study.pictures import draw, write_page
 

@@ -9,13 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 import logging
-import math
 from multiprocessing import resource_tracker
 import os
 import signal
 from tempfile import TemporaryDirectory
-import time
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import dask
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
@@ -24,8 +22,7 @@ from tdm_planner.exceptions import InvalidProblem
 Argument = TypeVar('Argument')
 Result = TypeVar('Result')
 
-_AHEAD = 2  # batches that a worker has: one at work, one waiting
-_BATCH_TIME = 0.5  # s of work that are sent at once, about
+_AHEAD = 2  # tasks that a worker has: one at work, one waiting
 _CONNECTED = 10  # s in which a scheduler must answer
 
 
@@ -81,50 +78,29 @@ def each(
     Yield the index of every argument and the result of `work`, in the order of completion.
 
     The task of a worker that died goes to another. For an argument that ends every worker, `lost`
-    gives the result; without it `KilledWorker` is raised. Arguments are sent in batches of about
-    half a second, a few at a time.
+    gives the result; without it `KilledWorker` is raised.
     """
-    total = sum(client.nthreads().values()) or 1
-    waiting, left = iter(range(len(arguments))), len(arguments)
-    alone: list[int] = []  # of batches that were lost
-    batches: dict[Future, list[int]] = {}
-    running = as_completed(loop=client.loop)
-    size = 1
+    numbers: dict[Future, int] = {}
+    running, waiting = as_completed(loop=client.loop), enumerate(arguments)
 
-    def start() -> None:
-        batch = [alone.pop()] if alone else list(islice(waiting, size))
-        if batch:
-            given = [arguments[index] for index in batch]
-            future = client.submit(_worked, work, given, pure=False)
-            batches[future] = batch
+    def start(count: int) -> None:
+        for number, argument in islice(waiting, count):
+            future = client.submit(work, argument, pure=False)
+            numbers[future] = number
             running.add(future)
 
-    for _ in range(_AHEAD * total):
-        start()
+    start(_AHEAD * (sum(client.nthreads().values()) or 1))
     for future in running:
-        batch = batches.pop(future)
+        number = numbers.pop(future)
         try:
-            results, seconds = future.result()
+            result = future.result()
         except KilledWorker:
-            if len(batch) > 1:
-                alone += batch
-                start()
-                continue
             if lost is None:
                 raise
-            results, seconds = [lost(arguments[batch[0]])], _BATCH_TIME
-        left -= len(batch)
-        enough = round(_BATCH_TIME * len(batch) / max(seconds, 1e-6))
-        size = max(1, min(enough, 2 * size, math.ceil(left / (_AHEAD * total))))
+            result = lost(arguments[number])
         future.release()
-        start()
-        yield from zip(batch, results, strict=True)
-
-
-def _worked(work: Callable[[Any], Any], given: Sequence[Any]) -> tuple[list[Any], float]:
-    """Return what comes of a batch, and how long it took [s]."""
-    began = time.perf_counter()
-    return [work(argument) for argument in given], time.perf_counter() - began
+        start(1)
+        yield number, result
 
 
 dask.config.set({'distributed.comm.timeouts.connect': f'{_CONNECTED}s'})

@@ -89,7 +89,7 @@ def test_colcon_installs_what_ros2_looks_for(installed, copy):
     assert not missing
     answer = run_sourced(installed, f'{folder}/tdm --version')
     assert tdm_planner.__version__ in answer
-    code = 'from tdm_planner.resources import config_file; print(config_file("pendulum.yaml"))'
+    code = 'import tdm_planner.parameter_files as p; print(p.config_file("pendulum.yaml"))'
     found = run_sourced(installed, f"{sys.executable} -c '{code}'")
     assert found.strip() == str(share / 'tdm_planner/config/pendulum.yaml')
 

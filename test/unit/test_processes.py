@@ -16,7 +16,7 @@ from unittest.mock import Mock
 import pytest
 from replays import faults
 from ros_harness import MODULES, SOURCE, UNHURRIED
-from tdm_planner import resources, set_up, starting
+from tdm_planner import parameter_files, set_up, starting
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import RobotFormation
@@ -103,15 +103,15 @@ def make_share(prefix: Path) -> Path:
 def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
-    assert resources.share_directory() == SOURCE
-    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
-    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
+    assert parameter_files.share_directory() == SOURCE
+    assert parameter_files.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
+    monkeypatch.setattr(parameter_files, '__file__', str(tmp_path / 'site-packages/a/b.py'))
     with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
-        resources.share_directory()
+        parameter_files.share_directory()
     share = make_share(tmp_path / 'python')
-    assert resources.share_directory() == share
+    assert parameter_files.share_directory() == share
     with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
-        resources.config_file('pendulum.yaml')
+        parameter_files.config_file('pendulum.yaml')
     not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
     make_share(not_indexed)
     share = make_share(workspace)
@@ -119,7 +119,7 @@ def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, m
     index.mkdir(parents=True)
     (index / 'tdm_planner').touch()
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
-    assert resources.share_directory() == share
+    assert parameter_files.share_directory() == share
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -31,10 +31,10 @@ from rosbags.typesys import get_typestore, Stores
 from std_msgs.msg import String
 from tdm_planner.cli import _parser, main
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.resources import config_file
+from tdm_planner.parameter_files import config_file
 from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash
-from tdm_sim.demo_scene import make_scene, Part, speed_settings
+from tdm_sim.processes import make_scene, Part, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.record_command import is_wanted, record_command, topics_pattern
 from tdm_sim.recorder import (

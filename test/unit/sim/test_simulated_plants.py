@@ -59,7 +59,7 @@ def test_steps_are_equal_and_no_longer_than_allowed() -> None:
 @SETTINGS
 @given(command=st.floats(-1.0, 1.0), gain=st.none() | st.floats(0.5, 1.5))
 def test_commands_are_clipped_to_the_limits_and_gains_act_on_what_saturates(command, gain):
-    plant = simulation(gains=None if gain is None else np.array([gain]))
+    plant = simulation(gains=1.0 if gain is None else np.array([gain]))
     plant.command(np.array([command]))
     acting = min(max(command, -0.02), 0.02) * (1.0 if gain is None else gain)
     assert plant.control[0] == pytest.approx(acting, rel=1e-12)
