@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,6 @@ class Signals:
     values: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Check that the parts match."""
-        assert self.values.shape == (self.times.size, len(self.names))
-        assert len(self.units) == len(self.names)
 
     @classmethod
     def of(
@@ -81,12 +76,7 @@ class Signals:
         return Signals(times, values, self.names, self.units)
 
     def thinned(self, most: int) -> Signals:
-        """
-        Return at most about `most` samples, for drawing.
-
-        In every bin of samples the first, the last, and the smallest and largest of every history
-        stay, so that peaks and gaps are drawn where they were measured.
-        """
+        """Return at most about `most` samples, for drawing: peaks and the ends of gaps stay."""
         kept = thinned_indices(self.values, most)
         return Signals(self.times[kept], self.values[kept], self.names, self.units)
 
@@ -151,11 +141,7 @@ class Vehicle:
         return self.commands if self.applied is None else self.applied
 
     def planned(self, times: Array) -> tuple[Signals, Signals]:
-        """
-        Return planned states and controls at instants (n,), of the plans in turn.
-
-        Before the first plan starts it is where that starts; after the last one, where it ends.
-        """
+        """Return planned states and controls at instants (n,), of the plans in turn."""
         state, control = self.plans[0].sample(times)
         for plan in self.plans[1:]:
             during = times >= plan.start
@@ -167,8 +153,7 @@ class Vehicle:
         )
 
 
-@dataclass(frozen=True)
-class Margin:
+class Margin(NamedTuple):
     """
     Smallest distance from a limit (negative: violated), and its instant [s].
 
@@ -210,8 +195,7 @@ class Severity(IntEnum):
     STALE = 3
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """Something a node reported: a rejected plan, a new one, a missed deadline, an error."""
 
     time: float
