@@ -62,10 +62,12 @@ class PlantView:
     `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
     by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`
     the deviations within which the goal counts as reached, where they do not depend on the plan;
-    `place` the states that are its place in the plane, where several of a kind keep a distance.
+    `place` the states that are its place in the plane, where several of a kind keep a distance,
+    `separation` [m] if it is known.
     """
 
     settling: float = 0.0
+    separation: float | None = None
     enforced: ClassVar[frozenset[str]] = frozenset()
     place: ClassVar[tuple[str, ...]] = ()
     near: ClassVar[tuple[Tolerance, ...]] = ()
@@ -104,11 +106,6 @@ class PlantView:
     def allowed(self, limit: str) -> float:
         """Return what a limit may be violated by, in its unit."""
         return _ROUNDING
-
-    @property
-    def separation(self) -> float | None:
-        """Distance [m] that several of the kind keep from each other; None where they need not."""
-        return None
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Return the levels that limit a state or a control, by name."""
@@ -209,6 +206,7 @@ class RobotView(PlantView):
     def __init__(self, problem: RobotFormation | None = None) -> None:
         super().__init__(ROBOT, problem)
         self._task = None if problem is None else problem.task
+        self.separation = None if self._task is None else self._task.separation
         self._drawn = RobotDrawing(self.separation, self._most(THRUST))
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
@@ -228,11 +226,6 @@ class RobotView(PlantView):
             lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
             found += [upper, lower]
         return found
-
-    @property
-    def separation(self) -> float | None:
-        """Distance that the centres of robots keep [m]."""
-        return None if self._task is None else self._task.separation
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Walls less the safety radius, and the limits of the actuators."""

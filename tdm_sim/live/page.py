@@ -189,7 +189,8 @@ class Page:
 
     def _on_dragged(self, handle: DragHandle, pose: Pose) -> None:
         def told(text: str) -> None:
-            self._scene.tell(handle.name, text)
+            if handle.name in self._scene.handles:
+                self._scene.handles[handle.name].tell(text)
             self._panel.note(text)
 
         self._operations.drag(handle, pose, told)

@@ -239,7 +239,7 @@ class HandleView:
         self._label: Any = None
         self._server, self._name = server, name
         turns = handle.moves == 'turn'
-        self._control = server.scene.add_transform_controls(
+        self.control = server.scene.add_transform_controls(
             name,
             scale=handle.size,
             active_axes=(True, True, False),
@@ -259,14 +259,14 @@ class HandleView:
                     self.handle, (np.array(event.target.position), np.array(event.target.wxyz))
                 )
 
-        self._control.on_update(on_update)
+        self.control.on_update(on_update)
 
     def move(self, pose: Pose) -> None:
         """Move it, unless it is held; once dropped it stays until its parameters change."""
         changed = any(not np.allclose(*pair) for pair in zip(pose, self._given, strict=True))
         if changed and not self._held:
             self._given = pose
-            self._control.position, self._control.wxyz = pose
+            self.control.position, self.control.wxyz = pose
 
     def tell(self, text: str) -> None:
         """Show a message beside it; '' removes it."""
@@ -278,22 +278,14 @@ class HandleView:
                 f'{self._name}/reason', textwrap.fill(text, _LETTERS), anchor='bottom-center'
             )
 
-    def remove(self) -> None:
-        """Take it away."""
-        self._control.remove()
-
 
 class Scene:
     """Everything in space: layers by name, handles, camera."""
 
     def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
         self._server, self._dragged = server, dragged
-        self._layers = {
-            'still': Layer(server, 'still'),
-            'plan': Layer(server, 'plan'),
-            'ghost': Layer(server, 'ghost'),
-            'plants': Layer(server, 'plants', pulled),
-        }
+        self._layers = {name: Layer(server, name) for name in ('still', 'plan', 'ghost')}
+        self._layers['plants'] = Layer(server, 'plants', pulled)
         self.handles: dict[str, HandleView] = {}
         self._grid: Any = None
         server.scene.world_axes.visible = False
@@ -327,15 +319,10 @@ class Scene:
     def show_handles(self, handles: Mapping[str, tuple[DragHandle, Pose]]) -> None:
         """Show exactly these handles, each at its pose."""
         for name in [name for name in self.handles if name not in handles]:
-            self.handles.pop(name).remove()
+            self.handles.pop(name).control.remove()
         for name, (handle, pose) in handles.items():
             if name in self.handles:
                 self.handles[name].handle = handle
                 self.handles[name].move(pose)
             else:
                 self.handles[name] = HandleView(self._server, handle, pose, self._dragged)
-
-    def tell(self, handle: str, text: str) -> None:
-        """Show a message beside a handle; '' removes it."""
-        if handle in self.handles:
-            self.handles[handle].tell(text)

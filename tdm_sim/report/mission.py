@@ -76,23 +76,24 @@ class Signals:
         return Signals(times, values, self.names, self.units)
 
     def thinned(self, most: int) -> Signals:
-        """Return at most about `most` samples, for drawing: peaks and the ends of gaps stay."""
-        kept = thinned_indices(self.values, most)
-        return Signals(self.times[kept], self.values[kept], self.names, self.units)
+        """
+        Return at most about `most` samples, for drawing.
 
-
-def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
-    """Return the rows of `values` (n, m) that a drawing of at most about `most` points needs."""
-    n, m = values.shape
-    if n <= most:
-        return np.arange(n)
-    per_bin = 2 + 2 * m
-    edges = np.linspace(0, n, max(1, most // per_bin) + 1).astype(int)
-    kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
-    low, high = (np.where(np.isnan(values), end, values) for end in (np.inf, -np.inf))
-    for start, end in itertools.pairwise(edges):
-        kept += [start + low[start:end].argmin(axis=0), start + high[start:end].argmax(axis=0)]
-    return np.unique(np.concatenate(kept))
+        In every bin of samples the first, the last, and the smallest and largest of every history
+        stay, so that peaks and gaps are drawn where they were measured.
+        """
+        n, m = self.values.shape
+        if n <= most:
+            return self
+        edges = np.linspace(0, n, max(1, most // (2 + 2 * m)) + 1).astype(int)
+        kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
+        unknown = np.isnan(self.values)
+        low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
+        for start, end in itertools.pairwise(edges):
+            part = slice(start, end)
+            kept += [start + low[part].argmin(axis=0), start + high[part].argmax(axis=0)]
+        rows = np.unique(np.concatenate(kept))
+        return Signals(self.times[rows], self.values[rows], self.names, self.units)
 
 
 @dataclass(frozen=True, eq=False)

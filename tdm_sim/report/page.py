@@ -33,7 +33,7 @@ from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_SCRIPTS = ('data.js', 'scene.js', 'charts.js', 'report.js')
+_SCRIPTS = ('scene.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
@@ -163,9 +163,10 @@ def _columns(
 
 def _missing(sentences: Iterable[str]) -> str:
     items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
-    if not items:
-        return ''
-    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+    return (
+        items
+        and f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+    )
 
 
 def _details(mission: Mission) -> str:

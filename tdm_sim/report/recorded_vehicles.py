@@ -56,11 +56,6 @@ class Planner(NamedTuple):
     unknown: str
     summaries: Mapping[int, PlanSummary]
 
-    @property
-    def last(self) -> PlanSummary:
-        """Return what was told of the last plan."""
-        return self.summaries[max(self.summaries)]
-
 
 def namespace_of(topic: str) -> str:
     """Return the namespace of a topic, without a slash at its end."""
@@ -95,7 +90,7 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     """Return the plant that a planner told of: of its problem, or as its summary names joints."""
     if planner.problem is not None:
         return view_of(planner.problem)
-    told = planner.last.vehicles
+    told = planner.summaries[max(planner.summaries)].vehicles
     only = next(iter(told.values())) if len(told) == 1 else None
     vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
     return PlantView(vehicle) if vehicle is not None and vehicle.joints else None

@@ -158,13 +158,13 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= charts
         assert 'limits.torque' in page._panel._sliders
         shown_handle = page._scene.handles['disk']
-        before = np.array(shown_handle._control.wxyz)
-        page._scene.tell('disk', 'INFEASIBLE: why')
+        before = np.array(shown_handle.control.wxyz)
+        shown_handle.tell('INFEASIBLE: why')
         assert '/handles/disk/reason' in server.scene._handle_from_node_name
-        page._scene.tell('disk', '')
+        shown_handle.tell('')
         assert '/handles/disk/reason' not in server.scene._handle_from_node_name
         shown_handle.move((np.zeros(3), SO3.from_z_radians(1.0).wxyz))
-        assert not np.allclose(before, shown_handle._control.wxyz)
+        assert not np.allclose(before, shown_handle.control.wxyz)
     finally:
         page.close()
         server.stop()

@@ -24,7 +24,7 @@ from tdm_sim.report.animation import measured_frames, planned_frames, scene
 from tdm_sim.report.charts import Chart, chart_json, Curve, mission_charts, Panel, plan_instants
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, thinned_indices
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Signals
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics, Topic
 from tdm_sim.report.tables import events_table, number, summary_table
@@ -154,7 +154,8 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: 
     rng = np.random.default_rng(seed)
     values = rng.normal(size=(n, m))
     values[rng.random((n, m)) < 0.1] = np.nan
-    kept = thinned_indices(values, most)
+    names = tuple(map(str, range(m)))
+    kept = Signals(np.arange(float(n)), values, names, names).thinned(most).times.astype(int)
     assert (np.diff(kept) > 0).all()
     assert kept.size <= max(most, 2 + 2 * m)
     if n:
