@@ -114,7 +114,6 @@ def way_of(shape: Shape, count: int) -> Array:
 
 
 def _placed(point: Point, count: int) -> Array:
-    """Return a point at every instant, (count, 2 or 3)."""
     parts = [np.broadcast_to(np.asarray(part, dtype=float), count) for part in point]
     return np.stack(parts, axis=-1)
 

@@ -10,7 +10,7 @@ problem is not known nothing of this is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -62,10 +62,12 @@ class PlantView:
     `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
     by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`
     the deviations within which the goal counts as reached, where they do not depend on the plan;
-    `place` the states that are its place in the plane, where several of a kind keep a distance.
+    `place` the states that are its place in the plane, where several of a kind keep a distance,
+    `separation` [m] if it is known.
     """
 
     settling: float = 0.0
+    separation: float | None = None
     enforced: ClassVar[frozenset[str]] = frozenset()
     place: ClassVar[tuple[str, ...]] = ()
     near: ClassVar[tuple[Tolerance, ...]] = ()
@@ -105,11 +107,6 @@ class PlantView:
         """Return what a limit may be violated by, in its unit."""
         return _ROUNDING
 
-    @property
-    def separation(self) -> float | None:
-        """Distance [m] that several of the kind keep from each other; None where they need not."""
-        return None
-
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Return the levels that limit a state or a control, by name."""
         return {}
@@ -117,6 +114,12 @@ class PlantView:
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the plant looks like in states `x`, under controls `u`."""
         return () if self._drawn is None else self._drawn.drawing(x, u)
+
+    def shapes(self, states: Array, controls: Array | None = None) -> Sequence[Shape]:
+        """Return the drawing in states (nx,) or (n, nx), under controls if given."""
+        x = dict(zip(self.kind.state_names, states.T, strict=True))
+        u = {} if controls is None else zip(self.kind.control_names, controls.T, strict=True)
+        return self.drawing(x, dict(u))
 
     def surroundings(self) -> Sequence[Shape]:
         """Return what stands still around it."""
@@ -130,12 +133,6 @@ class PlantView:
             (t, np.sqrt(sum(self.away(name, states[name] - at[name]) ** 2 for name in t.states)))
             for t in tolerances
         ]
-
-    def errors(self, plan: Trajectory, states: Components) -> Array:
-        """Return how far states are from a plan's goal (n,), as shares of what is allowed."""
-        shares = [away / tolerance.allowed for tolerance, away in self.missed_by(plan, states)]
-        count = next(iter(states.values())).size
-        return np.asarray(np.max([np.zeros(count), *shares], axis=0))
 
     def away(self, state: str, difference: Array) -> Array:
         """Return the difference of two values of a state, the shorter way round for angles."""
@@ -209,6 +206,7 @@ class RobotView(PlantView):
     def __init__(self, problem: RobotFormation | None = None) -> None:
         super().__init__(ROBOT, problem)
         self._task = None if problem is None else problem.task
+        self.separation = None if self._task is None else self._task.separation
         self._drawn = RobotDrawing(self.separation, self._most(THRUST))
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
@@ -228,11 +226,6 @@ class RobotView(PlantView):
             lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
             found += [upper, lower]
         return found
-
-    @property
-    def separation(self) -> float | None:
-        """Distance that the centres of robots keep [m]."""
-        return None if self._task is None else self._task.separation
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Walls less the safety radius, and the limits of the actuators."""
@@ -276,12 +269,11 @@ class StatedView(PlantView):
     def checked(self) -> StatedView:
         """Return this after a drawing of the start; raises InvalidProblem where that fails."""
         start = np.nan_to_num(self._ends.states[0])
-        self.drawing(dict(zip(self.kind.state_names, start, strict=True)), {})
+        self.shapes(start)
         return self
 
     @cached_property
     def _ends(self) -> Ends:
-        """Return what the statement asks for at both ends."""
         return Ends.of(self._stated)
 
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
@@ -333,18 +325,14 @@ class StatedView(PlantView):
         return shapes
 
 
-_VIEWS: Mapping[Any, Callable[[Any], PlantView]] = {
-    PendulumSwingUp: PendulumView,
-    RobotFormation: RobotView,
-    DirectProblem: StatedView,
-}
-
-
 def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
     """Return how the plant of a problem is judged and drawn; `plan` has its names."""
-    for kind, made in _VIEWS.items():
-        if isinstance(problem, kind):
-            return made(problem)
+    if isinstance(problem, PendulumSwingUp):
+        return PendulumView(problem)
+    if isinstance(problem, RobotFormation):
+        return RobotView(problem)
+    if isinstance(problem, DirectProblem):
+        return StatedView(problem)
     return PlantView(named_kind((), ()) if plan is None else kind_by_names(plan), problem)
 
 

@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 import itertools
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -35,8 +35,7 @@ _FEW = 4  # pairs of vehicles that a legend names
 _COLOURS = {'limit': LIMIT, 'reach': '0.6', 'force': '#f0a020'}
 
 
-@dataclass(frozen=True, eq=False)
-class PlanMargin:
+class PlanMargin(NamedTuple):
     """Margin of a constraint at `times` (n,) s, `values` (n,): negative where it is violated."""
 
     name: str
@@ -61,11 +60,7 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
 
 
 def plot_plans(problem: Problem, plans: Plans, title: str = '') -> Figure:
-    """
-    Draw every state, control and margin of all vehicles over time, with limits and switches.
-
-    Beside them stand the ways of plants that are drawn in the plane, and their distances.
-    """
+    """Draw states, controls, margins and, of plants in the plane, their ways and distances."""
     first = next(iter(plans.values()))
     view = view_of(problem, first)
     margins = {name: plan_margins(problem, plan) for name, plan in plans.items()}
@@ -99,7 +94,6 @@ def _histories(
     names: Sequence[str],
     margins: Mapping[str, Sequence[PlanMargin]],
 ) -> None:
-    """Draw panels of states or controls, then of margins."""
     kept = {m.name: m.unit for found in margins.values() for m in found}
     axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
     bounds, colours = view.bounds(), _coloured(plans)
@@ -107,7 +101,10 @@ def _histories(
     switches = first.times[first.switches] if len(plans) == 1 else ()
     for axis, name in zip(axes, names, strict=False):
         for vehicle, plan in plans.items():
-            _draw_planned(axis, plan, name, colours[vehicle])
+            held = plan.interpolation == 'zero_order_hold' and name in plan.control_names
+            style = 'steps-post' if held else 'default'
+            values = plan.control(name) if name in plan.control_names else plan.state(name)
+            axis.plot(plan.times, values, color=colours[vehicle], drawstyle=style)
         _draw_limits(axis, *bounds.get(name, ()))
         _label(axis, name, first.units.get(name, ''))
     _, last = np.split(axes, [len(names)])
@@ -128,22 +125,12 @@ def _histories(
     axes[-1].set_xlabel(TIME_LABEL)
 
 
-def _draw_planned(axis: Axes, trajectory: Trajectory, name: str, colour: str) -> None:
-    """Draw a state or a control as it runs between its samples."""
-    held = trajectory.interpolation == 'zero_order_hold' and name in trajectory.control_names
-    column = trajectory.control if name in trajectory.control_names else trajectory.state
-    style = 'steps-post' if held else 'default'
-    axis.plot(trajectory.times, column(name), color=colour, drawstyle=style)
-
-
 def _draw_limits(axis: Axes, *levels: float) -> None:
-    """Draw what a quantity must not pass."""
     for level in levels:
         axis.axhline(level, color=LIMIT, lw=1, ls='--')
 
 
 def _label(axis: Axes, name: str, unit: str) -> None:
-    """Name a quantity beside its axis, with a grid to read it by."""
     axis.set_ylabel(f'{name} [{unit}]' if unit else name)
     axis.grid(alpha=0.25)
 
@@ -162,13 +149,9 @@ def legend_above(axis: Axes, handles: Mapping[str, Artist], columns: int = 6) ->
 
 
 def _drawn(view: PlantView, plan: Trajectory, times: Array) -> Sequence[Shape]:
-    """Return the shapes of a plant at instants of its plan."""
+    """Return the shapes of a plant at instants of its plan; controls act during the motion."""
     states, controls = plan.sample(times)
-    controls = controls * (times <= plan.duration)[:, None]
-    return view.drawing(
-        dict(zip(plan.state_names, states.T, strict=True)),
-        dict(zip(plan.control_names, controls.T, strict=True)),
-    )
+    return view.shapes(states, controls * (times <= plan.duration)[:, None])
 
 
 def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:

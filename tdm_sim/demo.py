@@ -187,7 +187,7 @@ def _table(mission: Mission, comparison: Comparison) -> Table:
     table = Table('', title=title)
     for heading in ('planned', 'achieved'):
         table.add_column(heading, justify='right')
-    for row in figures(mission, comparison):
+    for row in figures(comparison):
         table.add_row(*map(escape, row))
     if abs(mission.speed - 1.0) > _REAL_TIME:
         table.add_row('speed of simulated time', '', f'{mission.speed:.2g}')

@@ -4,6 +4,6 @@
 """
 The page `tdm live`: planner, trackers and plants shown in the browser, and moved by hand.
 
-`geometry`, `drag_handles`, `sliders`, `history` and `task_thread` know neither ROS nor the page.
-`listener` knows the nodes, `scene` and `panel` know the page, `page` brings them together.
+`listener` and `rig` know the nodes, `geometry` and `scene` draw, `panel` is what stands beside it,
+`operations` is what is done by hand; `page` brings them together.
 """

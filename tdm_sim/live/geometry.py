@@ -11,18 +11,18 @@ messages. What lies in the plane is drawn flat, at height 0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
-from tdm_planner.drawing import COLOURS, Disc, Line, points_of, Shape, Style
+from numpy.typing import NDArray
+from tdm_planner.drawing import Box, Disc, Line, points_of, Shape, Style
+from viser.transforms import SO3
 
 Array = NDArray[np.float64]
+Rotation = NDArray[np.floating[Any]]  # wxyz (4,)
 Colour = tuple[int, int, int]
-
-UPWARDS: Final = np.array([1.0, 0.0, 0.0, 0.0])  # the rotation that turns nothing
+Kind = tuple[str, float]  # of solids, and their opacity
 
 _PAINT: dict[Style, Colour] = {
     'body': (66, 72, 84),
@@ -31,35 +31,30 @@ _PAINT: dict[Style, Colour] = {
     'goal': (24, 150, 90),
     'force': (235, 95, 30),
 }
-_PLANNED: Colour = (70, 130, 235)
 _CLEAR: dict[Style, float] = {'limit': 0.5, 'reach': 0.3}  # opacity of discs and boxes
 _THICK: dict[Style, float] = {'body': 1.0, 'force': 1.8}  # of lines that are tubes, in widths
-_FLAT: dict[Style, float] = {
-    'body': 1.2,
-    'limit': 2.0,
-    'reach': 0.15,
-}  # height of a disc in widths
+_FLAT: dict[Style, float] = {'body': 1.2, 'limit': 2.0, 'reach': 0.15}  # height of discs, widths
 _WIDTH = 0.007  # of a tube, as a share of the drawing's size
 _THIN = 0.2  # along y, as a share of its size, of what moves in the plane of x and z
+PATH: Final = (70, 130, 235)  # of the only vehicle
 
 
 class Look(NamedTuple):
-    """How a group of shapes is drawn: colours of bodies and their lines, opacity, styles."""
+    """
+    How a group of shapes is drawn: the colour of its bodies, and its opacity.
 
-    body: Colour | None = None
-    line: Colour | None = None
+    Of a faint group only the bodies are drawn, and their lines have its colour too.
+    """
+
+    colour: Colour | None = None
     opacity: float = 1.0
-    styles: frozenset[Style] = frozenset(_PAINT)
 
 
-GHOST: Final = Look(_PLANNED, _PLANNED, 0.35, frozenset({'body'}))
-PATH: Final = _PLANNED  # of the only vehicle
-NOTHING: Final[Sequence[tuple[Sequence[Shape], Look]]] = ()
-GOAL: Final = Look(_PAINT['goal'], _PAINT['goal'], 0.45, frozenset({'body'}))
+GHOST: Final = Look(PATH, 0.35)
+GOAL: Final = Look(_PAINT['goal'], 0.45)
 
 
-@dataclass(frozen=True, eq=False)
-class Solids:
+class Solids(NamedTuple):
     """
     Copies of a unit shape.
 
@@ -70,27 +65,14 @@ class Solids:
     places: Array
     rotations: Array
     sizes: Array
-    colours: NDArray[np.uint8]
+    colours: NDArray[np.int_]
     groups: NDArray[np.int_]
 
 
-class _Copy(NamedTuple):
-    place: Array
-    rotation: Array
-    size: Array
-    colour: Colour
-    group: int
+class Picture(NamedTuple):
+    """Solids by kind and opacity; the ends (n, 2, 3) [m] of thin lines, with their colours."""
 
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """
-    What is drawn.
-
-    Solids by kind and opacity; the ends (n, 2, 3) [m] of thin lines, with their colours.
-    """
-
-    solids: dict[tuple[str, float], Solids]
+    solids: dict[Kind, Solids]
     lines: Array
     line_colours: NDArray[np.uint8]
 
@@ -100,112 +82,65 @@ def picture(
     width: float,
     paths: Iterable[tuple[Array, Colour]] = (),
 ) -> Picture:
-    """
-    Return the solids of groups of shapes; lines of bodies and forces are `width` m thick.
-
-    `paths` are ways (n, 2 or 3) that are drawn as thin lines.
-    """
-    copies: dict[tuple[str, float], list[_Copy]] = {}
-    ends: list[Array] = []
-    paints: list[Colour] = []
-    for way, colour in paths:
-        places = in_space(way)
-        ends.extend(np.stack([places[:-1], places[1:]], axis=1))
-        paints.extend([colour] * (len(places) - 1))
+    """Return the solids of groups of shapes, and ways (n, 2 or 3) as lines; `width` is in m."""
+    copies: dict[Kind, list[tuple[Any, ...]]] = {}
+    thin = [(in_space(way), colour) for way, colour in paths]
     for group, (shapes, look) in enumerate(groups):
+        faint = look.opacity < 1.0
         for shape in shapes:
-            if shape.style not in look.styles:
+            body = shape.style == 'body'
+            if faint and not body:
                 continue
-            points, paint = in_space(points_of(shape, 1)[0]), _PAINT[shape.style]
-            if isinstance(shape, Line):
-                if shape.style == 'body':
-                    paint = look.line or paint
-                pairs = np.stack([points[:-1], points[1:]], axis=1)
-                if shape.style not in _THICK:
-                    ends.extend(pairs)
-                    paints.extend([paint] * len(pairs))
-                    continue
+            coloured = body and (faint or not isinstance(shape, Line))
+            paint = (look.colour if coloured else None) or _PAINT[shape.style]
+            points, opacity = in_space(points_of(shape, 1)[0]), look.opacity
+            if not isinstance(shape, Line):
+                opacity *= _CLEAR.get(shape.style, 1.0)
+                kind, *placed = _solid(shape, width * _FLAT.get(shape.style, 1.0))
+                copies.setdefault((kind, opacity), []).append((*placed, paint, group))
+            elif shape.style in _THICK:
                 thick = width * _THICK[shape.style]
-                copies.setdefault(('cylinder', look.opacity), []).extend(
-                    _Copy(*_tube(first, last, thick), paint, group) for first, last in pairs
-                )
-                continue
-            if shape.style == 'body':
-                paint = look.body or paint
-            height = width * _FLAT.get(shape.style, 1.0)
-            turn, centre = UPWARDS, points[0]
-            if isinstance(shape, Disc):
-                flat = len(shape.centre) == 2
-                kind = 'cylinder' if flat else 'ball'
-                sizes = np.array([shape.radius, shape.radius, height if flat else shape.radius])
+                tubes = [(*_tube(*ends, thick), paint, group) for ends in pairwise(points)]
+                copies.setdefault(('cylinder', opacity), []).extend(tubes)
             else:
-                kind, turn = 'box', about((0.0, 0.0, 1.0), float(np.asarray(shape.turn)))
-                centre = in_space(np.array([float(np.asarray(part)) for part in shape.centre]))
-                sizes = np.array([*map(float, shape.size), height][:3])
-            clear = look.opacity * _CLEAR.get(shape.style, 1.0)
-            copy = _Copy(centre, turn, sizes, paint, group)
-            copies.setdefault((kind, clear), []).append(copy)
+                thin.append((points, paint))
+    lines = [np.stack([points[:-1], points[1:]], axis=1) for points, _ in thin]
+    paints = [np.full((len(points) - 1, 2, 3), paint) for points, paint in thin]
     return Picture(
-        {kind: _stacked(found) for kind, found in copies.items()},
-        np.array(ends).reshape(-1, 2, 3),
-        np.repeat(np.array(paints, dtype=np.uint8).reshape(-1, 1, 3), 2, axis=1),
+        {kind: Solids(*map(np.array, zip(*found, strict=True))) for kind, found in copies.items()},
+        np.concatenate([np.zeros((0, 2, 3)), *lines]),
+        np.concatenate([np.zeros((0, 2, 3)), *paints]).astype(np.uint8),
     )
 
 
-def _stacked(copies: Sequence[_Copy]) -> Solids:
-    return Solids(
-        np.array([copy.place for copy in copies]),
-        np.array([copy.rotation for copy in copies]),
-        np.array([copy.size for copy in copies]),
-        np.array([copy.colour for copy in copies], dtype=np.uint8),
-        np.array([copy.group for copy in copies], dtype=int),
-    )
+def _solid(shape: Disc | Box, height: float) -> tuple[str, Array, Rotation, Sequence[float]]:
+    place = in_space(np.array([float(np.asarray(part)) for part in shape.centre]))
+    if isinstance(shape, Box):
+        turn = SO3.from_z_radians(float(np.asarray(shape.turn)))
+        return 'box', place, turn.wxyz, [*shape.size, height][:3]
+    flat, radius = len(shape.centre) == 2, shape.radius
+    kind, high = ('cylinder', height) if flat else ('ball', radius)
+    return kind, place, SO3.identity().wxyz, [radius, radius, high]
 
 
-def _tube(first: Array, last: Array, radius: float) -> tuple[Array, Array, Array]:
+def _tube(first: Array, last: Array, radius: float) -> tuple[Array, Rotation, Sequence[float]]:
     """Return place, rotation and size of the unit cylinder between two points."""
     way = last - first
     length = float(np.linalg.norm(way))
-    return 0.5 * (first + last), from_vertical(way), np.array([radius, radius, length])
+    return 0.5 * (first + last), along(way), [radius, radius, length]
+
+
+def along(way: Array) -> Rotation:
+    """Return a rotation after which z lies along a way (3,), in either sense."""
+    x, y, z = -way if way[2] < 0.0 else way
+    half = np.array([np.linalg.norm(way) + z, -y, x, 0.0])
+    return half / np.linalg.norm(half) if half.any() else SO3.identity().wxyz
 
 
 def in_space(points: Array) -> Array:
     """Return points (..., 2 or 3) in space; those of the plane are at height 0."""
     missing = 3 - points.shape[-1]
     return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, missing)])
-
-
-def from_vertical(direction: Array) -> Array:
-    """Return the rotation wxyz (4,) that turns z into a direction (3,), by the shortest way."""
-    length = float(np.linalg.norm(direction))
-    if length == 0.0:
-        return UPWARDS
-    x, y, z = (direction / length).tolist()
-    across = x * x + y * y
-    if across == 0.0:
-        return UPWARDS if z > 0.0 else np.array([0.0, 1.0, 0.0, 0.0])
-    half = np.array([1.0 + z if z > 0.0 else across / (1.0 - z), -y, x, 0.0])
-    return np.asarray(half / np.linalg.norm(half))
-
-
-def about(axis: ArrayLike, angle: float) -> Array:
-    """Return the rotation wxyz (4,) by an angle [rad] about a unit axis (3,)."""
-    return _wxyz(Rotation.from_rotvec(angle * np.asarray(axis, dtype=float)))
-
-
-def from_axes(x: Array, y: Array, z: Array) -> Array:
-    """Return the rotation wxyz (4,) that turns the axes of space into three others (3,) each."""
-    return _wxyz(Rotation.from_matrix(np.stack([x, y, z], axis=1)))
-
-
-def axes_of(rotation: Array) -> tuple[Array, Array, Array]:
-    """Return the axes (3,) into which a rotation wxyz (4,) turns those of space."""
-    matrix = Rotation.from_quat(np.roll(rotation, -1)).as_matrix()
-    return matrix[:, 0], matrix[:, 1], matrix[:, 2]
-
-
-def _wxyz(rotation: Rotation) -> Array:
-    return np.roll(rotation.as_quat(), 1)
 
 
 class View(NamedTuple):
@@ -241,11 +176,3 @@ def view_on(shapes: Iterable[Shape]) -> View:
     elif high[1] - low[1] < _THIN * size:
         away = [0.0, -1.0, 0.25]
     return View(target + size * np.array(away), target, size, float(low[2]))
-
-
-def colour_of(number: int, count: int) -> Colour | None:
-    """Return the colour of one of several vehicles; of the only one: that of bodies."""
-    if count == 1:
-        return None
-    text = COLOURS[number % len(COLOURS)]
-    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)

@@ -4,57 +4,38 @@
 """
 The planner, its trackers and its plants as seen on their public topics and services.
 
-Nodes are found by their diagnostics, published once a second. A callback for every state would
-cost more than the page does, so the newest state is read when a frame is drawn.
+Nodes are found by their diagnostics, published once a second.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
-import math
 import threading
 import time
 from typing import Any, NamedTuple
 import uuid
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
-import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.msg import Log, ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import (
-    DurabilityPolicy,
-    qos_profile_parameter_events,
-    QoSProfile,
-    ReliabilityPolicy,
-)
-from sensor_msgs.msg import JointState
+from rclpy.qos import DurabilityPolicy, qos_profile_parameter_events, QoSProfile
 from std_srvs.srv import Trigger
 from tdm_planner.client import PlanClient
 from tdm_planner.exceptions import InvalidProblem, NoAnswer
 from tdm_planner.nodes.diagnostics import TOPIC as DIAGNOSTICS
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
-from tdm_planner.plant_kind import PlantKind
-
-Array = NDArray[np.float64]
+from tdm_planner.nodes.reading import nanoseconds_of
 
 SILENT = 3.0  # s without diagnostics after which a node counts as gone
-PLANNING, TRACKING, SIMULATION = 'planning', 'tracking', 'simulation'  # of a node's diagnostics
+ROLES = PLANNING, TRACKING, SIMULATION = 'planning', 'tracking', 'simulation'  # in diagnostics
 
 _DEPTH = 100  # as many nodes may speak at once
 _EVENTS = 200
-_LOOK = 0.2  # s between looks at nodes whose parameters are not known
-_AGAIN = 2.0  # s until they are asked again
 _LONGEST = 20.0  # s for an answer
-_LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -67,15 +48,14 @@ class Event(NamedTuple):
     text: str
 
 
-@dataclass
-class NodeStatus:
+class NodeStatus(NamedTuple):
     """A node's last diagnostics, and when they arrived on the steady clock [s]."""
 
     name: str
     role: str
-    level: int = 0
-    message: str = ''
-    heard: float = -math.inf
+    level: int
+    message: str
+    heard: float
 
     @property
     def silent(self) -> bool:
@@ -88,68 +68,11 @@ class NodeStatus:
         return self.name.rpartition('/')[0]
 
 
-@dataclass
-class Declared:
+class Declared(NamedTuple):
     """Parameters of a node: what they are, and the values that they have."""
 
-    descriptors: Mapping[str, Any] = field(default_factory=dict)
-    values: dict[str, Any] = field(default_factory=dict)
-
-
-class Motion(NamedTuple):
-    """A vehicle's newest state (nx,), the controls (nu,) that act, and their instant [ns]."""
-
-    state: Array
-    control: Array
-    instant: int
-
-
-class Vehicle:
-    """The state of one vehicle in the namespace `prefix`, taken when it is asked for."""
-
-    def __init__(self, node: rclpy.node.Node, kind: PlantKind, prefix: str) -> None:
-        self._kind = kind
-        nothing = lambda _: None  # noqa: E731
-        topic = f'{prefix}joint_states'
-        self._joints = node.create_subscription(JointState, topic, nothing, _LAST)
-        self._odometry = None
-        if kind.odometry:
-            self._odometry = node.create_subscription(Odometry, f'{prefix}odom', nothing, _LAST)
-        self._values: dict[str, float] = dict.fromkeys(kind.control_names, 0.0)
-        self._instant = 0
-
-    def newest(self) -> Motion | None:
-        """Return what is known of the motion; None until the state is complete."""
-        kind = self._kind
-        joints = _newest(self._joints)
-        if joints is not None:
-            self._take(lambda: read_joints(kind.measured, joints, kind.state_names), joints)
-            for joint in kind.actuated:
-                self._take(partial(read_joints, [joint], joints, kind.control_names), joints)
-        odometry = None if self._odometry is None else _newest(self._odometry)
-        if odometry is not None:
-            self._take(lambda: read_odometry(kind, odometry), odometry)
-        if any(name not in self._values for name in kind.state_names):
-            return None
-        return Motion(
-            np.array([self._values[name] for name in kind.state_names]),
-            np.array([self._values[name] for name in kind.control_names]),
-            self._instant,
-        )
-
-    def _take(self, read: Callable[[], Mapping[str, float]], message: Any) -> None:
-        try:
-            self._values |= read()
-        except InvalidProblem:
-            return  # others may publish here; drivers may not tell of efforts
-        self._instant = nanoseconds_of(message.header.stamp)
-
-
-def _newest(subscription: Any) -> Any:
-    """Take the last message that has come; None where there is no new one."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, False)
-    return None if taken is None else taken[0]
+    descriptors: Mapping[str, Any]
+    values: dict[str, Any]
 
 
 class Listener:
@@ -170,33 +93,24 @@ class Listener:
             'enable_rosout': False,
         }
         self.node = rclpy.create_node(f'live_{number}', **options)
-        # Not served by any executor: the states are taken from its subscriptions.
-        self._states = rclpy.create_node(f'live_states_{number}', **options)
+        # Not served by any executor: states are taken from its subscriptions.
+        self.states = rclpy.create_node(f'live_states_{number}', **options)
         self.client = PlanClient(self.space or '/', node=self.node)
         self.nodes: dict[str, NodeStatus] = {}
         self.declared: dict[str, Declared] = {}
         self.events: deque[Event] = deque(maxlen=_EVENTS)
         self.changes = 0  # of parameters
         self._clients: dict[tuple[str, type], Any] = {}
-        self._asked: dict[str, float] = {}
         make = self.node.create_subscription
         make(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, _DEPTH)
         make(Log, '/rosout', self._on_log, _ROSOUT)
         make(ParameterEvent, '/parameter_events', self._on_event, qos_profile_parameter_events)
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.node.create_timer(_LOOK, self._look, clock=clock)
 
     def close(self) -> None:
         """Take the nodes away."""
         self.client.close()
-        self._states.destroy_node()
+        self.states.destroy_node()
         self.node.destroy_node()
-
-    def vehicle(self, kind: PlantKind, prefix: str) -> Vehicle:
-        """Begin to listen to the state of a vehicle, '' or 'robot1/'."""
-        return Vehicle(self._states, kind, prefix)
-
-    # Who is there.
 
     def having(self, role: str) -> list[NodeStatus]:
         """Return the nodes of a role, silent ones too, in the order of their names."""
@@ -210,7 +124,7 @@ class Listener:
     def with_parameter(self, name: str) -> list[str]:
         """Return the nodes that have a parameter of that name."""
         found = []
-        for role in (PLANNING, TRACKING, SIMULATION):
+        for role in ROLES:
             declared = self.parameters_of(role)
             if declared is not None and name in declared.descriptors:
                 found += [node.name for node in self.having(role) if not node.silent]
@@ -220,15 +134,15 @@ class Listener:
         now = time.monotonic()
         for status in message.status:
             name, _, role = status.name.partition(': ')
-            if not name.startswith(f'{self.space}/'):
-                continue
-            if role not in (PLANNING, TRACKING, SIMULATION):
+            if not name.startswith(f'{self.space}/') or role not in ROLES:
                 continue
             known = self.nodes.get(name)
             if known is None or known.silent:
                 self.declared.pop(name, None)  # they may be others by now
             told = NodeStatus(name, role, status.level[0], status.message, now)
             self.nodes = {**self.nodes, name: told}  # read by other threads meanwhile
+            if name not in self.declared and name == self.having(role)[0].name:
+                self._learn(name)
 
     def _on_log(self, message: Log) -> None:
         space = self.space.strip('/').replace('/', '.')
@@ -239,38 +153,30 @@ class Listener:
 
     # Parameters.
 
-    def _look(self) -> None:
-        """Ask the first node of every role for its parameters, until they are known."""
-        now = time.monotonic()
-        for role in (PLANNING, TRACKING, SIMULATION):
-            for node in self.having(role)[:1]:
-                known = node.name in self.declared or node.silent
-                if known or now - self._asked.get(node.name, -math.inf) < _AGAIN:
-                    continue
-                lists = self._client(ListParameters, f'{node.name}/list_parameters')
-                if lists.service_is_ready():
-                    self._asked[node.name] = now
-                    asked = lists.call_async(ListParameters.Request())
-                    asked.add_done_callback(partial(self._on_names, node.name))
-
-    def _on_names(self, node: str, answer: Any) -> None:
-        names = list(answer.result().result.names)
+    def _learn(self, node: str) -> None:
+        """Ask a node for its parameters once its services are known."""
+        lists = self._client(ListParameters, f'{node}/list_parameters')
         describe = self._client(DescribeParameters, f'{node}/describe_parameters')
-        asked = describe.call_async(DescribeParameters.Request(names=names))
-        asked.add_done_callback(partial(self._on_described, node, names))
+        get = self._client(GetParameters, f'{node}/get_parameters')
 
-    def _on_described(self, node: str, names: Sequence[str], answer: Any) -> None:
-        described = {found.name: found for found in answer.result().descriptors}
-        values = self._client(GetParameters, f'{node}/get_parameters')
-        asked = values.call_async(GetParameters.Request(names=list(names)))
-        asked.add_done_callback(partial(self._on_values, node, names, described))
+        def on_names(answer: Any) -> None:
+            names = answer.result().result.names
+            asked = describe.call_async(DescribeParameters.Request(names=names))
+            asked.add_done_callback(on_described)
 
-    def _on_values(
-        self, node: str, names: Sequence[str], described: Mapping[str, Any], answer: Any
-    ) -> None:
-        values = map(parameter_value_to_python, answer.result().values)
-        self.declared[node] = Declared(described, dict(zip(names, values, strict=True)))
-        self.changes += 1
+        def on_described(answer: Any) -> None:
+            descriptors = {found.name: found for found in answer.result().descriptors}
+            asked = get.call_async(GetParameters.Request(names=list(descriptors)))
+            asked.add_done_callback(partial(on_values, descriptors))
+
+        def on_values(descriptors: Mapping[str, Any], answer: Any) -> None:
+            values = map(parameter_value_to_python, answer.result().values)
+            known = Declared(descriptors, dict(zip(descriptors, values, strict=True)))
+            self.declared[node] = known
+            self.changes += 1
+
+        if all(client.service_is_ready() for client in (lists, describe, get)):
+            lists.call_async(ListParameters.Request()).add_done_callback(on_names)
 
     def _on_event(self, message: ParameterEvent) -> None:
         declared = self.declared.get(message.node)
@@ -283,11 +189,7 @@ class Listener:
         self.changes += 1
 
     def set_parameters(self, nodes: Sequence[str], values: Mapping[str, Any]) -> None:
-        """
-        Set parameters of nodes.
-
-        Raise InvalidProblem with the reason of the first node that rejects them.
-        """
+        """Set parameters of nodes; raise InvalidProblem with the first one's reason."""
         messages = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
         ]

@@ -12,16 +12,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
 
 from tdm_planner.exceptions import Busy, TdmError
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
-from tdm_sim.live.recordings import RecordingFailed, Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import DragHandle, Pose, pulled
-from tdm_sim.live.sliders import Slider
+from tdm_sim.processes import NodeProcesses
+from tdm_sim.record_command import RECORDING
 
 Act = Callable[[], str]
 Told = Callable[[str], None]
@@ -29,59 +32,100 @@ SHORTEST, LONGEST = 0.2, 1.0  # s from a request to the start of the motion
 REPLAN_RATE = 5.0  # Hz
 PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
 _LOOK = 0.02  # s between requests while the planner is busy
+_FIRST = 15.0  # s that the first message of a recording may take
 _ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
 
 
-class TaskThread:
-    """
-    Runs tasks in its own thread, one at a time.
+class RecordingFailed(TdmError):
+    """`tdm record` failed; the message is what it printed last."""
 
-    A waiting task is superseded by a newer one of its kind. A drag so yields as many plans as
-    solving allows, and the last one is for the place where the drag ended.
-    """
+    code = 'RECORDING_FAILED'
 
-    def __init__(self) -> None:
-        self._waiting: dict[str, tuple[Act, Told]] = {}
-        self._news = threading.Condition()
-        self._ended = False
-        self._busy = False
-        self._thread = threading.Thread(target=self._run, name='live tasks', daemon=True)
-        self._thread.start()
 
-    def submit(self, kind: str, act: Act, told: Told) -> None:
-        """
-        Run `act()`, then call `told(text)` with its result or the reason for its failure.
+class ReportFailed(TdmError):
+    """`tdm report` failed; the message is what it printed."""
 
-        `told` is not called for a task that is superseded before its turn.
-        """
-        with self._news:
-            self._waiting[kind] = act, told
-            self._news.notify()
+    code = 'REPORT_FAILED'
+
+
+class Recordings:
+    """Bags of a namespace in a folder, each recorded by a `tdm record` of its own."""
+
+    def __init__(self, folder: Path, namespace: str) -> None:
+        self._folder, self._namespace = folder, namespace
+        self._recorder = NodeProcesses(folder / 'log')
+        self._number = 0
+        self.last: Path | None = None
 
     @property
-    def idle(self) -> bool:
-        """Whether every task has ended."""
-        with self._news:
-            return not self._waiting and not self._busy
+    def running(self) -> bool:
+        """Whether a recording is being made."""
+        return bool(self._recorder.identifiers)
+
+    def start(self) -> Path:
+        """Begin a recording, until its first message; raise RecordingFailed if none comes."""
+        while (bag := self._folder / f'recording_{self._number + 1}').exists():
+            self._number += 1
+        words = ['record', '-o', str(bag), '--namespace', self._namespace]
+        self._recorder.start('recorder', 'tdm_planner.cli', words)
+        latest = time.monotonic() + _FIRST
+        while RECORDING not in self._recorder.last_line('recorder'):
+            late = time.monotonic() > latest
+            if late or self._recorder.ended():
+                self._recorder.end()
+                silent = f'no message has come in {self._namespace} within {_FIRST:g} s'
+                raise RecordingFailed(silent if late else self._recorder.last_line('recorder'))
+            time.sleep(_LOOK)
+        self.last = bag
+        return bag
+
+    def stop(self) -> None:
+        """End the recording; raise RecordingFailed if it is not complete."""
+        if any(self._recorder.end().values()):
+            raise RecordingFailed(self._recorder.last_line('recorder'))
+
+    def report(self, problem: str) -> Path:
+        """Make a report on the last recording, which ends; `problem` is the planner's."""
+        if self.last is None:
+            raise ReportFailed('nothing was recorded yet')
+        if self.running:
+            self.stop()
+        file = self.last.with_suffix('.html')
+        words = ['report', str(self.last), '-o', str(file), '--namespace', self._namespace, '-q']
+        if ':' in problem:
+            words += ['--problem', problem]
+        done = subprocess.run(
+            [sys.executable, '-m', 'tdm_planner.cli', *words], capture_output=True, text=True
+        )
+        if done.returncode:
+            raise ReportFailed(done.stderr.strip() or f'tdm report ended with {done.returncode}')
+        return file
+
+
+class TaskThread:
+    """Runs tasks in a thread one at a time; a waiting one is superseded by a newer of its kind."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, tuple[Act, Told]] = {}
+        self._kinds: SimpleQueue[str | None] = SimpleQueue()
+        threading.Thread(target=self._run, name='live tasks', daemon=True).start()
+
+    def submit(self, kind: str, act: Act, told: Told) -> None:
+        """Run `act()`, then `told(text)` of its result or failure, unless superseded."""
+        self._newest[kind] = act, told
+        self._kinds.put(kind)
 
     def close(self) -> None:
         """Drop the waiting tasks; the running one ends by itself."""
-        with self._news:
-            self._ended = True
-            self._waiting.clear()
-            self._news.notify()
+        self._newest.clear()
+        self._kinds.put(None)
 
     def _run(self) -> None:
-        while True:
-            with self._news:
-                self._busy = False
-                self._news.wait_for(lambda: self._ended or bool(self._waiting))
-                if self._ended:
-                    return
-                kind = next(iter(self._waiting))
-                act, told = self._waiting.pop(kind)
-                self._busy = True
-            told(_outcome(act))
+        for kind in iter(self._kinds.get, None):
+            task = self._newest.pop(kind, None)
+            if task is not None:
+                act, told = task
+                told(_outcome(act))
 
 
 def _outcome(act: Act) -> str:
@@ -104,11 +148,7 @@ def start_delay(solve_time: float) -> float:
 
 
 class Operations:
-    """
-    Runs the page's operations in a task thread, and reports their outcome.
-
-    `note` receives the outcome of buttons. Recordings and reports have a thread of their own.
-    """
+    """Runs operations in task threads; `note` is told the outcome of buttons."""
 
     def __init__(self, rig: Rig, listener: Listener, recordings: Recordings, note: Told) -> None:
         self.rig, self._listener, self._recordings, self._note = rig, listener, recordings, note
@@ -136,26 +176,23 @@ class Operations:
 
     def replan(self, on: bool) -> None:
         """Switch replanning on or off."""
-        rate = REPLAN_RATE if on else 0.0
 
         def act() -> str:
-            self._set_planner({'replan.rate': rate})
-            return f'replanning at {rate:g} Hz' if on else 'no replanning'
+            self._set_planner({'replan.rate': REPLAN_RATE if on else 0.0})
+            return f'replanning at {REPLAN_RATE:g} Hz' if on else 'no replanning'
 
         self._plant_tasks.submit('replan', act, self._note)
 
-    def change(self, slider: Slider, value: float, told: Told) -> None:
+    def change(self, name: str, value: float, told: Told) -> None:
         """Set a parameter on all nodes that have it, and replan if the planner is among them."""
 
         def act() -> str:
-            nodes = self._listener.with_parameter(slider.name)
-            self._listener.set_parameters(nodes, {slider.name: type(slider.value)(value)})
-            planner = self._listener.parameters_of(PLANNING)
-            if self.rig.plan is not None and planner and slider.name in planner.values:
+            self._listener.set_parameters(self._listener.with_parameter(name), {name: value})
+            if self.rig.plan is not None and name in self._values(PLANNING):
                 self._make_plan()
             return ''
 
-        self._plant_tasks.submit(slider.name, act, told)
+        self._plant_tasks.submit(name, act, told)
 
     def record(self) -> None:
         """Begin a recording, or end it."""

@@ -5,22 +5,16 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
-
 import numpy as np
 from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
-from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, NOTHING, PATH, picture, view_on
-from tdm_sim.live.history import History, SolveTimes
+from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, PATH, picture, view_on
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
-from tdm_sim.live.operations import Operations
-from tdm_sim.live.panel import Panel
-from tdm_sim.live.recordings import Recordings
-from tdm_sim.live.rig import Rig
+from tdm_sim.live.operations import Operations, Recordings
+from tdm_sim.live.panel import in_order, Panel, Slider, slider_of
+from tdm_sim.live.rig import History, Rig, SolveTimes
 from tdm_sim.live.scene import drag_handles_of, DragHandle, Pose, Scene
-from tdm_sim.live.sliders import in_order, Slider, slider_of
 import viser
 
 ROLES = {'planner': PLANNING, 'tracker': TRACKING, 'plant': SIMULATION}
@@ -46,7 +40,7 @@ class Page:
         self._panel = Panel(server, title)
         self._operations = Operations(self._rig, listener, recordings, self._panel.note)
         self._scene = Scene(server, self._on_dragged, self._on_pulled)
-        self._panel.connect(self)
+        self._panel.connect(self._operations, self._choose)
         self._width = 0.0  # of tubes; 0 until the camera is placed
         self._whole = False  # whether it was placed to see a plan; from then on it is the users'
         self._seen = -1
@@ -83,7 +77,7 @@ class Page:
 
     def figures(self) -> None:
         """Show the curves of the last seconds."""
-        charts = self._history.charts(self._rig.timed(self._rig.chosen))
+        charts = self._history.charts(self._rig.planned(self._rig.chosen))
         if not charts:
             return
         solving = self._solve_times.chart()
@@ -110,7 +104,6 @@ class Page:
         self._panel.can(simulated, recordings.running, recordings.last is not None)
 
     def _follow(self) -> None:
-        """Follow the parameters of the nodes."""
         declared, changes = self._listener.parameters_of(PLANNING), self._listener.changes
         if declared is None or changes == self._seen:
             return
@@ -125,7 +118,6 @@ class Page:
         self._show_controls()
 
     def _show_controls(self) -> None:
-        """Show handles and sliders where the parameters have them."""
         assert self._rig.problem is not None
         declared = {name: self._listener.parameters_of(role) for name, role in ROLES.items()}
         handles = {}
@@ -147,7 +139,7 @@ class Page:
 
     def _place_camera(self, states: list[Array]) -> None:
         """Point the camera at the surroundings and at a vehicle in these states (nx,)."""
-        drawn = [shape for state in states for shape in self._rig.drawn(state)]
+        drawn = [shape for state in states for shape in self._rig.view.shapes(state)]
         view = view_on([*self._rig.view.surroundings(), *drawn])
         self._width = view.width
         self._scene.look(view)
@@ -161,77 +153,44 @@ class Page:
         rig = self._rig
         plants, ghosts = [], []
         for name, (state, control, instant) in rig.motions.items():
-            plants.append((rig.drawn(state, control), Look(rig.colour(name))))
-            plan, now = rig.timed(name), instant * NANOSECOND
+            plants.append((rig.view.shapes(state, control), Look(rig.colour(name))))
+            plan, now = rig.planned(name), instant * NANOSECOND
             if plan is not None and now < plan.end:
-                ghosts.append((rig.drawn(plan.reference(now)), GHOST))
+                ghosts.append((rig.view.shapes(plan.reference(now)), GHOST))
         self._scene.show('plants', picture(plants, self._width))
         self._scene.show('ghost', picture(ghosts, self._width))
 
     def _show_plan(self) -> None:
         rig = self._rig
         if rig.plan is None:
-            self._scene.show('plan', picture(NOTHING, self._width))
+            self._scene.show('plan', picture((), self._width))
             return
         self._solve_times.add(rig.plan.plan_id, rig.plan.solve_time)
         goals, paths, along = [], [], []
         for name in rig.vehicles:
-            trajectory = rig.trajectory(name)
-            if trajectory is None:
+            plan = rig.planned(name)
+            if plan is None:
                 continue
-            count = trajectory.times.size
-            thin = np.linspace(0, count - 1, min(_PATH, count)).astype(int)
-            goals.append((rig.drawn(trajectory.states[-1]), GOAL))
-            for shape in rig.drawn(trajectory.states[thin]):
+            states = plan.trajectory.states
+            goals.append((rig.view.shapes(states[-1]), GOAL))
+            states = states[np.linspace(0, len(states) - 1, min(_PATH, len(states))).astype(int)]
+            for shape in rig.view.shapes(states):
                 if shape.trail:
-                    paths.append((way_of(shape, thin.size), rig.colour(name) or PATH))
-            along += list(trajectory.states[thin[:: max(thin.size // _PLACES, 1)]])
+                    paths.append((way_of(shape, len(states)), rig.colour(name) or PATH))
+            along += list(states[:: max(len(states) // _PLACES, 1)])
         if not self._whole and not rig.view.surroundings():
             self._place_camera(along)
         self._whole = True
         self._scene.show('plan', picture(goals, self._width, paths))
 
-    # Operations, see `panel.Actions`.
-
-    def plan(self) -> None:
-        """Make a plan."""
-        self._operations.plan()
-
-    def push(self) -> None:
-        """Push the vehicle whose curves are shown."""
-        self._operations.push()
-
-    def reset(self) -> None:
-        """Put all plants back into their initial states."""
-        self._operations.reset()
-
-    def replan(self, on: bool) -> None:
-        """Switch replanning on or off."""
-        self._operations.replan(on)
-
-    def change(self, slider: Slider, value: float) -> None:
-        """Give a parameter a value."""
-        self._operations.change(slider, value, partial(self._panel.reason, slider.name))
-
-    def choose(self, vehicle: str) -> None:
-        """Show the curves of another vehicle."""
+    def _choose(self, vehicle: str) -> None:
         if vehicle in self._rig.vehicles:
             self._rig.chosen, self._history = vehicle, History(self._rig.view)
 
-    def record(self) -> None:
-        """Begin a recording, or end it."""
-        self._operations.record()
-
-    def report(self) -> None:
-        """Make a report on the last recording, and offer it to the browsers."""
-        self._operations.report(self._offer)
-
-    def _offer(self, file: Path) -> None:
-        self._server.send_file_download(file.name, file.read_bytes())
-
     def _on_dragged(self, handle: DragHandle, pose: Pose) -> None:
         def told(text: str) -> None:
-            self._scene.tell(handle.name, text)
+            if handle.name in self._scene.handles:
+                self._scene.handles[handle.name].tell(text)
             self._panel.note(text)
 
         self._operations.drag(handle, pose, told)

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-import html
-from typing import Any, Protocol
+from functools import partial
+from html import escape
+import math
+from pathlib import Path
+import re
+from typing import Any, NamedTuple
 
 from tdm_planner.drawing import COLOURS, LIMIT
-from tdm_sim.live.history import Chart
 from tdm_sim.live.listener import Event
-from tdm_sim.live.sliders import Slider
+from tdm_sim.live.operations import Operations
+from tdm_sim.live.rig import Chart
 import viser
 
 _HEIGHT = 150  # px of a plot
@@ -23,41 +27,20 @@ _SMALL = (
     'font-size: 0.8em; line-height: 1.35; padding: 0.3em 0.6em 0.8em; overflow-wrap: anywhere;'
 )
 
+WIDEST = 50.0  # times the value that a range may be as wide, to be shown whole
+GROUPS = ('limits', 'weights')  # of parameters that are shown first
 
-class Actions(Protocol):
-    """The operations of the page; called in threads of the server."""
-
-    def plan(self) -> None:
-        """Make a plan."""
-
-    def push(self) -> None:
-        """Push the vehicle that is shown."""
-
-    def reset(self) -> None:
-        """Put all plants back into their initial states."""
-
-    def replan(self, on: bool) -> None:
-        """Switch replanning on or off."""
-
-    def change(self, slider: Slider, value: float) -> None:
-        """Give a parameter a value."""
-
-    def choose(self, vehicle: str) -> None:
-        """Show the curves of another vehicle."""
-
-    def record(self) -> None:
-        """Begin a recording, or end it."""
-
-    def report(self) -> None:
-        """Make a report on the last recording."""
+_SPREAD = 4.0  # of a slider over a wide range, in values: from 0 or a quarter of it on
+_STEPS = 200
+_DOUBLE, _INTEGER = 3, 2  # of rcl_interfaces/msg/ParameterType
+_NOT_SHOWN = re.compile(r'(start\.(max_age|delay)|replan\.|solver\.|markers\.|.*seed$|rate$)')
 
 
 class Panel:
     """What stands beside the picture; made once, for all browsers."""
 
     def __init__(self, server: viser.ViserServer, title: str) -> None:
-        self._gui = server.gui
-        self._actions: Actions
+        self._server, self._gui = server, server.gui
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
         gui.set_panel_label(title)
@@ -80,11 +63,9 @@ class Panel:
 
     def _drive(self) -> None:
         gui = self._gui
-        self._buttons = {
-            'Plan': gui.add_button('Plan', color='green', hint='plan from the measured state'),
-            'Push': gui.add_button('Push', hint='one impulse; a body can be pulled at, too'),
-            'Reset': gui.add_button('Reset', hint='all simulated plants'),
-        }
+        self._plan = gui.add_button('Plan', color='green', hint='plan from the measured state')
+        self._push = gui.add_button('Push', hint='one impulse; a body can be pulled at, too')
+        self._reset = gui.add_button('Reset', hint='all simulated plants')
         self._replan: Any = gui.add_checkbox(
             'Replan on the way', False, hint='replan.rate of the planner: 5 Hz'
         )
@@ -92,29 +73,32 @@ class Panel:
         self._report = gui.add_button('Make a report', disabled=True)
         self._note = gui.add_html('')
 
-    def connect(self, actions: Actions) -> None:
-        """Connect the buttons and sliders."""
-        self._actions = actions
+    def connect(self, operations: Operations, choose: Callable[[str], None]) -> None:
+        """Connect the buttons and sliders; `choose` is told whose curves are to be shown."""
+        self._operations = operations
         for button, act in (
-            (self._buttons['Plan'], actions.plan),
-            (self._buttons['Push'], actions.push),
-            (self._buttons['Reset'], actions.reset),
-            (self._record, actions.record),
-            (self._report, actions.report),
+            (self._plan, operations.plan),
+            (self._push, operations.push),
+            (self._reset, operations.reset),
+            (self._record, operations.record),
+            (self._report, lambda: operations.report(self._offer)),
         ):
             button.on_click(_of_a_browser(act))
-        self._replan.on_update(_of_a_browser(lambda: actions.replan(self._replan.value)))
-        self._vehicle.on_update(_of_a_browser(lambda: actions.choose(self._vehicle.value)))
+        self._replan.on_update(_of_a_browser(lambda: operations.replan(self._replan.value)))
+        self._vehicle.on_update(_of_a_browser(lambda: choose(self._vehicle.value)))
+
+    def _offer(self, file: Path) -> None:
+        self._server.send_file_download(file.name, file.read_bytes())
 
     def tell(self, lines: Iterable[tuple[str, str]], fault: str = '') -> None:
         """Show figures by name, and above them what is wrong."""
         rows = ''.join(
-            f'<tr style="vertical-align: top"><td style="{_NAME}">{_text(name)}</td>'
-            f'<td>{_text(value)}</td></tr>'
+            f'<tr style="vertical-align: top"><td style="{_NAME}">{escape(name)}</td>'
+            f'<td>{escape(value)}</td></tr>'
             for name, value in lines
         )
         above = (
-            f'<div class="tdm-fault" style="color: {LIMIT}">{_text(fault)}</div>' if fault else ''
+            f'<div class="tdm-fault" style="color: {LIMIT}">{escape(fault)}</div>' if fault else ''
         )
         self._status.content = (
             f'<div class="tdm-status" style="{_SMALL}">{above}<table>{rows}</table></div>'
@@ -122,11 +106,11 @@ class Panel:
 
     def note(self, text: str) -> None:
         """Show the outcome of the last button."""
-        self._note.content = f'<div class="tdm-note" style="{_SMALL}">{_text(text)}</div>'
+        self._note.content = _block('tdm-note', escape(text))
 
     def can(self, simulated: bool, recording: bool, recorded: bool) -> None:
         """Enable what is possible: pushes and resets are for simulated plants."""
-        self._buttons['Push'].disabled = self._buttons['Reset'].disabled = not simulated
+        self._push.disabled = self._reset.disabled = not simulated
         self._record.label = 'End the recording' if recording else 'Start a recording'
         self._report.disabled = not recorded
 
@@ -141,15 +125,13 @@ class Panel:
 
     def events(self, events: Iterable[Event]) -> None:
         """Show what nodes have logged, the newest first."""
-        rows = []
-        for instant, level, node, text in events:
-            when = f'{datetime.fromtimestamp(instant):%H:%M:%S}'
-            colour = _LEVELS.get(level, 'inherit')
-            rows.append(
-                f'<div style="color: {colour}"><span style="color: #888">{when} {_text(node)}'
-                f'</span> {_text(text)}</div>'
-            )
-        self._events.content = f'<div class="tdm-events" style="{_SMALL}">{"".join(rows)}</div>'
+        rows = ''.join(
+            f'<div style="color: {_LEVELS.get(level, "inherit")}"><span style="color: #888">'
+            f'{datetime.fromtimestamp(instant):%H:%M:%S} {escape(node)}</span> '
+            f'{escape(text)}</div>'
+            for instant, level, node, text in events
+        )
+        self._events.content = _block('tdm-events', rows)
 
     # Sliders.
 
@@ -168,9 +150,7 @@ class Panel:
         """Show beside a slider why there is no plan with its value; '' removes it."""
         beside = self._reasons.get(name.rpartition('.')[0])
         if beside is not None:
-            beside.content = (
-                f'<div class="tdm-reason" style="color: {LIMIT}; {_SMALL}">{_text(text)}</div>'
-            )
+            beside.content = _block('tdm-reason', escape(text), f'color: {LIMIT};')
 
     def _make(self, groups: Mapping[str, Sequence[Slider]]) -> None:
         for folder in self._folders:
@@ -191,7 +171,12 @@ class Panel:
         handle = self._gui.add_slider(
             label, slider.low, slider.high, slider.step, slider.value, hint=slider.hint
         )
-        handle.on_update(_of_a_browser(lambda: self._actions.change(slider, handle.value)))
+
+        def change() -> None:
+            value = type(slider.value)(handle.value)
+            self._operations.change(slider.name, value, partial(self.reason, slider.name))
+
+        handle.on_update(_of_a_browser(change))
         return handle
 
     # Plots.
@@ -232,8 +217,8 @@ def _series(chart: Chart) -> tuple[Any, ...]:
     return tuple(series)
 
 
-def _text(text: str) -> str:
-    return html.escape(text)
+def _block(name: str, content: str, style: str = '') -> str:
+    return f'<div class="{name}" style="{style} {_SMALL}">{content}</div>'
 
 
 def _of_a_browser(act: Callable[[], None]) -> Callable[[Any], None]:
@@ -244,3 +229,74 @@ def _of_a_browser(act: Callable[[], None]) -> Callable[[Any], None]:
             act()
 
     return callback
+
+
+class Slider(NamedTuple):
+    """A parameter to be moved: its whole name, its interval, its unit and what it is."""
+
+    name: str
+    low: float
+    high: float
+    step: float
+    value: float
+    unit: str
+    hint: str
+
+    @property
+    def group(self) -> str:
+        """Return what it is shown among; '' for parameters without a group."""
+        return self.name.rpartition('.')[0]
+
+
+def slider_of(descriptor: Any, value: Any) -> Slider | None:
+    """
+    Return the slider of a parameter's descriptor and value; None where it has none.
+
+    If the declared range is very wide, it covers a few times the value instead.
+    """
+    number = descriptor.type in (_DOUBLE, _INTEGER)
+    if not number or descriptor.read_only or not isinstance(value, float | int):
+        return None
+    if _NOT_SHOWN.match(descriptor.name):
+        return None
+    whole = descriptor.type == _INTEGER
+    declared = descriptor.integer_range if whole else descriptor.floating_point_range
+    low, high = (
+        (declared[0].from_value, declared[0].to_value) if declared else (-math.inf, math.inf)
+    )
+    low, high = shown_range(float(value), float(low), float(high))
+    step = (high - low) / _STEPS
+    if whole:
+        low, high, step = math.floor(low), math.ceil(high), max(1, round(step))
+    text, _, unit = descriptor.description.rpartition(' [')
+    if not text:
+        text, unit = descriptor.description, ''
+    hint = f'{descriptor.name}: {text}. {descriptor.additional_constraints}'.strip()
+    return Slider(descriptor.name, low, high, step, value, unit.rstrip(']'), hint)
+
+
+def shown_range(value: float, low: float, high: float) -> tuple[float, float]:
+    """Return the interval that a slider covers, for a value and what is declared as allowed."""
+    size = abs(value) or 1.0
+    if high - low <= WIDEST * size:
+        return low, high
+    if value < 0.0 or low < 0.0:
+        below, above = value - _SPREAD * size, value + _SPREAD * size
+    else:
+        below, above = (value / _SPREAD if value else 0.0), _SPREAD * size
+    return max(low, below), min(high, above)
+
+
+def in_order(sliders: Iterable[Slider]) -> dict[str, list[Slider]]:
+    """Return sliders by group: limits and weights first, what is about the plant last."""
+    groups: dict[str, list[Slider]] = {}
+    for slider in sliders:
+        groups.setdefault(slider.group, []).append(slider)
+
+    def rank(group: str) -> tuple[int, str]:
+        first = group.partition('.')[0]
+        if first in GROUPS:
+            return GROUPS.index(first), group
+        return (4 if first in ('plant', 'noise', 'estimator') else 3), group
+
+    return {group: groups[group] for group in sorted(groups, key=rank)}

@@ -22,8 +22,8 @@ from rclpy.context import Context
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_planner.starting import require_one_ros
 from tdm_sim.live.listener import Listener
+from tdm_sim.live.operations import Recordings
 from tdm_sim.live.page import Page
-from tdm_sim.live.recordings import Recordings
 from tdm_sim.processes import make_scene, NodeProcesses, Scene
 import viser
 
@@ -124,7 +124,6 @@ class Nodes(NodeProcesses):
 
 @contextmanager
 def _served(namespace: str) -> Iterator[Listener]:
-    """Make a listener whose node is served in a thread."""
     context = Context()
     rclpy.init(context=context)
     listener = Listener(namespace, context)
@@ -168,20 +167,19 @@ def _server(host: str, port: int) -> viser.ViserServer:
 
 def _may_ask(origin: str, host: str) -> bool:
     """Whether a page of the host `origin` is one that is served on `host`."""
-    if origin in (host, 'localhost'):
-        return True
-    try:
-        address = ipaddress.ip_address(origin)
-    except ValueError:
-        return False
-    return address.is_loopback or not _is_local(host)
+    address = _address(origin)
+    own = address is not None and (address.is_loopback or not _is_local(host))
+    return own or origin in (host, 'localhost')
 
 
 def _is_local(host: str) -> bool:
     """Whether only this computer reaches an address."""
-    if host == 'localhost':
-        return True
+    address = _address('127.0.0.1' if host == 'localhost' else host)
+    return address is not None and address.is_loopback
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        return ipaddress.ip_address(host).is_loopback
+        return ipaddress.ip_address(host)
     except ValueError:
-        return False
+        return None

@@ -12,27 +12,25 @@ plant, which is put there.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 import math
 import textwrap
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation.parameters import place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_sim.live.geometry import about, axes_of, from_axes, Picture, Solids, View
+from tdm_sim.live.geometry import Array, Kind, Picture, Rotation, View
 import trimesh
 import viser
+from viser.transforms import SO3
 
 Values = Mapping[str, Any]
-Array = NDArray[np.float64]
-Pose = tuple[Array, Array]  # place (3,) [m] and rotation wxyz (4,)
+Pose = tuple[Array, Rotation]  # place (3,) [m] and attitude
 
 UP = np.array([0.0, 0.0, 1.0])
-Kind = tuple[str, float]  # of solids, and their opacity
 Pulled = Callable[[int, tuple[float, ...], tuple[float, ...]], None]
 _MESHES: Mapping[str, Callable[[], Any]] = {
     'cylinder': lambda: trimesh.creation.cylinder(radius=1.0, height=1.0, sections=32),
@@ -40,6 +38,7 @@ _MESHES: Mapping[str, Callable[[], Any]] = {
     'box': lambda: trimesh.creation.box(),
 }
 _LINE = 2.5  # px
+# Colours of many shapes at once are sent as light, not as the screen has them.
 _SHARES = np.arange(256) / 255
 _LINEAR = np.round(255 * np.where(
     _SHARES < 0.04045, _SHARES / 12.92, ((_SHARES + 0.055) / 1.055) ** 2.4
@@ -49,8 +48,7 @@ _LETTERS = 40  # in a line of a sentence
 _NEAR, _FADE, _FAR = 0.01, 20.0, 100.0  # what the camera sees, in sizes of what is drawn
 
 
-@dataclass(frozen=True)
-class DragHandle:
+class DragHandle(NamedTuple):
     """
     Something to drag, and the parameters of a node that it sets.
 
@@ -78,14 +76,12 @@ def drag_handles_of(problem: Problem) -> list[DragHandle]:
 
 
 def _goal(problem: RobotFormation, number: int) -> DragHandle:
-    """Return the handle of a robot's place in the formation."""
     name, task = problem.robots[number], problem.task
     place = np.array([*task.goal[number], 0.0])
-    turn = about(UP, float(task.goal_yaw[number]))
+    turn = SO3.from_z_radians(float(task.goal_yaw[number])).wxyz
 
     def values_at(pose: Pose, values: Values) -> dict[str, Any]:
-        ahead, _, _ = axes_of(pose[1])
-        wanted = [float(pose[0][0]), float(pose[0][1]), math.atan2(ahead[1], ahead[0])]
+        wanted = [float(pose[0][0]), float(pose[0][1]), _yaw(pose)]
         return {f'formation.{name}': place_in_formation(problem.formation.anchor, wanted)}
 
     return DragHandle(
@@ -100,21 +96,21 @@ def _starts(arm: float, rod: float) -> list[DragHandle]:
         return float(values.get(f'initial.{name}', 0.0))
 
     def disk(values: Values) -> Pose:
-        return np.zeros(3), about(UP, at(values, 'psi'))
+        return np.zeros(3), SO3.from_z_radians(at(values, 'psi')).wxyz
 
     def disk_at(pose: Pose, values: Values) -> dict[str, Any]:
-        ahead, _, _ = axes_of(pose[1])
-        return {'initial.psi': _nearest(math.atan2(ahead[1], ahead[0]), at(values, 'psi'))}
+        return {'initial.psi': _nearest(_yaw(pose), at(values, 'psi'))}
 
     def pendulum(values: Values) -> Pose:
         along, across = _arm(at(values, 'psi'))
         theta = at(values, 'theta')
         up = math.cos(theta) * UP + math.sin(theta) * across
-        return arm * along, from_axes(up, np.cross(-along, up), -along)
+        axes = np.stack([up, np.cross(-along, up), -along], axis=1)
+        return arm * along, SO3.from_matrix(axes).wxyz
 
     def pendulum_at(pose: Pose, values: Values) -> dict[str, Any]:
         _, across = _arm(at(values, 'psi'))
-        up, _, _ = axes_of(pose[1])
+        up = _first_axis(pose)
         theta = math.atan2(float(up @ across), float(up @ UP))
         return {'initial.theta': _nearest(theta, at(values, 'theta'))}
 
@@ -122,6 +118,15 @@ def _starts(arm: float, rod: float) -> list[DragHandle]:
         DragHandle('disk', 'turn', 'plant', 1.5 * arm, disk, disk_at),
         DragHandle('pendulum', 'turn', 'plant', 0.9 * rod, pendulum, pendulum_at),
     ]
+
+
+def _first_axis(pose: Pose) -> NDArray[np.floating[Any]]:
+    return SO3(pose[1]).as_matrix()[:, 0]
+
+
+def _yaw(pose: Pose) -> float:
+    ahead = _first_axis(pose)
+    return math.atan2(ahead[1], ahead[0])
 
 
 def _arm(psi: float) -> tuple[Array, Array]:
@@ -162,57 +167,56 @@ class Layer:
 
     def __init__(self, server: viser.ViserServer, name: str, pulled: Pulled | None = None) -> None:
         self._server, self._name, self._pulled = server, name, pulled
-        self._solids: dict[Kind, Any] = {}
+        self._shown: dict[Kind | None, tuple[Any, int]] = {}  # copies by kind; lines by None
         self._groups: dict[Kind, NDArray[np.int_]] = {}
-        self._lines: Any = None
 
     def show(self, picture: Picture) -> None:
         """Show another picture."""
-        solids = picture.solids
-        for kind, handle in list(self._solids.items()):
-            if kind not in solids or len(handle.batched_positions) != len(solids[kind].places):
-                self._solids.pop(kind).remove()
-        for kind, found in solids.items():
-            self._groups[kind] = found.groups
-            handle = self._solids.get(kind)
-            if handle is None:
-                self._solids[kind] = self._add(kind, found)
-                continue
-            handle.batched_positions, handle.batched_wxyzs = found.places, found.rotations
-            handle.batched_scales, handle.batched_colors = found.sizes, _linear(found.colours)
-        lines, count = self._lines, len(picture.lines)
-        if lines is not None and len(lines.points) == count:
-            lines.points, lines.colors = picture.lines, _linear(picture.line_colours)
-            return
-        if lines is not None:
-            lines.remove()
-        self._lines = None if count == 0 else self._add_lines(picture)
+        for kind in [kind for kind in self._shown if kind and kind not in picture.solids]:
+            self._shown.pop(kind)[0].remove()
+        for kind, solids in picture.solids.items():
+            self._groups[kind] = solids.groups
+            self._update(
+                kind,
+                batched_positions=solids.places,
+                batched_wxyzs=solids.rotations,
+                batched_scales=solids.sizes,
+                batched_colors=_LINEAR[solids.colours],
+            )
+        self._update(None, points=picture.lines, colors=_LINEAR[picture.line_colours])
 
-    def _add_lines(self, picture: Picture) -> Any:
+    def _update(self, kind: Kind | None, **values: Any) -> None:
+        """Give what is shown other values, of which the first ones tell how many it is."""
+        count = len(next(iter(values.values())))
+        handle, before = self._shown.get(kind, (None, 0))
+        if handle is not None and before == count:
+            for name, value in values.items():
+                setattr(handle, name, value)
+            return
+        if handle is not None:
+            self._shown.pop(kind)[0].remove()
+        if count:
+            add = self._add_lines if kind is None else partial(self._add_solids, kind)
+            self._shown[kind] = add(**values), count
+
+    def _add_lines(self, **values: Any) -> Any:
         return self._server.scene.add_line_segments(
-            f'/{self._name}/lines',
-            points=picture.lines,
-            colors=_linear(picture.line_colours),
-            thickness=_LINE,
-            thickness_units='screen',
+            f'/{self._name}/lines', **values, thickness=_LINE, thickness_units='screen'
         )
 
-    def _add(self, kind: Kind, solids: Solids) -> Any:
+    def _add_solids(self, kind: Kind, **values: Any) -> Any:
         shape, opacity = kind
         mesh = _MESHES[shape]()
         handle = self._server.scene.add_batched_meshes_simple(
             f'/{self._name}/{shape}_{100 * opacity:.0f}',
             vertices=mesh.vertices,
             faces=mesh.faces,
-            batched_wxyzs=solids.rotations,
-            batched_positions=solids.places,
-            batched_scales=solids.sizes,
-            batched_colors=_linear(solids.colours),
             opacity=None if opacity == 1.0 else opacity,
             flat_shading=shape != 'ball',
             lod='off',
             cast_shadow=False,
             receive_shadow=False,
+            **values,
         )
         if self._pulled is not None:
             handle.on_drag(partial(self._on_drag, kind))
@@ -222,11 +226,6 @@ class Layer:
         if event.phase == 'end' and self._pulled is not None:
             group = int(self._groups[kind][event.instance_index or 0])
             self._pulled(group, event.start_position, event.end_position)
-
-
-def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return colours as the page takes them for many at once: not yet as a screen has them."""
-    return _LINEAR[colours]
 
 
 class HandleView:
@@ -240,7 +239,7 @@ class HandleView:
         self._label: Any = None
         self._server, self._name = server, name
         turns = handle.moves == 'turn'
-        self._control = server.scene.add_transform_controls(
+        self.control = server.scene.add_transform_controls(
             name,
             scale=handle.size,
             active_axes=(True, True, False),
@@ -260,18 +259,14 @@ class HandleView:
                     self.handle, (np.array(event.target.position), np.array(event.target.wxyz))
                 )
 
-        self._control.on_update(on_update)
+        self.control.on_update(on_update)
 
     def move(self, pose: Pose) -> None:
-        """
-        Move it, unless it is being dragged.
-
-        It stays where it was dropped until its parameters change.
-        """
+        """Move it, unless it is held; once dropped it stays until its parameters change."""
         changed = any(not np.allclose(*pair) for pair in zip(pose, self._given, strict=True))
         if changed and not self._held:
             self._given = pose
-            self._control.position, self._control.wxyz = pose
+            self.control.position, self.control.wxyz = pose
 
     def tell(self, text: str) -> None:
         """Show a message beside it; '' removes it."""
@@ -283,22 +278,14 @@ class HandleView:
                 f'{self._name}/reason', textwrap.fill(text, _LETTERS), anchor='bottom-center'
             )
 
-    def remove(self) -> None:
-        """Take it away."""
-        self._control.remove()
-
 
 class Scene:
     """Everything in space: layers by name, handles, camera."""
 
     def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
         self._server, self._dragged = server, dragged
-        self._layers = {
-            'still': Layer(server, 'still'),
-            'plan': Layer(server, 'plan'),
-            'ghost': Layer(server, 'ghost'),
-            'plants': Layer(server, 'plants', pulled),
-        }
+        self._layers = {name: Layer(server, name) for name in ('still', 'plan', 'ghost')}
+        self._layers['plants'] = Layer(server, 'plants', pulled)
         self.handles: dict[str, HandleView] = {}
         self._grid: Any = None
         server.scene.world_axes.visible = False
@@ -332,15 +319,10 @@ class Scene:
     def show_handles(self, handles: Mapping[str, tuple[DragHandle, Pose]]) -> None:
         """Show exactly these handles, each at its pose."""
         for name in [name for name in self.handles if name not in handles]:
-            self.handles.pop(name).remove()
+            self.handles.pop(name).control.remove()
         for name, (handle, pose) in handles.items():
             if name in self.handles:
                 self.handles[name].handle = handle
                 self.handles[name].move(pose)
             else:
                 self.handles[name] = HandleView(self._server, handle, pose, self._dragged)
-
-    def tell(self, handle: str, text: str) -> None:
-        """Show a message beside a handle; '' removes it."""
-        if handle in self.handles:
-            self.handles[handle].tell(text)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.drawing import Box, COLOURS, Disc, Line, points_of, Shape
+from tdm_planner.drawing import COLOURS, Disc, points_of, Shape
 from tdm_sim.report.charts import packed
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 
@@ -64,37 +64,29 @@ def _vehicle(vehicle: Vehicle, times: Array, colour: int) -> dict[str, Any]:
     if vehicle.plan is not None:
         last = vehicle.plan.trajectory
         ends = dict(zip(last.state_names, last.states[-1:].T, strict=True))
-        still = [s for s in view.drawing(ends, {}) if s.style == 'body']
-        found['goal'] = _shapes(still, 1)
+        found['goal'] = _shapes([s for s in view.drawing(ends, {}) if s.style == 'body'], 1)
     return found
 
 
 def _shapes(shapes: Sequence[Shape], count: int) -> list[dict[str, Any]]:
     """Return shapes as the page reads them: points (count, k, size) in a row."""
-    found = []
-    for shape in shapes:
-        points = points_of(shape, count)
-        kind = {Line: 'line', Disc: 'disc', Box: 'box'}[type(shape)]
-        found.append(
-            {
-                'kind': kind,
-                'style': shape.style,
-                'trail': shape.trail,
-                'radius': shape.radius if isinstance(shape, Disc) else 0.0,
-                'corners': points.shape[1],
-                'size': points.shape[2],
-                'points': packed(points.ravel()),
-            }
-        )
-    return found
+    return [
+        {
+            'kind': type(shape).__name__.lower(),
+            'style': shape.style,
+            'trail': shape.trail,
+            'radius': shape.radius if isinstance(shape, Disc) else 0.0,
+            'corners': points.shape[1],
+            'size': points.shape[2],
+            'points': packed(points.ravel()),
+        }
+        for shape in shapes
+        for points in [points_of(shape, count)]
+    ]
 
 
 def planned_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | None:
-    """
-    Return planned states and controls at `times`, of the plan active then; None if no plan.
-
-    Before the first motion its start is shown, after a motion its end; controls act during it.
-    """
+    """Return planned states, and controls while they act, at `times`; None if there is no plan."""
     if not vehicle.plans:
         return None
     states, controls = vehicle.planned(times)

@@ -92,7 +92,6 @@ def messages(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """Return a message, unpacked where it was compressed alone."""
     if data[:4] != _ZSTD:
         return data
     if zstandard.frame_content_size(data) > _LARGEST:
@@ -101,7 +100,6 @@ def _unpacked(data: bytes) -> bytes:
 
 
 def _storage(path: Path) -> str:
-    """Return which storage a file's name tells of; '' for none."""
     name = path.name.removesuffix(_COMPRESSED)
     return next((ending for ending in STORAGES if name.endswith(ending)), '')
 

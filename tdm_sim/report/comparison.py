@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
 import math
 import re
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,7 @@ Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 
 _STEP, _MOST_STEPS = 0.001, 50_000  # between instants at which a plan is judged
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """
     A figure, planned and achieved; None: there is none. '' as vehicle: of all together.
 
@@ -66,25 +66,21 @@ def compare(mission: Mission) -> Comparison:
     apart = separations(mission)
     followed = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
     errors = {name: history for name, history in followed.items() if history is not None}
-    entries = [
-        *_durations(mission),
-        *_costs(mission),
-        *_landings(mission),
-        *_margins(mission, margins),
-        *_distances(mission, apart),
-        *_tracking(errors),
-        *_planner(mission),
-    ]
+    entries = chain(
+        _durations(mission),
+        _costs(mission),
+        _landings(mission),
+        _margins(mission, margins),
+        _distances(mission, apart),
+        _tracking(errors),
+        _planner(mission),
+    )
     found = judge(mission) if mission.was_executed else None
     return Comparison(tuple(entries), margins, apart, errors, found)
 
 
 def tracking_errors(vehicle: Vehicle) -> Signals | None:
-    """
-    Return measured minus planned while plans were followed.
-
-    What the tracker published or, where that was not recorded, the difference of states and plans.
-    """
+    """Return measured minus planned while plans were followed, as published or else computed."""
     if not vehicle.plans:
         return None
     start, end = vehicle.plans[0].start, vehicle.plans[-1].end
@@ -108,12 +104,7 @@ def _several(mission: Mission) -> str:
 
 
 def _durations(mission: Mission) -> Iterator[Entry]:
-    """
-    How long plans are, and when the goal is reached for good, from the start of the first plan.
-
-    A plan ends at rest in the goal. The goal counts as reached within the tolerances of the
-    verdict, before that: planned and measured states are judged alike.
-    """
+    """Durations of plans, and when states are within the verdict's tolerances for good."""
     note = _several(mission)
     planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
     lengths = {vehicle.name: vehicle.plans[0].trajectory.duration for vehicle in planned}
@@ -124,17 +115,17 @@ def _durations(mission: Mission) -> Iterator[Entry]:
         yield Entry('duration', 'duration of the plan', 's', length, vehicle=name, note=note)
     rows = [_time_to_goal(vehicle, note) for vehicle in planned if vehicle.states is not None]
     if len(rows) > 1:
-        due = [row.planned for row in rows if row.planned is not None]
-        done = [row.achieved for row in rows if row.achieved is not None]
-        yield Entry(
-            kind='duration',
-            name='time until all are at the goal',
-            unit='s',
-            planned=max(due) if len(due) == len(rows) else None,
-            achieved=max(done) if len(done) == len(rows) else None,
-            note=note,
+        due, done = (
+            _latest([row.planned for row in rows]),
+            _latest([row.achieved for row in rows]),
         )
+        yield Entry('duration', 'time until all are at the goal', 's', due, done, note=note)
     yield from rows
+
+
+def _latest(instants: Sequence[float | None]) -> float | None:
+    known = [instant for instant in instants if instant is not None]
+    return max(known) if len(known) == len(instants) else None
 
 
 def _time_to_goal(vehicle: Vehicle, note: str) -> Entry:
@@ -165,7 +156,6 @@ def _due(vehicle: Vehicle) -> float:
 
 
 def _costs(mission: Mission) -> Iterator[Entry]:
-    """Yield the performance index of the first plan, and its terms."""
     figures = mission.figures[0] if mission.figures else None
     if figures is None or figures.cost is None:
         return
@@ -176,7 +166,6 @@ def _costs(mission: Mission) -> Iterator[Entry]:
 
 
 def _landings(mission: Mission) -> Iterator[Entry]:
-    """Where the vehicle was when the last plan was to end."""
     said = mission.figures[-1].terminal_error if mission.figures else {}
     for vehicle in mission.vehicles:
         plan = vehicle.plan
@@ -203,7 +192,6 @@ def _landings(mission: Mission) -> Iterator[Entry]:
 
 
 def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Entry]:
-    """Worst margins, as planned and of the measured motion."""
     for vehicle in mission.vehicles:
         history = histories[vehicle.name]
         planned, measured = smallest(history.planned), smallest(history.measured)
@@ -213,11 +201,9 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
             achieved = measured.get(name)
             # of a control: the plant could not do more
             at_limit = achieved is not None and abs(achieved.worst) <= ROUNDING
-            yield replace(
-                _smallest('margin', f'margin of {name}', planned.get(name), achieved),
-                vehicle=vehicle.name,
-                mark='saturated' if at_limit and name in controls else '',
-            )
+            mark = 'saturated' if at_limit and name in controls else ''
+            entry = _smallest('margin', f'margin of {name}', planned.get(name), achieved)
+            yield entry._replace(vehicle=vehicle.name, mark=mark)
 
 
 def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
@@ -236,13 +222,12 @@ def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
 
 def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | None) -> Entry:
     unit = next((m.unit for m in (achieved, planned) if m is not None and m.unit), '')
-    values = [None if m is None else m.worst for m in (planned, achieved)]
-    instants = [None if m is None else m.instant for m in (planned, achieved)]
-    return Entry(kind, name, unit, values[0], values[1], instants[0], instants[1])
+    due, done = (None if m is None else m.worst for m in (planned, achieved))
+    due_at, done_at = (None if m is None else m.instant for m in (planned, achieved))
+    return Entry(kind, name, unit, due, done, due_at, done_at)
 
 
 def _distances(mission: Mission, history: History) -> Iterator[Entry]:
-    """Smallest distance of all, and of every pair."""
     planned, measured = smallest(history.planned), smallest(history.measured)
     names = list(dict.fromkeys([*planned, *measured]))
     if not names:
@@ -270,23 +255,15 @@ def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
                 continue
             k = int(np.nanargmax(np.abs(column)))
             rms = math.sqrt(float(np.nanmean(column**2)))
+            most, at = abs(float(column[k])), float(history.times[k])
             yield Entry('tracking', f'rms error of {name}', unit, None, rms, vehicle=vehicle)
             yield Entry(
-                kind='tracking',
-                name=f'largest error of {name}',
-                unit=unit,
-                achieved=abs(float(column[k])),
-                achieved_at=float(history.times[k]),
-                vehicle=vehicle,
+                'tracking', f'largest error of {name}', unit, None, most, None, at, vehicle
             )
 
 
 def _planner(mission: Mission) -> Iterator[Entry]:
-    """
-    Solve times, and the numbers of replans, rejected and late plans.
-
-    Errors count from the start of the first plan's motion on: before, nodes wait for each other.
-    """
+    """Solve times, replans, late plans, and errors from the start of the first motion on."""
     times = [f.solve_time for f in mission.figures if f.solve_time is not None]
     if times:
         note = f'longest of {len(times)} plans' if len(times) > 1 else ''

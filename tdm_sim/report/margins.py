@@ -46,7 +46,6 @@ def margin_history(vehicle: Vehicle) -> History:
 
 
 def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals:
-    """Margins of all plans as long as they were followed."""
     parts = []
     for plan in vehicle.plans:
         times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,6 @@ class Signals:
     values: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Check that the parts match."""
-        assert self.values.shape == (self.times.size, len(self.names))
-        assert len(self.units) == len(self.names)
 
     @classmethod
     def of(
@@ -87,22 +82,18 @@ class Signals:
         In every bin of samples the first, the last, and the smallest and largest of every history
         stay, so that peaks and gaps are drawn where they were measured.
         """
-        kept = thinned_indices(self.values, most)
-        return Signals(self.times[kept], self.values[kept], self.names, self.units)
-
-
-def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
-    """Return the rows of `values` (n, m) that a drawing of at most about `most` points needs."""
-    n, m = values.shape
-    if n <= most:
-        return np.arange(n)
-    per_bin = 2 + 2 * m
-    edges = np.linspace(0, n, max(1, most // per_bin) + 1).astype(int)
-    kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
-    low, high = (np.where(np.isnan(values), end, values) for end in (np.inf, -np.inf))
-    for start, end in itertools.pairwise(edges):
-        kept += [start + low[start:end].argmin(axis=0), start + high[start:end].argmax(axis=0)]
-    return np.unique(np.concatenate(kept))
+        n, m = self.values.shape
+        if n <= most:
+            return self
+        edges = np.linspace(0, n, max(1, most // (2 + 2 * m)) + 1).astype(int)
+        kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
+        unknown = np.isnan(self.values)
+        low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
+        for start, end in itertools.pairwise(edges):
+            part = slice(start, end)
+            kept += [start + low[part].argmin(axis=0), start + high[part].argmax(axis=0)]
+        rows = np.unique(np.concatenate(kept))
+        return Signals(self.times[rows], self.values[rows], self.names, self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +142,7 @@ class Vehicle:
         return self.commands if self.applied is None else self.applied
 
     def planned(self, times: Array) -> tuple[Signals, Signals]:
-        """
-        Return planned states and controls at instants (n,), of the plans in turn.
-
-        Before the first plan starts it is where that starts; after the last one, where it ends.
-        """
+        """Return planned states and controls at instants (n,), of the plans in turn."""
         state, control = self.plans[0].sample(times)
         for plan in self.plans[1:]:
             during = times >= plan.start
@@ -167,8 +154,7 @@ class Vehicle:
         )
 
 
-@dataclass(frozen=True)
-class Margin:
+class Margin(NamedTuple):
     """
     Smallest distance from a limit (negative: violated), and its instant [s].
 
@@ -210,8 +196,7 @@ class Severity(IntEnum):
     STALE = 3
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """Something a node reported: a rejected plan, a new one, a missed deadline, an error."""
 
     time: float

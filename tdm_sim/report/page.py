@@ -10,10 +10,13 @@ scripts, and loads nothing.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
+import json
 from pathlib import Path
 import re
 
@@ -22,28 +25,27 @@ from tdm_planner import __version__
 from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
-from tdm_sim.report import animation, histories
-from tdm_sim.report.charts import Chart, chart_json, content_hash, json_for_html
+from tdm_sim.report import animation
+from tdm_sim.report.charts import Chart, chart_json, mission_charts
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
+_SCRIPTS = ('scene.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
+
+# Within a JSON string these mean the same as the characters; in HTML they mean nothing.
+_ESCAPES = str.maketrans({'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'})
 
 _LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
 def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> None:
-    """
-    Write the report on a mission to `path`.
-
-    Raise UnusableFile if the file cannot be written.
-    """
+    """Write the report on a mission to `path`; raise UnusableFile if that fails."""
     write_file(path, report_page(mission, comparison).encode())
 
 
@@ -52,19 +54,16 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
-    data = json_for_html(
-        {
-            'span': list(mission.span),
-            'motion': list(motion_span(mission)),
-            'speed': f'{playing_speed(mission):g}',
-            'scene': scene,
-            'charts': [chart_json(chart, mission.span) for chart in charts],
-        }
-    )
-    plotly = get_plotlyjs()
+    report = {
+        'span': list(mission.span),
+        'motion': list(motion_span(mission)),
+        'speed': f'{playing_speed(mission):g}',
+        'scene': scene,
+        'charts': [chart_json(chart, mission.span) for chart in charts],
+    }
+    data = json.dumps(report, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
     script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
     speeds = ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS)
-    player = {'speeds': speeds, 'data': data, 'plotly': plotly, 'script': script}
     return page_html(
         mission.title,
         _subtitle(mission),
@@ -72,8 +71,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
         source=_source(mission),
         missing=_missing(mission.missing),
         details=f'<div class="column details">{_details(mission)}</div>',
-        player=_filled(_asset('player.html'), player),
-        scripts=(plotly, script),
+        player={'speeds': speeds, 'data': data, 'plotly': get_plotlyjs(), 'script': script},
     )
 
 
@@ -82,12 +80,15 @@ def page_html(
     subtitle: str,
     columns: Iterable[Iterable[str]],
     source: str = f'tdm_planner {__version__}',
-    scripts: Iterable[str] = (),
-    **parts: str,
+    missing: str = '',
+    details: str = '',
+    player: Mapping[str, str] | None = None,
 ) -> str:
-    """Return a page with `columns` of cards; only its `scripts` run, and nothing is loaded."""
-    slots = {'missing': '', 'details': '', 'player': ''} | parts
-    allowed = ' '.join(map(content_hash, scripts)) or "'none'"
+    """Return a page with `columns` of cards; only the player's scripts run, nothing is loaded."""
+    slots = {'missing': missing, 'details': details, **(player or {})}
+    scripts = [] if player is None else [player['plotly'], player['script']]
+    hashes = [base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts]
+    allowed = ' '.join(f"'sha256-{found}'" for found in hashes) or "'none'"
     slots['policy'] = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
         f"script-src {allowed}; base-uri 'none'; form-action 'none'"
@@ -96,19 +97,10 @@ def page_html(
     slots['columns'] = ''.join(f'<div class="column">{half}</div>' for half in halves if half)
     slots |= {'title': escape(title), 'subtitle': escape(subtitle), 'source': escape(source)}
     slots |= {'version': __version__, 'style': _asset('page.css')}
-    return _filled(_asset('page.html'), slots)
-
-
-def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
-    """Return the charts that have anything to show."""
-    charts = [
-        histories.state_chart(mission),
-        histories.control_chart(mission),
-        histories.distance_chart(mission, comparison),
-        histories.margin_chart(mission, comparison),
-        histories.error_chart(mission, comparison),
-    ]
-    return [chart for chart in charts if any(panel.curves for panel in chart.panels)]
+    head, bar, foot = _asset('page.html').split('<!-- player -->\n')
+    template = head + foot if player is None else head + bar + foot
+    # in one pass, so that inserted text is never read as a slot
+    return re.sub(r'{{(\w+)}}', lambda match: slots[match.group(1)], template)
 
 
 def motion_span(mission: Mission) -> tuple[float, float]:
@@ -130,11 +122,6 @@ def playing_speed(mission: Mission) -> float:
 
 def _asset(name: str) -> str:
     return files('tdm_sim.report').joinpath('assets', name).read_text(encoding='utf-8')
-
-
-def _filled(template: str, slots: Mapping[str, str]) -> str:
-    """Fill the template in one pass, so that inserted text is never read as a slot."""
-    return re.sub(r'{{(\w+)}}', lambda match: slots[match.group(1)], template)
 
 
 def _subtitle(mission: Mission) -> str:
@@ -159,11 +146,7 @@ def _source(mission: Mission) -> str:
 def _columns(
     mission: Mission, comparison: Comparison, charts: Iterable[Chart], moving: bool
 ) -> tuple[list[str], list[str]]:
-    """
-    Return the cards of animation, summary and charts in two columns.
-
-    On a phone they are read one after the other, in the order of their `order`.
-    """
+    """Return cards in two columns; a phone shows them one after the other, by their `order`."""
     cards = [(1, 'Summary', summary_table(mission, comparison), 'id="summary"')]
     if moving:
         stage = f'<div id="scene"></div>{_key(mission)}'
@@ -179,15 +162,14 @@ def _columns(
 
 
 def _missing(sentences: Iterable[str]) -> str:
-    """Return what is missing and why; '' if nothing is."""
     items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
-    if not items:
-        return ''
-    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+    return (
+        items
+        and f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+    )
 
 
 def _details(mission: Mission) -> str:
-    """Return events and parameters."""
     parts = []
     if mission.events:
         grave = [event for event in mission.events if event.level != Severity.OK]
@@ -205,7 +187,6 @@ def _details(mission: Mission) -> str:
 
 
 def _key(mission: Mission) -> str:
-    """Explain the animation's lines."""
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
     planned = any(vehicle.plans for vehicle in mission.vehicles)
     entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_executed)]

@@ -14,13 +14,13 @@ from pathlib import Path
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import load_plan, vehicles
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import check_recording, messages, UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
-from tdm_sim.report.plan_documents import plan_figures, PlanSummary, problem_of, read_summary
 from tdm_sim.report.recorded_topics import (
     events,
     gather,
@@ -40,6 +40,7 @@ from tdm_sim.report.recorded_vehicles import (
     Site,
     unknown_view,
 )
+from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
 
 _MOST_NAMED = 8  # topics that an error message lists
 
@@ -162,7 +163,8 @@ def _mission(
     path: Path,
     notes: list[str],
 ) -> Mission:
-    names = _names(sites, summaries)
+    told_of = next(iter(summaries.values())).vehicles if summaries else {}
+    names = {site: _name(site, told_of) for site in sites}
     plans: dict[Site, dict[int, Trajectory]] = {}
     for site in sites:
         told = {
@@ -173,8 +175,8 @@ def _mission(
         plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
     starts = sorted({start for found in plans.values() for start in found})
     spaces = {site.namespace for site in sites}
-    streams = [stream for topic, stream in topics.streams.items() if namespace_of(topic) in spaces]
-    firsts = (int(stream.instants[0]) for stream in streams if stream.instants.size)
+    streams = [topic.stream for name, topic in topics.items() if namespace_of(name) in spaces]
+    firsts = (int(stream.instants[0]) for stream in streams if stream is not None)
     origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
     figures = [summaries[start].figures(origin) for start in sorted(summaries)]
     vehicles = []
@@ -202,16 +204,12 @@ def _mission(
     )
 
 
-def _names(sites: Sequence[Site], summaries: Mapping[int, PlanSummary]) -> dict[Site, str]:
-    """Return what the vehicles are called: as in the summaries, or by their namespaces."""
-    told = next(iter(summaries.values())).vehicles if summaries else {}
-    names = {}
-    for site in sites:
-        own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
-        if site.namespace == site.planner:
-            own = next(iter(told)) if len(told) == 1 else site.view.name
-        names[site] = own or site.view.name
-    return names
+def _name(site: Site, told: Mapping[str, PlantKind]) -> str:
+    """Return what a vehicle is called: as in a summary, or by its namespace."""
+    own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
+    if site.namespace == site.planner:
+        own = next(iter(told)) if len(told) == 1 else ''
+    return own or site.view.name
 
 
 def _gaps(
@@ -220,7 +218,6 @@ def _gaps(
     vehicles: Sequence[Vehicle],
     summaries: Mapping[int, PlanSummary],
 ) -> list[str]:
-    """Name what is missing in the recording, and the consequence."""
     found = []
     for site, vehicle in zip(sites, vehicles, strict=True):
         where = untrusted.text(site.namespace, 100)
@@ -246,9 +243,11 @@ def _gaps(
     named = next(iter(summaries.values())).vehicles if summaries else {}
     absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
     found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
+    malformed = {name: topic.malformed for name, topic in topics.items()}
+    strange = {name: topic.stream.not_finite for name, topic in topics.items() if topic.stream}
     for counts, fault in (
-        (topics.malformed, 'do not match their type and were ignored'),
-        (topics.not_finite, 'hold values that are not finite, or no attitude, which were ignored'),
+        (malformed, 'do not match their type and were ignored'),
+        (strange, 'hold values that are not finite, or no attitude, which were ignored'),
     ):
-        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
+        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items() if n]
     return found

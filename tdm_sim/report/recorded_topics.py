@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
@@ -54,18 +54,18 @@ def wanted(topic: str, kind: str) -> bool:
     return kind in _STREAMS or kind in _MESSAGES
 
 
-@dataclass(frozen=True, eq=False)
-class Stream:
+class Stream(NamedTuple):
     """
     Numbers of a topic: `instants` (n,) ns, increasing, and columns by name (n,).
 
     Columns are ``joint.position`` and so on; of an odometry those of x, y and yaw, in the frame of
-    its pose. NaN: not in that message.
+    its pose. NaN: not in that message. `not_finite` counts messages with infinities or NaN.
     """
 
     instants: NDArray[np.int64]
     columns: Mapping[str, Array]
-    frame: str = ''
+    frame: str
+    not_finite: int
 
 
 class Received(NamedTuple):
@@ -75,62 +75,67 @@ class Received(NamedTuple):
     stamp: int
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedTopics:
-    """A recording by topic. `malformed` counts messages that could not be read, by topic."""
+@dataclass(eq=False)
+class Topic:
+    """
+    What was recorded of a topic: its messages or, of joints and odometry, rows of numbers by name.
 
-    streams: Mapping[str, Stream]
-    messages: Mapping[str, Sequence[Received]]
-    types: Mapping[str, str]
-    malformed: Mapping[str, int]
-    not_finite: Mapping[str, int]
+    `malformed` counts messages that could not be read.
+    """
 
-    def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
-        """Return the messages of every topic of a type."""
-        return {topic: got for topic, got in self.messages.items() if self.types[topic] == kind}
-
-    def received(self, topic: str, kind: str) -> Sequence[Received]:
-        """Return the messages of a topic; none if it is not of this type."""
-        return self.messages.get(topic, ()) if self.types.get(topic) == kind else ()
-
-    def stream(self, topic: str, kind: str) -> Stream | None:
-        """Return the numbers of a topic; None if there are none of this type."""
-        found = self.streams.get(topic) if self.types.get(topic) == kind else None
-        return found if found is not None and found.instants.size else None
-
-
-@dataclass
-class _StreamParts:
-    """A topic's numbers as they come in: one row by name, and its instant, a message."""
-
-    rows: list[dict[str, float]] = field(default_factory=list)
-    instants: list[int] = field(default_factory=list)
+    kind: str
+    received: list[Received] = field(default_factory=list)
+    malformed: int = 0
+    rows: list[tuple[int, dict[str, float]]] = field(default_factory=list)
     names: dict[str, None] = field(default_factory=dict)
     frame: str = ''
 
     def take(self, message: Any, stamp: int) -> None:
-        """Keep a message's numbers; ValueError where it contradicts itself."""
-        row = _odometry(message) if hasattr(message, 'pose') else _joints(message)
+        """Keep a message or its numbers; ValueError where it contradicts itself."""
+        if self.kind not in _STREAMS:
+            self.received.append(Received(message, stamp))
+            return
+        row = _joints(message) if self.kind == JOINT_STATE else _odometry(message)
         self.frame = message.header.frame_id
         if len({**self.names, **row}) > _MOST_COLUMNS:
             raise ValueError('too many joints')
         self.names |= dict.fromkeys(row)
-        self.rows.append(row)
-        self.instants.append(nanoseconds_of(message.header.stamp) or stamp)
+        self.rows.append((nanoseconds_of(message.header.stamp) or stamp, row))
 
-    def stream(self) -> tuple[Stream, int]:
-        """Return everything in order of time, and how many messages held infinities or NaN."""
-        instants = np.array(self.instants, dtype=np.int64)
+    @cached_property
+    def stream(self) -> Stream | None:
+        """Return all numbers in order of time; None if there are none."""
+        if not self.rows:
+            return None
+        instants = np.array([instant for instant, _ in self.rows], dtype=np.int64)
         nothing = dict.fromkeys(self.names, 0.0)  # which is sound
-        absent = np.array([[name not in row for name in self.names] for row in self.rows])
-        values = np.array([list((nothing | row).values()) for row in self.rows], dtype=float)
+        absent = np.array([[name not in row for name in self.names] for _, row in self.rows])
+        values = np.array([list((nothing | row).values()) for _, row in self.rows], dtype=float)
         sound = np.abs(values) < _LARGEST
         values[~sound | absent] = np.nan
         order = np.argsort(instants, kind='stable')
         away = (instants[order] - instants[order[order.size // 2]]) * NANOSECOND
         order = order[np.abs(away) < _DAY]  # of one recording, as most others
         columns = dict(zip(self.names, values[order].T, strict=True))
-        return Stream(instants[order], columns, self.frame), int((~sound).any(axis=1).sum())
+        return Stream(instants[order], columns, self.frame, int((~sound).any(axis=1).sum()))
+
+
+class RecordedTopics(dict[str, Topic]):
+    """A recording by topic."""
+
+    def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
+        """Return the messages of every topic of a type."""
+        return {name: topic.received for name, topic in self.items() if topic.kind == kind}
+
+    def received(self, name: str, kind: str) -> Sequence[Received]:
+        """Return the messages of a topic; none if it is not of this type."""
+        topic = self.get(name)
+        return topic.received if topic is not None and topic.kind == kind else ()
+
+    def stream(self, name: str, kind: str) -> Stream | None:
+        """Return the numbers of a topic; None if there are none of this type."""
+        topic = self.get(name)
+        return topic.stream if topic is not None and topic.kind == kind else None
 
 
 def _joints(message: Any) -> dict[str, float]:
@@ -167,39 +172,22 @@ def _odometry(message: Any) -> dict[str, float]:
 def gather(messages: Iterable[Raw]) -> RecordedTopics:
     """Sort the messages of a recording by topic and read them."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    parts: dict[str, _StreamParts] = {}
-    others: dict[str, list[Received]] = {}
-    types: dict[str, str] = {}
-    malformed: Counter[str] = Counter()
-    for topic, kind, stamp, data in messages:
-        types[topic] = kind
-        at = min(max(stamp, 0), _LATEST)
-        received = others.setdefault(topic, []) if kind not in _STREAMS else []
-        if len(received) >= _MOST_MESSAGES:
+    topics = RecordedTopics()
+    for name, kind, stamp, data in messages:
+        topic = topics.setdefault(name, Topic(kind))
+        if len(topic.received) >= _MOST_MESSAGES:
             continue
         try:
-            message = store.deserialize_cdr(data, kind)
-            if kind in _STREAMS:
-                parts.setdefault(topic, _StreamParts()).take(message, at)
-            else:
-                received.append(Received(message, at))
+            topic.take(store.deserialize_cdr(data, kind), min(max(stamp, 0), _LATEST))
         except Exception:  # noqa: B902
             # The library raises many kinds for bytes that are not such a message.
-            malformed[topic] += 1
-    for received in others.values():
-        received.sort(key=lambda item: item.stamp)  # a file need not be in order
-    read = {topic: part.stream() for topic, part in parts.items() if part.rows}
-    return RecordedTopics(
-        streams={topic: stream for topic, (stream, _) in read.items()},
-        messages=others,
-        types=types,
-        malformed=malformed,
-        not_finite={topic: count for topic, (_, count) in read.items() if count},
-    )
+            topic.malformed += 1
+    for topic in topics.values():
+        topic.received.sort(key=lambda item: item.stamp)  # a file need not be in order
+    return topics
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedClock:
+class RecordedClock(NamedTuple):
     """What the simulated clock showed, `shown` (n,) ns, at the instants `recorded` (n,) ns."""
 
     recorded: NDArray[np.int64]

@@ -25,18 +25,16 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Signals
-from tdm_sim.report.plan_documents import PlanSummary
 from tdm_sim.report.recorded_topics import (
     JOINT_STATE,
     ODOMETRY,
     PLAN,
     RecordedTopics,
     STATUSES,
-    Stream,
 )
+from tdm_sim.report.untrusted import PlanSummary
 
 Array = NDArray[np.float64]
-Columns = dict[str, Array]
 
 _TURN = 2 * np.pi
 _STATES = 'joint_states', JOINT_STATE
@@ -52,20 +50,11 @@ class Site:
 
 
 class Planner(NamedTuple):
-    """
-    What a planner told: its last problem or why that is not known, and its summaries.
-
-    These are by the starts of their motions [ns]; there is one at least.
-    """
+    """What a planner told: its last problem or why it is not known, its plans by start [ns]."""
 
     problem: Problem | None
     unknown: str
     summaries: Mapping[int, PlanSummary]
-
-    @property
-    def last(self) -> PlanSummary:
-        """Return what was told of the last plan."""
-        return self.summaries[max(self.summaries)]
 
 
 def namespace_of(topic: str) -> str:
@@ -84,7 +73,7 @@ def unknown_view(plan: Trajectory) -> PlantView:
 def find_sites(topics: RecordedTopics, planners: Mapping[str, Planner]) -> list[Site]:
     """Return every vehicle; `planners` are the namespaces in which plans were told of."""
     sites = []
-    for namespace in dict.fromkeys(map(namespace_of, sorted(topics.types))):
+    for namespace in dict.fromkeys(map(namespace_of, sorted(topics))):
         above = namespace_of(namespace)
         planner = next((p for p in (namespace, above) if p in planners), None)
         joints = _joints(topics, namespace)
@@ -101,17 +90,15 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     """Return the plant that a planner told of: of its problem, or as its summary names joints."""
     if planner.problem is not None:
         return view_of(planner.problem)
-    told = planner.last.vehicles
+    told = planner.summaries[max(planner.summaries)].vehicles
     only = next(iter(told.values())) if len(told) == 1 else None
     vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
-    return None if vehicle is None or vehicle.kind is None else PlantView(vehicle.kind)
+    return PlantView(vehicle) if vehicle is not None and vehicle.joints else None
 
 
 def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
-    """Return the joints that a vehicle's topics name."""
-    found: set[str] = set()
-    for received in topics.received(f'{namespace}/trajectory', PLAN)[:1]:
-        found |= set(received.message.joint_names)
+    plans = topics.received(f'{namespace}/trajectory', PLAN)
+    found = set(plans[0].message.joint_names) if plans else set()
     for name in ('joint_states', 'joint_command'):
         stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
         found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
@@ -164,11 +151,7 @@ def _shown(planner: str) -> str:
 
 
 def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, int, bool]:
-    """
-    Return whether a plan's motion was measured, the number of plans, whether there is any data.
-
-    A plan alone is no sign of life: it is latched, and published to late subscribers.
-    """
+    """Return whether a plan's motion was measured, the number of plans, whether there is data."""
     executed, plans, seen = False, 0, False
     for site in sites:
         name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
@@ -191,18 +174,23 @@ def measured(
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """
-    kind = site.view.kind
+    kind, units = site.view.kind, site.view.units
 
     def signals(
         name: str, joints: Sequence[Joint], wanted: Sequence[str], type_name: str = JOINT_STATE
     ) -> Signals | None:
         stream = topics.stream(f'{site.namespace}/{name}', type_name)
-        columns = {} if stream is None else columns_of(stream, joints, wanted)
-        if stream is None or all(np.isnan(column).all() for column in columns.values()):
+        if stream is None:
+            return None
+        places = {getattr(j, what): f'{j.name}.{what}' for j in joints for what in QUANTITIES}
+        names = tuple(name for name in wanted if places.get(name) in stream.columns)
+        columns = [stream.columns[places[name]] for name in names]
+        if all(np.isnan(column).all() for column in columns):
             return None
         times = np.asarray((stream.instants - origin) * NANOSECOND, dtype=np.float64)
-        units = tuple(site.view.units.get(name, '') for name in columns)
-        return Signals(times, np.stack(list(columns.values()), axis=1), tuple(columns), units)
+        return Signals(
+            times, np.stack(columns, axis=1), names, tuple(units.get(n, '') for n in names)
+        )
 
     states = signals('joint_states', kind.measured, kind.state_names)
     if kind.odometry:
@@ -216,18 +204,6 @@ def measured(
     }
 
 
-def columns_of(stream: Stream, joints: Sequence[Joint], wanted: Sequence[str]) -> Columns:
-    """Return those of the states or controls `wanted` that joints have in a stream."""
-    places = {
-        getattr(joint, quantity): f'{joint.name}.{quantity}'
-        for joint in joints
-        for quantity in QUANTITIES
-    }
-    return {
-        name: stream.columns[places[name]] for name in wanted if places.get(name) in stream.columns
-    }
-
-
 def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
     """Return the states by an odometry, angles without jumps by a turn, and those of joints."""
     if odometry is None:
@@ -235,13 +211,11 @@ def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -
     for name, column in zip(odometry.names, odometry.values.T, strict=True):
         if name in kind.angles:
             column[np.isfinite(column)] = np.unwrap(column[np.isfinite(column)])
-    parts = [odometry, *([] if joints is None else [joints.at(odometry.times)])]
-    both = Signals(
-        times=odometry.times,
-        values=np.concatenate([part.values for part in parts], axis=1),
-        names=tuple(name for part in parts for name in part.names),
-        units=tuple(unit for part in parts for unit in part.units),
-    )
+    if joints is None:
+        return odometry
+    values = np.hstack([odometry.values, joints.at(odometry.times).values])
+    names, units = odometry.names + joints.names, odometry.units + joints.units
+    both = Signals(odometry.times, values, names, units)
     return both.select(*(name for name in kind.state_names if name in both))
 
 

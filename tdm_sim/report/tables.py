@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from html import escape
 import math
 
@@ -43,13 +42,12 @@ def card(title: str, body: str, attributes: str = '') -> str:
 
 def summary_table(mission: Mission, comparison: Comparison) -> str:
     """Return planned against achieved, of several vehicles the worst; every figure folded up."""
-    several = len(mission.vehicles) > 1
     entries = comparison.entries
-    worst = _summarised(mission, entries)
+    worst = _worst(entries)
     notes = _NOTES if mission.was_executed else {}
-    parts = [_verdict(comparison), _table(mission, worst, several, notes)]
+    parts = [_verdict(comparison), _table(mission, worst, notes)]
     if len(worst) < len(entries):
-        table = _table(mission, entries, several, {})
+        table = _table(mission, entries, {})
         parts.append(f'<details><summary>Every figure</summary>{table}</details>')
     return ''.join(parts)
 
@@ -67,7 +65,7 @@ def _verdict(comparison: Comparison) -> str:
     return f'<p class="verdict bad">Goal missed</p><ul class="reasons">{reasons}</ul>'
 
 
-def figures(mission: Mission, comparison: Comparison) -> list[tuple[str, str, str]]:
+def figures(comparison: Comparison) -> list[tuple[str, str, str]]:
     """Return name, planned and achieved of the summary's figures as text, for terminals."""
 
     def text(value: float | None) -> str:
@@ -75,15 +73,8 @@ def figures(mission: Mission, comparison: Comparison) -> list[tuple[str, str, st
 
     return [
         (f'{e.name} [{e.unit}]' if e.unit else e.name, text(e.planned), text(e.achieved))
-        for e in _summarised(mission, comparison.entries)
+        for e in _worst(comparison.entries)
     ]
-
-
-def _summarised(mission: Mission, entries: Sequence[Entry]) -> list[Entry]:
-    """Return the figures of the summary: of several vehicles the worst."""
-    if len(mission.vehicles) > 1:
-        return _worst(entries)
-    return [entry for entry in entries if not _is_detail(entry)]
 
 
 def _is_detail(entry: Entry) -> bool:
@@ -92,7 +83,7 @@ def _is_detail(entry: Entry) -> bool:
 
 
 def _worst(entries: Iterable[Entry]) -> list[Entry]:
-    """Return one entry for all vehicles where every vehicle has one of that name."""
+    """Return the figures of the summary, without details: of several vehicles the worst."""
     groups: dict[tuple[Kind, str], list[Entry]] = {}
     for entry in entries:
         if not _is_detail(entry):
@@ -115,8 +106,7 @@ def _worst_of(group: Sequence[Entry]) -> Entry:
 
     planned = max(group, key=lambda entry: gravity(entry.planned))
     achieved = max(group, key=lambda entry: gravity(entry.achieved))
-    return replace(
-        group[0],
+    return group[0]._replace(
         planned=planned.planned,
         planned_at=planned.planned_at,
         achieved=achieved.achieved,
@@ -126,37 +116,31 @@ def _worst_of(group: Sequence[Entry]) -> Entry:
     )
 
 
-def _table(
-    mission: Mission, entries: Sequence[Entry], several: bool, notes: Mapping[Kind, str]
-) -> str:
+def _table(mission: Mission, entries: Sequence[Entry], notes: Mapping[Kind, str]) -> str:
     """Return a table; `notes` say what the figures of a kind mean."""
-    executed = mission.was_executed
-    heads = '<th scope="col">planned</th>'
-    heads += '<th scope="col">achieved</th>' if executed else ''
+    columns = ('planned', 'achieved') if mission.was_executed else ('planned',)
+    heads = ''.join(f'<th scope="col">{column}</th>' for column in columns)
+    span = f'colspan="{1 + len(columns)}"'
     rows = []
     for kind, heading in _HEADINGS.items():
         group = [entry for entry in entries if entry.kind == kind]
         if group:
-            columns = 3 if executed else 2
-            rows.append(
-                f'<tr class="group"><th colspan="{columns}" scope="colgroup">{heading}</th></tr>'
-            )
-            rows += [_row(entry, several, executed) for entry in group]
+            rows.append(f'<tr class="group"><th {span} scope="colgroup">{heading}</th></tr>')
+            rows += [_row(mission, entry) for entry in group]
             if kind in notes:
-                note = f'<td colspan="{columns}">{escape(notes[kind])}</td>'
-                rows.append(f'<tr class="criterion">{note}</tr>')
+                rows.append(f'<tr class="criterion"><td {span}>{escape(notes[kind])}</td></tr>')
     return (
         f'<table class="figures"><thead><tr><td></td>{heads}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table>'
     )
 
 
-def _row(entry: Entry, several: bool, executed: bool) -> str:
-    name = entry.name.removeprefix('margin of ') if entry.kind == 'margin' else entry.name
-    name = name.removesuffix(' at the planned end')
+def _row(mission: Mission, entry: Entry) -> str:
+    executed = mission.was_executed
+    name = entry.name.removeprefix('margin of ').removesuffix(' at the planned end')
     unit = f' [{entry.unit}]' if entry.unit else ''
-    notes = [entry.vehicle] if several and entry.vehicle else []
-    notes += [entry.note] if entry.note else []
+    vehicle = entry.vehicle if len(mission.vehicles) > 1 else ''
+    notes = [note for note in (vehicle, entry.note) if note]
     small = f'<small>{escape(", ".join(notes))}</small>' if notes else ''
     planned, achieved = entry.planned, entry.achieved
     if entry.kind == 'planner':
@@ -201,11 +185,7 @@ def number(value: float | None) -> str:
 
 
 def events_table(mission: Mission) -> str:
-    """
-    Return what nodes said of themselves, in order; the instants lead the cursor there.
-
-    What came before the motion is dimmed.
-    """
+    """Return what nodes said, in order; instants lead the cursor there, early ones are dim."""
     rows = ''.join(
         f'<tr class="{event.level.name}{" early" if mission.is_early(event) else ""}">'
         f'<td>{instant_button(event.time)}</td>'

@@ -1,17 +1,27 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Values out of files and messages that anybody may have written: checked, cleaned, bounded."""
+"""Values and plans out of files and messages that anybody may have written: checked, bounded."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 import itertools
+import json
 import math
-from typing import Any
+from typing import Any, cast, get_args, NamedTuple
+
+from tdm_planner.exceptions import TdmError
+from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.registry import load_problem, problem_names
+from tdm_planner.trajectory import Interpolation
+from tdm_sim.report.mission import Margin, PlanFigures
 
 LONGEST_TEXT = 500
 MOST_ENTRIES = 2000
+_LONGEST_DOCUMENT = 10_000_000  # characters
+_SECOND = 1_000_000_000  # ns
 
 
 def text(value: object, longest: int = LONGEST_TEXT) -> str:
@@ -61,3 +71,110 @@ def _scalar(value: object) -> object:
     if isinstance(value, int):
         return value if number(value) is not None else None
     return text(value) if isinstance(value, str) else number(value)
+
+
+class PlanSummary(NamedTuple):
+    """
+    A `plan_summary` message: start of the motion [ns], problem, vehicles by name.
+
+    A vehicle without joints is one of which only the interpolation of its controls is told.
+    """
+
+    start: int
+    problem: str
+    document: Mapping[str, Any]
+    vehicles: Mapping[str, PlantKind]
+
+    def figures(self, origin: int) -> PlanFigures:
+        """Return the figures, with times that count from `origin` [ns]."""
+        return plan_figures(self.document, (self.start - origin) / _SECOND)
+
+
+def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
+    """Return the figures of a plan file or summary, whose motion starts at `time` [s]."""
+    check = mapping(document.get('verification'))
+    instants = numbers(check.get('worst_times'))
+    units = mapping(check.get('units'))
+    return PlanFigures(
+        time=time,
+        cost=number(document.get('cost')),
+        cost_terms=numbers(document.get('cost_terms')),
+        solve_time=number(document.get('solve_time')),
+        summary=text(document.get('summary')),
+        margins={
+            name: Margin(worst, instants.get(name), text(units.get(name), 20))
+            for name, worst in numbers(check.get('worst')).items()
+        },
+        terminal_error=numbers(check.get('terminal_error')),
+        parameters=parameters(document.get('parameters')),
+    )
+
+
+def read_summary(data: str) -> PlanSummary | None:
+    """Return a summary from its JSON; None if it is not one."""
+    if len(data) > _LONGEST_DOCUMENT:
+        return None
+    try:
+        document = mapping(json.loads(data))
+    except (ValueError, RecursionError):
+        return None
+    stamp = numbers(document.get('stamp'))
+    sec, nanosec = (stamp.get(name, math.nan) for name in ('sec', 'nanosec'))
+    whole = sec.is_integer() and nanosec.is_integer()
+    if not (whole and abs(sec) < 2**31 and 0 <= nanosec < _SECOND and 'problem' in document):
+        return None
+    return PlanSummary(
+        start=int(sec) * _SECOND + int(nanosec),
+        problem=text(document['problem'], 100),
+        document=document,
+        vehicles={
+            name: _vehicle(mapping(item))
+            for name, item in mapping(document.get('vehicles')).items()
+        },
+    )
+
+
+def _vehicle(document: Mapping[str, Any]) -> PlantKind:
+    told = document.get('interpolation')
+    joints = tuple(
+        Joint(name, *(text(mapping(j).get(what), 60) for what in QUANTITIES))
+        for name, j in mapping(document.get('joints')).items()
+    )
+    given = mapping(document.get('units'))
+    units = {name: text(u, 20) for name, u in given.items()}
+    named = [name for joint in joints for name in (joint.position, joint.velocity) if name]
+    states = tuple(dict.fromkeys([*(name for name in units if name in named), *named]))
+    controls = tuple(joint.effort for joint in joints if joint.effort)
+    return PlantKind(
+        state_names=states,
+        control_names=controls,
+        joints=joints,
+        state_units=tuple(units.get(name, '') for name in states),
+        control_units=tuple(units.get(name, '') for name in controls),
+        interpolation=cast(Interpolation, told) if told in get_args(Interpolation) else None,
+    )
+
+
+def problem_of(
+    name: str, parameters: Mapping[str, object], given: type[Problem] | None
+) -> tuple[Problem | None, str]:
+    """
+    Return the problem that was planned for, or None and the reason where it is not known.
+
+    It is of the class `given` if that has the name, else an installed one: a module that a
+    recording names is not imported.
+    """
+    if given is None or given.name != name:
+        if name not in problem_names():
+            absent = (
+                f"The problem '{name}' is not installed: goal, limits and picture are not known. "
+                '`--problem module:Class` tells them.'
+            )
+            return None, absent if name else ''
+        given = load_problem(name)
+    if not parameters:
+        return None, ''
+    try:
+        return given.from_parameters(parameters), ''
+    except TdmError as error:
+        return None, f'Limits are not known: the recorded parameters are invalid ({error}).'

@@ -79,21 +79,17 @@ def held_from(times: Array, shares: Array) -> float:
 
 def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Array, Array]:
     """Return instants [s] and how far states are from a plan's goal then, as shares allowed."""
-    _, tolerances = view.goal(plan)
-    needed = [name for names, _ in tolerances for name in names]
+    needed = [name for names, _ in view.goal(plan)[1] for name in names]
     if not needed:
         return np.zeros(0), np.zeros(0)
     values = states.select(*needed).values
     known = np.isfinite(values).all(axis=1)
-    return states.times[known], view.errors(plan, dict(zip(needed, values[known].T, strict=True)))
+    missed = view.missed_by(plan, dict(zip(needed, values[known].T, strict=True)))
+    return states.times[known], np.max([away / allowed for (_, allowed), away in missed], axis=0)
 
 
 def arrival(vehicle: Vehicle) -> float | None:
-    """
-    Return the instant [s] from which the goal was held to the end; inf if it never was.
-
-    None where that cannot be said: nothing measured, no plan, or a goal that is not known.
-    """
+    """Return from when on the goal was held [s]; inf if never, None if that is not known."""
     if vehicle.plan is None or vehicle.states is None:
         return None
     after = vehicle.states.between(vehicle.plans[0].start, math.inf)
@@ -109,7 +105,6 @@ def _with_begun_plans(vehicle: Vehicle) -> Vehicle:
 
 
 def _can_be_judged(vehicle: Vehicle) -> bool:
-    """Whether goal, limits and measurements are known."""
     if vehicle.plan is None or vehicle.view.problem is None or vehicle.controls is None:
         return False
     return not vehicle.view.goal(vehicle.plan.trajectory)[1] or arrival(vehicle) is not None
@@ -192,7 +187,6 @@ def _too_close(mission: Mission) -> list[str]:
 
 
 def _criterion(vehicles: list[Vehicle]) -> str:
-    """Return when the goal counts as reached and held."""
     view, plan = vehicles[0].view, vehicles[0].plans[-1]
     within = [
         f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()

@@ -13,16 +13,13 @@ from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_sim.live.geometry import about
-from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
-from tdm_sim.live.operations import Operations
-from tdm_sim.live.recordings import Recordings
+from tdm_sim.live.listener import Listener, PLANNING, ROLES, SILENT, SIMULATION
+from tdm_sim.live.operations import Operations, Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import drag_handles_of
-from tdm_sim.live.sliders import slider_of
+from viser.transforms import SO3
 
 SPACE = 'seen'
-ROLES = PLANNING, TRACKING, SIMULATION
 
 
 class Seen(Space):
@@ -107,18 +104,16 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
 def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(seen):
     seen.set('planner', start__delay=10.0)  # nothing moves meanwhile, however busy the machine is
     handle = drag_handles_of(seen.rig.problem)[0]
-    pose = np.zeros(3), about((0, 0, 1), 0.5)
+    pose = np.zeros(3), SO3.from_z_radians(0.5).wxyz
     assert seen.told(lambda: seen.operations.drag(handle, pose, seen.texts.append)) == ''
     assert seen.values(SIMULATION)['initial.psi'] == pytest.approx(0.5)
     assert seen.ros.spin_until(seen.rig.move)
-    states = seen.rig.trajectory('pendulum').states
+    states = seen.rig.planned('pendulum').trajectory.states
     assert states[0, 1] == pytest.approx(0.5, abs=0.05)
-    declared, before = seen.listener.parameters_of(PLANNING), seen.rig.plan
-    name = 'limits.disk_angle'
-    slider = slider_of(declared.descriptors[name], declared.values[name])
+    name, before = 'limits.disk_angle', seen.rig.plan
 
     def change(value: float) -> str:
-        return seen.told(lambda: seen.operations.change(slider, value, seen.texts.append))
+        return seen.told(lambda: seen.operations.change(name, value, seen.texts.append))
 
     assert change(2.5) == ''
     assert seen.ros.spin_until(lambda: all(seen.values(role)[name] == 2.5 for role in ROLES))
@@ -149,7 +144,7 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
                 page.frame()
             plan, newest = page._rig.plan, seen.plans[-1].header.stamp
             assert (plan.plan_id, plan.start) == (number, nanoseconds_of(newest))
-            reference = page._rig.timed('pendulum').reference(plan.start * 1e-9)
+            reference = page._rig.planned('pendulum').reference(plan.start * 1e-9)
             assert math.cos(reference[0]) == pytest.approx(2 * number - 3, abs=0.01)
             page.figures()
             seen.plan()
@@ -163,13 +158,13 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= charts
         assert 'limits.torque' in page._panel._sliders
         shown_handle = page._scene.handles['disk']
-        before = np.array(shown_handle._control.wxyz)
-        page._scene.tell('disk', 'INFEASIBLE: why')
+        before = np.array(shown_handle.control.wxyz)
+        shown_handle.tell('INFEASIBLE: why')
         assert '/handles/disk/reason' in server.scene._handle_from_node_name
-        page._scene.tell('disk', '')
+        shown_handle.tell('')
         assert '/handles/disk/reason' not in server.scene._handle_from_node_name
-        shown_handle.move((np.zeros(3), about((0, 0, 1), 1.0)))
-        assert not np.allclose(before, shown_handle._control.wxyz)
+        shown_handle.move((np.zeros(3), SO3.from_z_radians(1.0).wxyz))
+        assert not np.allclose(before, shown_handle.control.wxyz)
     finally:
         page.close()
         server.stop()

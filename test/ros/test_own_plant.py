@@ -210,7 +210,7 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
     viser = pytest.importorskip('viser')
     from tdm_sim.live.listener import Listener
     from tdm_sim.live.page import Page
-    from tdm_sim.live.recordings import Recordings
+    from tdm_sim.live.operations import Recordings
 
     listener = Listener('own', ros._context)
     ros._executor.add_node(listener.node)

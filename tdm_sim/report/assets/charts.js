@@ -237,3 +237,29 @@ function brief(value, scale) {
   const text = size !== 0 && size < 1e-4 ? size.toExponential(1) : size.toFixed(digits);
   return (value < 0 && Number(text) !== 0 ? '−' : '') + text;
 }
+
+// Numbers from the page: base64 of little-endian single precision, NaN where there is none.
+function unpack(packed) {
+  const bytes = Uint8Array.from(atob(packed.bdata), (c) => c.charCodeAt(0));
+  return new Float32Array(bytes.buffer);
+}
+
+// The last index whose instant is not after t; -1 before the first.
+function indexAt(times, t) {
+  let low = -1, high = times.length;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= t) low = middle; else high = middle;
+  }
+  return low;
+}
+
+// The value at t, straight between samples or held; NaN outside and in gaps.
+function valueAt(times, values, t, held) {
+  const k = indexAt(times, t);
+  const last = times.length - 1;
+  if (k < 0 || t > times[last] + 1e-6) return NaN;
+  if (held || k === last) return values[k];
+  const step = times[k + 1] - times[k];
+  return step > 0 ? values[k] + (values[k + 1] - values[k]) * (t - times[k]) / step : values[k];
+}

@@ -1,4 +1,6 @@
 // Plants as their shapes: in the plane from above, in space from the side and from above.
+const SVG = 'http://www.w3.org/2000/svg';
+
 function plantScene(scene, holder) {
   const times = unpack(scene.times);
   const vehicles = scene.vehicles.map((vehicle) => ({ ...vehicle,
@@ -174,4 +176,34 @@ function ticks(low, high, step) {
 
 function tidy(value) {
   return String(Number(value.toFixed(6)) || 0);
+}
+
+function draw(parent, tag, attributes, text) {
+  const element = document.createElementNS(SVG, tag);
+  place(element, attributes);
+  if (text !== undefined) element.textContent = text;
+  parent.appendChild(element);
+  return element;
+}
+
+function place(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+}
+
+function pointList(points) {
+  return points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(' ');
+}
+
+// The way through points, with gaps where there is none.
+function way(points) {
+  let pen = 'M';
+  return points.map((point) => {
+    const step = point ? `${pen}${point[0].toFixed(1)} ${point[1].toFixed(1)}` : '';
+    pen = point ? 'L' : 'M';
+    return step;
+  }).join('');
+}
+
+function show(element, visible) {
+  element.style.display = visible ? '' : 'none';
 }

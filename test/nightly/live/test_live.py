@@ -22,9 +22,10 @@ from selenium.webdriver.common.action_chains import ActionChains
 from signal_scenes import survivors
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
-from tdm_sim.live.geometry import axes_of, view_on
+from tdm_sim.live.geometry import view_on
 from tdm_sim.live.scene import drag_handles_of
 from tools.browser import chromium, logged, MISSING, open_browser, set_window
+from viser.transforms import SO3
 import yaml
 
 if chromium() is None:
@@ -190,7 +191,7 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
     page = open_page('robots', DESKTOP)
     handle = drag_handles_of(RobotFormation())[0]
     place, turn = handle.pose({})
-    ahead, _, _ = axes_of(turn)
+    ahead = SO3(turn).as_matrix()[:, 0]
     grab = pixel(page, place + 0.6 * handle.size * ahead)
     beside = pixel(page, place + (0.6 * handle.size + 0.4) * ahead)
     page.wait_until_drawn('/handles/robot1')

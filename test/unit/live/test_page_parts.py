@@ -17,11 +17,12 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
-from tdm_sim.live.geometry import about, axes_of, from_vertical, Look, picture, view_on
-from tdm_sim.live.history import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
+from tdm_sim.live.geometry import along, Look, picture, view_on
 from tdm_sim.live.operations import TaskThread
+from tdm_sim.live.panel import shown_range, slider_of
+from tdm_sim.live.rig import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
 from tdm_sim.live.scene import drag_handles_of, pulled
-from tdm_sim.live.sliders import shown_range, slider_of
+from viser.transforms import SO3
 
 
 def slider(name: str, value, kind: int = 3, most: float = 1e12, **more):
@@ -135,8 +136,8 @@ def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
 def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
     direction = np.array(way)
     assume(np.linalg.norm(direction) > 1e-3)
-    _, _, along = axes_of(from_vertical(direction))
-    assert along == pytest.approx(direction / np.linalg.norm(direction), abs=1e-7)
+    axis = SO3(along(direction)).as_matrix()[:, 2]
+    assert abs(axis @ direction) == pytest.approx(np.linalg.norm(direction), rel=1e-12)
 
 
 def test_what_a_shape_becomes() -> None:
@@ -155,7 +156,7 @@ def test_what_a_shape_becomes() -> None:
     ((_, opacity),) = [kind for kind in found.solids if kind[1] < 1.0]
     assert found.solids['cylinder', opacity].sizes[0][:2] == pytest.approx([0.5, 0.5])
     assert found.solids['ball', 1.0].places[0] == pytest.approx([1.0, 2.0, 3.0])
-    ahead, _, _ = axes_of(found.solids['box', 1.0].rotations[0])
+    ahead = SO3(found.solids['box', 1.0].rotations[0]).as_matrix()[:, 0]
     assert ahead == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)
     assert found.lines == pytest.approx(np.array([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [1, 1, 0]]]))
     assert found.line_colours.shape == found.lines.shape
@@ -187,11 +188,11 @@ def test_what_moves_in_an_upright_plane_is_seen_from_the_front() -> None:
 def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float) -> None:
     problem = RobotFormation()
     handle = drag_handles_of(problem)[1]
-    wanted = handle.values_at((np.array([x, y, 0.0]), about((0, 0, 1), yaw)), {})
+    wanted = handle.values_at((np.array([x, y, 0.0]), SO3.from_z_radians(yaw).wxyz), {})
     moved = RobotFormation.from_parameters(wanted)
     place, turn = drag_handles_of(moved)[1].pose({})
     assert place == pytest.approx([x, y, 0.0])
-    assert axes_of(turn)[0] == pytest.approx([math.cos(yaw), math.sin(yaw), 0.0], abs=1e-9)
+    assert SO3(turn).as_matrix()[:2, 0] == pytest.approx([math.cos(yaw), math.sin(yaw)], abs=1e-9)
     assert list(wanted) == ['formation.robot2']
 
 
@@ -206,7 +207,8 @@ def test_the_pendulum_s_rings_stand_for_its_angles(theta: float, psi: float) -> 
 
 def test_a_turn_goes_on_from_the_turn_before_and_a_push_where_the_body_was_pulled() -> None:
     handle = drag_handles_of(PendulumSwingUp())[0]
-    (psi,) = handle.values_at((np.zeros(3), about((0, 0, 1), -3.1)), {'initial.psi': 3.1}).values()
+    pose = np.zeros(3), SO3.from_z_radians(-3.1).wxyz
+    (psi,) = handle.values_at(pose, {'initial.psi': 3.1}).values()
     assert psi == pytest.approx(2 * math.pi - 3.1)
     robots = pulled(RobotFormation(), {}, np.zeros(7), (1, 1, 0), (1, 3, 0.5))
     assert robots == {'disturbance.direction': pytest.approx(math.pi / 2)}

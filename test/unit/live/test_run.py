@@ -15,9 +15,9 @@ pytest.importorskip('rclpy')
 viser = pytest.importorskip('viser')
 
 from tdm_planner.drawing import Line  # noqa: E402
-from tdm_sim.live import recordings, run  # noqa: E402
+from tdm_sim.live import operations, run  # noqa: E402
 from tdm_sim.live.geometry import view_on  # noqa: E402
-from tdm_sim.live.recordings import RecordingFailed, Recordings  # noqa: E402
+from tdm_sim.live.operations import RecordingFailed, Recordings  # noqa: E402
 from tdm_sim.live.scene import Scene  # noqa: E402
 from tdm_sim.processes import NodeProcesses  # noqa: E402
 from websockets.exceptions import ConnectionClosed  # noqa: E402
@@ -52,7 +52,7 @@ def test_only_own_pages_may_ask(server) -> None:
     ('patience', 'told'), [(60.0, r'recorder\.log'), (0.0, 'no message has come in space')]
 )
 def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, told):
-    monkeypatch.setattr(recordings, '_PATIENCE', patience)
+    monkeypatch.setattr(operations, '_FIRST', patience)
     begin = NodeProcesses.start
     ends = lambda self, name, *_: begin(self, name, 'calendar', ['2026'])  # noqa: E731
     monkeypatch.setattr(NodeProcesses, 'start', ends)

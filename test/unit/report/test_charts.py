@@ -21,14 +21,18 @@ import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.animation import measured_frames, planned_frames, scene
-from tdm_sim.report.charts import Chart, chart_json, Curve, Panel
+from tdm_sim.report.charts import Chart, chart_json, Curve, mission_charts, Panel, plan_instants
 from tdm_sim.report.comparison import compare, Comparison, Entry
-from tdm_sim.report.histories import control_chart, distance_chart, plan_instants, state_chart
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, thinned_indices
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Signals
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
-from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics
+from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics, Topic
 from tdm_sim.report.tables import events_table, number, summary_table
+
+
+def panels(mission: Mission, key: str) -> tuple[Panel, ...]:
+    (chart,) = (c for c in mission_charts(mission, compare(mission)) if c.key == key)
+    return chart.panels
 
 
 def curves(panel: Panel, kind: str) -> list[Curve]:
@@ -59,24 +63,24 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     for mission in (pendulum_mission(), robots_mission()):
         plan = mission.vehicles[0].plans[0].trajectory
         names = [*plan.state_names, *plan.control_names]
-        panels = [*state_chart(mission).panels, *control_chart(mission).panels]
-        assert [panel.title for panel in panels] == names
-        for panel, kind in itertools.product(panels, ('planned', 'measured')):
+        shown = [*panels(mission, 'states'), *panels(mission, 'controls')]
+        assert [panel.title for panel in shown] == names
+        for panel, kind in itertools.product(shown, ('planned', 'measured')):
             assert len(curves(panel, kind)) == len(mission.vehicles)
     # of the robots: within walls, half the smallest distance away
-    limits = {panel.title: panel.limits for panel in panels}
+    limits = {panel.title: panel.limits for panel in shown}
     assert (limits['x'], limits['y']) == (pytest.approx((0.2, 3.8)), pytest.approx((0.2, 2.8)))
     assert (limits['thrust'], limits['yaw']) == ((0.0, 1.0), ())
-    (torque,) = control_chart(pendulum_mission()).panels
+    (torque,) = panels(pendulum_mission(), 'controls')
     assert curves(torque, 'planned')[0].held
     assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
     assert torque.switches == pytest.approx([0.8])
-    (planned,) = curves(state_chart(pendulum_mission()).panels[0], 'planned')
+    (planned,) = curves(panels(pendulum_mission(), 'states')[0], 'planned')
     known = np.isfinite(planned.values)
     expected = pendulum_states(planned.times[known])[:, 0]
     assert planned.values[known] == pytest.approx(expected, abs=1e-9)
     # as long as the plan was followed
-    panel = state_chart(missions.replanned(pendulum_mission(), 0.7)).panels[0]
+    panel = panels(missions.replanned(pendulum_mission(), 0.7), 'states')[0]
     (planned,) = curves(panel, 'planned')
     gaps = np.flatnonzero(np.isnan(planned.values))
     assert planned.times[[0, gaps[0] - 1, *gaps]] == pytest.approx([0.0, 0.7, 0.7, 0.7 + DURATION])
@@ -116,7 +120,7 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
 
 def test_distances_of_the_closest_pairs() -> None:
     mission = robots_mission(names=[f'r{k}' for k in range(24)], rate=20.0)
-    chart = distance_chart(mission, compare(mission))
+    (chart,) = (c for c in mission_charts(mission, compare(mission)) if c.key == 'distances')
     (panel,) = chart.panels
     assert panel.limits == (missions.ARENA_PARAMETERS['arena.minimum_separation'],)
     series = {curve.series for curve in panel.curves}
@@ -150,7 +154,8 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: 
     rng = np.random.default_rng(seed)
     values = rng.normal(size=(n, m))
     values[rng.random((n, m)) < 0.1] = np.nan
-    kept = thinned_indices(values, most)
+    names = tuple(map(str, range(m)))
+    kept = Signals(np.arange(float(n)), values, names, names).thinned(most).times.astype(int)
     assert (np.diff(kept) > 0).all()
     assert kept.size <= max(most, 2 + 2 * m)
     if n:
@@ -169,8 +174,7 @@ def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
             second, nanosecond = divmod(round(k * speed * SECOND), SECOND)
             shown = SimpleNamespace(sec=100 + second, nanosec=nanosecond)
             messages.append(Received(SimpleNamespace(clock=shown), (50 + k) * SECOND))
-        told, types = {'/clock': messages}, {'/clock': CLOCK}
-        return RecordedClock.of(RecordedTopics({}, told, types, malformed={}, not_finite={}))
+        return RecordedClock.of(RecordedTopics({'/clock': Topic(CLOCK, messages)}))
 
     found = clock(20)
     assert found.speed == pytest.approx(speed)
