@@ -209,8 +209,8 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
     # The live page shows the first plan whole, and leaves the view to its user.
     viser = pytest.importorskip('viser')
     from tdm_sim.live.listener import Listener
-    from tdm_sim.live.page import Page
     from tdm_sim.live.operations import Recordings
+    from tdm_sim.live.page import Page
 
     listener = Listener('own', ros._context)
     ros._executor.add_node(listener.node)
