@@ -178,7 +178,8 @@ class Collocation:
     """
     The program of a traced statement on n `intervals`; made once a kind, for any numbers.
 
-    `seconds` of processor time is what making it took: in proportion to the intervals.
+    `seconds` of processor time is what making it took: in proportion to the intervals;
+    `has_kinks` whether the running cost or the rates have any.
     """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
@@ -192,6 +193,7 @@ class Collocation:
         p, sx, su, sl, st, charged = (ca.SX.sym('s', size) for size in sizes)
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
+        self.has_kinks = running.count + motion.count > 0
         self._limits = Call(trace.unfolded.rows, n + 1)
         self._kinks = [Call(one.sizes, n + 1) for one in kinked]
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
@@ -286,18 +288,20 @@ class Collocation:
         durations: tuple[float, float],
         kept: Array,
         budget: Budget,
+        *,
+        roughly: bool = False,
     ) -> Motion | None:
         """
         Return the optimum near `guess`; None if Ipopt does not converge to one in time.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
-        to every limit at the nodes, and between them.
+        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
         """
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         along = times, guess.states, guess.controls, numbers
-        rounding = self._settings.rounding
-        shares = rounding, rounding, _LIMITS_ROUNDING
+        charge = COLD if roughly else self._settings
+        shares = charge.rounding, charge.rounding, _LIMITS_ROUNDING
         running, motion, limits = self._kinks
         with self._lock:
             rows = self._limits(*along)[0].copy()
@@ -336,7 +340,7 @@ class Collocation:
         given = np.concatenate([numbers, sx, su, sl, kinks + _LEAST_SCALE[1], [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
-            given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
+            given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
             self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = bool(self._solver.stats()['success'])

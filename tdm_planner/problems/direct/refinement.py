@@ -107,8 +107,12 @@ class Refinement:
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
-        given = self._numbers, guess, self.ends, self._durations, kept
-        return program.solve(*given, until or self._budget)
+        until = until or self._budget
+        given = self._numbers, guess, self.ends, self._durations, kept, until
+        found = program.solve(*given)
+        if found is None and settings is WARM and program.has_kinks and not until.spent:
+            found = program.solve(*given, roughly=True)
+        return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
         """
