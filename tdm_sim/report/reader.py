@@ -9,25 +9,29 @@ Recordings are those of `ros2 bag record`, `tdm record` or a demo.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import check_recording, messages, UnreadableRecording
-from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Vehicle
 from tdm_sim.report.recorded_topics import (
-    events,
-    gather,
-    RecordedClock,
+    CLOCK,
+    DIAGNOSTICS,
+    LOG,
+    read_topics,
     RecordedTopics,
     STRING,
-    wanted,
+    UnreadableRecording,
 )
 from tdm_sim.report.recorded_vehicles import (
     choose,
@@ -43,6 +47,11 @@ from tdm_sim.report.recorded_vehicles import (
 from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
 
 _MOST_NAMED = 8  # topics that an error message lists
+MOST_EVENTS = 300
+_LEAST_CLOCK = 10  # messages of a simulated clock
+_WARNING, _ERROR = 30, 40  # levels of a log message
+_PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
+_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message report the same event
 
 
 def read_mission(
@@ -105,26 +114,19 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
 
 def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) -> Mission:
     """Read the mission that a recording holds, that below `namespace` if it holds several."""
-    check_recording(path)
     notes: list[str] = []
-    everything: dict[str, str] = {}
-
-    def noted(topic: str, kind: str) -> bool:
-        everything[topic] = kind
-        return wanted(topic, kind)
-
-    topics = gather(messages(path, noted, notes))
+    topics = read_topics(path, notes)
     planners = _planners(topics, given, notes)
     sites = find_sites(topics, planners)
     if not sites:
-        raise UnreadableRecording(_nothing_of_ours(path, everything, notes))
+        raise UnreadableRecording(_nothing_of_ours(path, topics.seen, notes))
     chosen = choose(sites, topics, namespace, notes)
     planner = planners.get(chosen[0].planner)
     notes += [planner.unknown] if planner is not None and planner.unknown else []
     return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
 
 
-def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str]) -> str:
+def _nothing_of_ours(path: Path, topics: set[str], damage: Sequence[str]) -> str:
     names = [untrusted.text(topic, 60) for topic in sorted(topics) if topic]
     if not names:
         reason = damage[0].rstrip('.') if damage else 'it holds no messages'
@@ -251,3 +253,93 @@ def _gaps(
     ):
         found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items() if n]
     return found
+
+
+class RecordedClock(NamedTuple):
+    """What the simulated clock showed, `shown` (n,) ns, at the instants `recorded` (n,) ns."""
+
+    recorded: NDArray[np.int64]
+    shown: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, topics: RecordedTopics) -> RecordedClock | None:
+        """Return the clock of a recording; None where time was not simulated."""
+        for received in topics.of_type(CLOCK).values():
+            if len(received) >= _LEAST_CLOCK:
+                pairs = [(item.stamp, nanoseconds_of(item.message.clock)) for item in received]
+                recorded, shown = np.array(sorted(pairs), dtype=np.int64).T
+                return cls(recorded, shown)
+        return None
+
+    @property
+    def speed(self) -> float:
+        """Return the simulated time relative to real time, over the whole recording."""
+        elapsed = int(self.recorded[-1] - self.recorded[0])
+        return int(self.shown[-1] - self.shown[0]) / elapsed if elapsed > 0 else 1.0
+
+    def instant(self, stamp: int) -> int:
+        """Return what the clock showed at an instant [ns] of the computer's own clock."""
+        index = int(np.clip(np.searchsorted(self.recorded, stamp), 1, self.recorded.size - 1))
+        nearest = index if stamp >= self.recorded[index] else index - 1
+        return int(self.shown[nearest]) + round((stamp - int(self.recorded[nearest])) * self.speed)
+
+
+def events(
+    topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
+) -> tuple[list[Event], int]:
+    """
+    Return the events in order of time, and how many were dropped as too many.
+
+    Of nodes below `namespace` they are all changes of state, of others errors and warnings. Times
+    count from `origin` [ns]. `clock` is the simulated one, if any: logs bear the computer's time.
+    """
+    found = [*_changes(topics, namespace, origin)]
+    found += _logged(topics, origin, found, clock)
+    found.sort(key=lambda event: event.time)
+    if len(found) <= MOST_EVENTS:
+        return found, 0
+    gravest = sorted(found, key=lambda event: -event.level)[:MOST_EVENTS]
+    return sorted(gravest, key=lambda event: event.time), len(found) - MOST_EVENTS
+
+
+def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
+    last: dict[str, tuple[Severity, str]] = {}
+    for received in topics.of_type(DIAGNOSTICS).values():
+        for item in received:
+            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
+            for status in item.message.status:
+                level = Severity(min(max(int(status.level), 0), 3))
+                source = untrusted.text(status.name.split(':')[0], 200)
+                now = level, untrusted.text(status.message)
+                own = source.startswith(f'{namespace.rstrip("/")}/')
+                passing = level == Severity.OK and (now[1] in _PASSING or not own)
+                if not passing and last.get(source) != now:
+                    last[source] = now
+                    yield Event((instant - origin) * NANOSECOND, level, source, now[1])
+
+
+def _logged(
+    topics: RecordedTopics, origin: int, told: list[Event], clock: RecordedClock | None
+) -> Iterator[Event]:
+    near: dict[tuple[str, int], list[str]] = {}
+    for event in told:
+        near.setdefault((event.source, int(event.time // _SAME_TIME)), []).append(event.text)
+    for received in topics.of_type(LOG).values():
+        for item in received:
+            log = item.message
+            if log.level < _WARNING:
+                continue
+            instant = nanoseconds_of(log.stamp) or item.stamp
+            if clock is not None:
+                instant = clock.instant(instant)
+            event = Event(
+                time=(instant - origin) * NANOSECOND,
+                level=Severity.WARN if log.level < _ERROR else Severity.ERROR,
+                source='/' + untrusted.text(log.name, 200).replace('.', '/'),
+                text=untrusted.text(log.msg),
+            )
+            slot = int(event.time // _SAME_TIME)
+            said = [t for k in (slot - 1, slot, slot + 1) for t in near.get((event.source, k), [])]
+            if not any(text in event.text or event.text in text for text in said):
+                near.setdefault((event.source, slot), []).append(event.text)
+                yield event

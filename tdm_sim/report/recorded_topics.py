@@ -1,26 +1,39 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a report uses of a recording: arrays and plain messages by topic, log, clock."""
+"""
+Topics of a recording, whole or damaged: of rosbag2 folders and single MCAP or SQLite files.
+
+Of a recording that was cut short - no metadata, no index, half a file - what comes before the
+damage is read. Joints and odometry become arrays, other messages stay what they are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 import math
-from typing import Any, NamedTuple
+import os
+from pathlib import Path
+import re
+import shutil
+import sqlite3
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar, NamedTuple
 
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.reading import nanoseconds_of, yaw_of
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import Raw
-from tdm_sim.report.mission import Event, Severity
+import zstandard
 
 Array = NDArray[np.float64]
 
@@ -40,11 +53,13 @@ _LARGEST = 1e100  # a number beyond it is damage; its square still is a number
 _MOST_COLUMNS = 200  # of a topic
 _MOST_MESSAGES = 20_000  # of a topic that is not a stream of numbers
 _DAY = 86_400.0  # s
-MOST_EVENTS = 300
-_LEAST_CLOCK = 10  # messages of a simulated clock
-_WARNING, _ERROR = 30, 40  # levels of a log message
-_PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
-_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message report the same event
+
+STORAGES = ('.mcap', '.db3')
+_COMPRESSED = '.zstd'
+_ZSTD = b'\x28\xb5\x2f\xfd'
+_LONGEST = 2**30  # bytes of a record or a message; a longer one is damage
+
+Wanted = Callable[[str, str], bool]  # whether messages of a topic and type are
 
 
 def wanted(topic: str, kind: str) -> bool:
@@ -121,7 +136,11 @@ class Topic:
 
 
 class RecordedTopics(dict[str, Topic]):
-    """A recording by topic."""
+    """A recording by topic; `seen` are the names of all topics, used or not."""
+
+    def __init__(self, topics: Mapping[str, Topic] | None = None) -> None:
+        super().__init__(topics or {})
+        self.seen: set[str] = set()
 
     def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
         """Return the messages of every topic of a type."""
@@ -169,11 +188,20 @@ def _odometry(message: Any) -> dict[str, float]:
     }
 
 
-def gather(messages: Iterable[Raw]) -> RecordedTopics:
-    """Sort the messages of a recording by topic and read them."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    topics = RecordedTopics()
-    for name, kind, stamp, data in messages:
+def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
+    """
+    Read a recording as far as it can be read; `notes` say what is lost of a damaged one.
+
+    Raise UnreadableRecording for what cannot be a recording, saying what it is instead.
+    """
+    check_recording(path)
+    store, topics = get_typestore(Stores.ROS2_JAZZY), RecordedTopics()
+
+    def noted(name: str, kind: str) -> bool:
+        topics.seen.add(name)
+        return wanted(name, kind)
+
+    for name, kind, stamp, data in _messages(path, noted, notes):
         topic = topics.setdefault(name, Topic(kind))
         if len(topic.received) >= _MOST_MESSAGES:
             continue
@@ -187,91 +215,142 @@ def gather(messages: Iterable[Raw]) -> RecordedTopics:
     return topics
 
 
-class RecordedClock(NamedTuple):
-    """What the simulated clock showed, `shown` (n,) ns, at the instants `recorded` (n,) ns."""
+class UnreadableRecording(TdmError):
+    """The source is no recording, or holds nothing that a report could show."""
 
-    recorded: NDArray[np.int64]
-    shown: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, topics: RecordedTopics) -> RecordedClock | None:
-        """Return the clock of a recording; None where time was not simulated."""
-        for received in topics.of_type(CLOCK).values():
-            if len(received) >= _LEAST_CLOCK:
-                pairs = [(item.stamp, nanoseconds_of(item.message.clock)) for item in received]
-                recorded, shown = np.array(sorted(pairs), dtype=np.int64).T
-                return cls(recorded, shown)
-        return None
-
-    @property
-    def speed(self) -> float:
-        """Return the simulated time relative to real time, over the whole recording."""
-        elapsed = int(self.recorded[-1] - self.recorded[0])
-        return int(self.shown[-1] - self.shown[0]) / elapsed if elapsed > 0 else 1.0
-
-    def instant(self, stamp: int) -> int:
-        """Return what the clock showed at an instant [ns] of the computer's own clock."""
-        index = int(np.clip(np.searchsorted(self.recorded, stamp), 1, self.recorded.size - 1))
-        nearest = index if stamp >= self.recorded[index] else index - 1
-        return int(self.shown[nearest]) + round((stamp - int(self.recorded[nearest])) * self.speed)
+    code: ClassVar[str] = 'UNREADABLE'
 
 
-def events(
-    topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
-) -> tuple[list[Event], int]:
-    """
-    Return the events in order of time, and how many were dropped as too many.
+class Raw(NamedTuple):
+    """A message as recorded: received at `stamp` [ns]."""
 
-    Of nodes below `namespace` they are all changes of state, of others errors and warnings. Times
-    count from `origin` [ns]. `clock` is the simulated one, if any: logs bear the computer's time.
-    """
-    found = [*_changes(topics, namespace, origin)]
-    found += _logged(topics, origin, found, clock)
-    found.sort(key=lambda event: event.time)
-    if len(found) <= MOST_EVENTS:
-        return found, 0
-    gravest = sorted(found, key=lambda event: -event.level)[:MOST_EVENTS]
-    return sorted(gravest, key=lambda event: event.time), len(found) - MOST_EVENTS
+    topic: str
+    type_name: str
+    stamp: int
+    data: bytes
 
 
-def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
-    last: dict[str, tuple[Severity, str]] = {}
-    for received in topics.of_type(DIAGNOSTICS).values():
-        for item in received:
-            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
-            for status in item.message.status:
-                level = Severity(min(max(int(status.level), 0), 3))
-                source = untrusted.text(status.name.split(':')[0], 200)
-                now = level, untrusted.text(status.message)
-                own = source.startswith(f'{namespace.rstrip("/")}/')
-                passing = level == Severity.OK and (now[1] in _PASSING or not own)
-                if not passing and last.get(source) != now:
-                    last[source] = now
-                    yield Event((instant - origin) * NANOSECOND, level, source, now[1])
-
-
-def _logged(
-    topics: RecordedTopics, origin: int, told: list[Event], clock: RecordedClock | None
-) -> Iterator[Event]:
-    near: dict[tuple[str, int], list[str]] = {}
-    for event in told:
-        near.setdefault((event.source, int(event.time // _SAME_TIME)), []).append(event.text)
-    for received in topics.of_type(LOG).values():
-        for item in received:
-            log = item.message
-            if log.level < _WARNING:
-                continue
-            instant = nanoseconds_of(log.stamp) or item.stamp
-            if clock is not None:
-                instant = clock.instant(instant)
-            event = Event(
-                time=(instant - origin) * NANOSECOND,
-                level=Severity.WARN if log.level < _ERROR else Severity.ERROR,
-                source='/' + untrusted.text(log.name, 200).replace('.', '/'),
-                text=untrusted.text(log.msg),
+def check_recording(path: Path) -> None:
+    """Raise UnreadableRecording for what cannot be a recording, saying what it is instead."""
+    if not path.exists():
+        raise UnreadableRecording(f"there is no file or folder '{path}'")
+    if path.is_dir():
+        if not (path / 'metadata.yaml').is_file() and not _files(path):
+            raise UnreadableRecording(
+                f"the folder '{path}' is no recording: it holds neither metadata.yaml nor a .mcap "
+                'or .db3 file'
             )
-            slot = int(event.time // _SAME_TIME)
-            said = [t for k in (slot - 1, slot, slot + 1) for t in near.get((event.source, k), [])]
-            if not any(text in event.text or event.text in text for text in said):
-                near.setdefault((event.source, slot), []).append(event.text)
-                yield event
+    elif path.suffix == '.bag':
+        raise UnreadableRecording(
+            f"'{path}' is a bag of ROS 1: convert it first, 'rosbags-convert --src {path} --dst "
+            f"{path.stem}'"
+        )
+    elif not _storage(path):
+        raise UnreadableRecording(
+            f"'{path}' is no recording: a report is made of a rosbag2 folder, a .mcap or .db3 "
+            'file, or a plan (.json)'
+        )
+
+
+def _messages(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+    """Read a recording as far as it can be read; `notes` say what is lost of a damaged one."""
+    for file in _files(path) if path.is_dir() else [path]:
+        with TemporaryDirectory(prefix='tdm_report') as folder:
+            plain = _readable(file, Path(folder), notes)
+            try:
+                if plain.suffix == '.mcap':
+                    yield from _of_mcap(plain, wanted)
+                else:
+                    yield from _of_sqlite(plain, wanted, untouched=plain == file)
+            except Exception as error:  # noqa: B902
+                # The libraries raise many kinds where a file ends in the middle.
+                notes.append(
+                    f'{file.name} is damaged or was cut short: messages are missing '
+                    f'({untrusted.text(str(error), 100)}).'
+                )
+
+
+def _unpacked(data: bytes) -> bytes:
+    if data[:4] != _ZSTD:
+        return data
+    if zstandard.frame_content_size(data) > _LONGEST:
+        raise ValueError('a compressed message is too large')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LONGEST)
+
+
+def _storage(path: Path) -> str:
+    name = path.name.removesuffix(_COMPRESSED)
+    return next((ending for ending in STORAGES if name.endswith(ending)), '')
+
+
+def _files(folder: Path) -> list[Path]:
+    """Storage files of a folder, in the order they were written; no copies of one another."""
+    found = [path for path in folder.iterdir() if path.is_file() and _storage(path)]
+    metadata = folder / 'metadata.yaml'
+    told = metadata.read_text(encoding='utf-8', errors='replace') if metadata.is_file() else ''
+    found = [path for path in found if path.name in told] or found
+    packed = {path.name + _COMPRESSED for path in found}
+    found = [path for path in found if path.name not in packed]
+    return sorted(found, key=lambda path: [int(n) for n in re.findall(r'\d{1,9}', path.name)])
+
+
+def _readable(path: Path, folder: Path, notes: list[str]) -> Path:
+    """Return a file that can be read as it is, or a copy in `folder` of one that cannot."""
+    plain = folder / f'recording{_storage(path)}'
+    if path.suffix == _COMPRESSED:
+        with path.open('rb') as source, plain.open('wb') as target:
+            stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
+            try:
+                shutil.copyfileobj(stream, target)
+            except zstandard.ZstdError:
+                notes.append(f'{path.name} is damaged: it was unpacked as far as it goes.')
+        return plain
+    if path.suffix == '.mcap':
+        return path
+    # SQLite cannot open a file that is too short; it opens, but cannot read, pages of zeros.
+    with path.open('rb') as database:
+        head = database.read(32).ljust(32, b'\0')
+    stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')
+    short = path.stat().st_size < stated < _LONGEST
+    # what SQLite has not yet moved into the file
+    beside = {end: path.with_name(path.name + end) for end in ('-wal', '-journal')}
+    if not short and not any(file.is_file() for file in beside.values()):
+        return path
+    shutil.copyfile(path, plain)
+    for end, file in beside.items():
+        if file.is_file():
+            shutil.copyfile(file, plain.with_name(plain.name + end))
+    if short:
+        os.truncate(plain, stated)
+    return plain
+
+
+def _of_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
+    topics: dict[int, tuple[str, str]] = {}
+    schemas: dict[int, str] = {}
+    with path.open('rb') as file:
+        for record in StreamReader(file, record_size_limit=_LONGEST).records:
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                told = record.topic, schemas.get(record.schema_id, '')
+                topics |= {record.id: told} if wanted(*told) else {}
+            elif isinstance(record, Message) and record.channel_id in topics:
+                with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
+                    data = _unpacked(record.data)
+                    yield Raw(*topics[record.channel_id], record.log_time, data)
+
+
+def _of_sqlite(path: Path, wanted: Wanted, untouched: bool) -> Iterator[Raw]:
+    """Read a database; one that is `untouched` gets no files beside it."""
+    address = f'{path.absolute().as_uri()}?immutable={int(untouched)}'
+    with closing(sqlite3.connect(address, uri=True)) as database:
+        database.text_factory = lambda text: text.decode('utf-8', 'replace')
+        rows = database.execute('SELECT id, name, type FROM topics').fetchall()
+        known = {key: (str(name), str(kind)) for key, name, kind in rows}
+        chosen = [key for key, (name, kind) in known.items() if wanted(name, kind)]
+        marks = ','.join('?' * len(chosen))
+        query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
+        for key, stamp, data in database.execute(query, chosen):
+            with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
+                yield Raw(*known[key], int(stamp), _unpacked(bytes(data)))

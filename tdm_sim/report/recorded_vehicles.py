@@ -23,7 +23,6 @@ from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, Robo
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Signals
 from tdm_sim.report.recorded_topics import (
     JOINT_STATE,
@@ -31,6 +30,7 @@ from tdm_sim.report.recorded_topics import (
     PLAN,
     RecordedTopics,
     STATUSES,
+    UnreadableRecording,
 )
 from tdm_sim.report.untrusted import PlanSummary
 

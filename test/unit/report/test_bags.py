@@ -18,10 +18,10 @@ from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.messages import to_stamp
-from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
+from tdm_sim.report.recorded_topics import UnreadableRecording
 from trajectory_msgs.msg import JointTrajectory
 
 

@@ -26,7 +26,8 @@ from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.margins import MOST_PAIRS
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Signals
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
-from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics, Topic
+from tdm_sim.report.reader import RecordedClock
+from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics, Topic
 from tdm_sim.report.tables import events_table, number, summary_table
 
 
