@@ -49,8 +49,7 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import PendulumTracker, Phase
-from tdm_planner.tracking.motion import wrapped
-from tdm_planner.tracking.tracker_parameters import ReplanOnDeviation
+from tdm_planner.tracking.motion import ReplanOnDeviation, wrapped
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
 from tdm_sim.study.flights import tracked, tracker_of
 

@@ -34,8 +34,8 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
+from tdm_planner.tracking import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 

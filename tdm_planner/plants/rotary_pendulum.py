@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -250,13 +250,6 @@ class RotaryPendulum(Validated, StatedPlant):
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
         theta, _, theta_dot, psi_dot = state
         return (theta_dot, psi_dot, *accelerations(k, theta, theta_dot, psi_dot, *control))
-
-    def linearise(
-        self, equilibrium: Literal['upright', 'hanging'] = 'upright'
-    ) -> tuple[Array, Array]:
-        """Return A (4, 4) and B (4, 1) of x' = A x + B u about an equilibrium at rest."""
-        theta = 0.0 if equilibrium == 'upright' else math.pi
-        return self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
 
     def energy(self, state: Array) -> Array:
         """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""

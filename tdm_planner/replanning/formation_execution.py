@@ -34,8 +34,7 @@ from tdm_planner.replanning.execution import (
 )
 from tdm_planner.tracking.estimator import LARGEST_STEP
 from tdm_planner.tracking.motion import Motion
-from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]

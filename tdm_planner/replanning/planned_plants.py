@@ -42,12 +42,12 @@ from tdm_planner.replanning import (
     SwingUpExecution,
 )
 from tdm_planner.replanning.execution import ranges_of, START, VEHICLE
-from tdm_planner.tracking.tracked_plants import tracked_problem
-from tdm_planner.tracking.tracker_parameters import (
+from tdm_planner.tracking import (
     PendulumTrackerParameters,
     RobotTrackerParameters,
     TrackerParameters,
 )
+from tdm_planner.tracking.tracked_plants import tracked_problem
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -24,8 +24,7 @@ from tdm_planner.replanning.execution import (
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
 from tdm_planner.tracking.motion import wrapped
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker
-from tdm_planner.tracking.tracker_parameters import PendulumTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 

@@ -3,15 +3,16 @@
 
 """Feedback laws that keep a plant on its plan and hold it at the goal; no ROS."""
 
-from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker
-from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import (
-    PendulumTrackerParameters,
-    RobotTrackerParameters,
+from tdm_planner.tracking.motion import (
+    Action,
+    Command,
+    Phase,
     TrackerParameters,
+    TrajectoryRejected,
 )
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
+from tdm_planner.tracking.tracker import TrajectoryTracker
 
 __all__ = [
     'Action',

@@ -4,14 +4,15 @@
 """
 The state at any instant, from late and noisy samples and the commands sent meanwhile.
 
-With it come what a robot's actuators deliver, what the pendulum's constants are against those of
-the model, and whether a sensor repeats itself.
+With it come gains of the plant's model, which are estimated as further states, and whether a
+sensor repeats itself.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 import math
 from typing import Any, Protocol
@@ -19,33 +20,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import integrate, Plant, StatedPlant
-from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
-from tdm_planner.tracking.tracker_parameters import (
-    PendulumEstimatorParameters,
-    RobotTrackerParameters,
-)
 
 Array = NDArray[np.float64]
 
 LARGEST_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
-GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
+_GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
-_YAW, _OMEGA, _ALPHA, _THRUST_GAIN, _WHEEL_GAIN = 4, 5, 6, 7, 8
-_GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
-_ACTUATORS_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
-GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
-_FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
-_RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
-# Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
-_RATE_FLOOR = 0.1
-_LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
 _UNMISTAKABLE = 20.0  # standard deviations of the measurement
 _ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
 _LONGEST = 4  # windows without a change that are looked at together
-_GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -86,10 +71,6 @@ class CommandHistory:
             kept = bisect_right(self._times, time - _HISTORY) - 1
             del self._times[:kept], self._controls[:kept]
 
-    def adopt(self, other: CommandHistory) -> None:
-        """Go on from another history of the same controls."""
-        self._times, self._controls = list(other._times), list(other._controls)
-
     def clear(self) -> None:
         """Forget every command."""
         self._times.clear()
@@ -112,16 +93,16 @@ class EstimatorNoise:
     """
     What the samples and the model are worth.
 
-    `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
-    error of the plant's rates, which stays about the same for `lasting` s. `rate_floor` (nx,) is
-    the least magnitude of a rate that is assumed; 0 where rates are exact (of positions).
-    `prior` (nx,), by default `measurement`, are the standard deviations after the first sample.
+    `measurement` (n,) are the standard deviations of the measured states; `model` is the relative
+    error of the plant's rates, which stays about the same for `lasting` s. `rate_floor` (n,) is
+    the least magnitude of a rate that is assumed; 0 where rates are exact (of positions). `gains`
+    is the standard deviation, at first, of the states that the plant has beyond the measured ones.
     """
 
     measurement: Array
     model: float
     rate_floor: Array
-    prior: Array | None = None
+    gains: float = 0.0
     lasting: float = 0.0
 
 
@@ -130,8 +111,8 @@ class StateEstimator:
     An extended Kalman filter in continuous-discrete form (Gelb, "Applied Optimal Estimation").
 
     Samples carry the instant they were taken; between samples the estimate follows the plant's
-    equations of motion under the commands noted in its `history`. `angles` (nx,) marks states that
-    sensors may report modulo 2 pi: the estimate runs on continuously. A sample that noise and
+    equations of motion under the commands noted in its `history`. Sensors may report the states at
+    the places `angles` modulo 2 pi: the estimate runs on continuously. A sample that noise and
     model cannot explain (a push, a reset) is believed. After one that is absurd, so that nothing
     can be predicted from it, the estimate begins anew. No step of the prediction is longer than
     `longest_step` s.
@@ -141,21 +122,24 @@ class StateEstimator:
         self,
         plant: DifferentiablePlant,
         noise: EstimatorNoise,
-        angles: NDArray[np.bool_],
+        angles: Sequence[int],
         longest_gap: float,
         longest_step: float = LARGEST_STEP,
     ) -> None:
         self._plant = plant
         self.noise = noise
-        self._angles, self.size = angles, angles.size
+        self.size = len(plant.state_names)
         self.history = CommandHistory(len(plant.control_names))
         self._longest_gap, self._longest_step = longest_gap, longest_step
-        self._driven = noise.rate_floor > 0.0
-        self._measurement_covariance = np.diag(noise.measurement**2)
-        prior = noise.measurement if noise.prior is None else noise.prior
+        self._angles = np.isin(np.arange(self.size), angles)
+        more = (0, self.size - noise.measurement.size)
+        self._rate_floor = np.pad(noise.rate_floor, more)
+        self.measurement = np.pad(noise.measurement, more, constant_values=_GAIN_UNKNOWN)
+        self._measurement_covariance = np.diag(self.measurement**2)
+        prior = np.pad(noise.measurement, more, constant_values=noise.gains)
         self._prior_covariance = np.diag(prior**2)
         self.stamp: float | None = None
-        self._state = np.zeros(angles.size)
+        self._state = np.zeros(self.size)
         self._covariance = self._prior_covariance
 
     def reset(self) -> None:
@@ -195,7 +179,8 @@ class StateEstimator:
         for duration, control in self.history.between(self.stamp, until):
             slope, _ = self._plant.jacobians(self._state, control)
             rates = self._plant.derivative(self._state, control)
-            spread = noise.model * np.maximum(np.abs(rates), noise.rate_floor) * self._driven
+            spread = noise.model * np.maximum(np.abs(rates), self._rate_floor)
+            spread *= self._rate_floor > 0.0
             step = slope * duration
             transition = np.eye(step.shape[0]) + step + 0.5 * step @ step
             self._covariance = transition @ self._covariance @ transition.T
@@ -249,10 +234,11 @@ class RepetitionWatch:
         elif stamp - self._since >= self._next * self._window:
             self._judge(sample, stamp)
 
-    def adopt(self, other: RepetitionWatch) -> None:
-        """Go on with what another watch of the same sensor has seen."""
-        self._sample, self.stuck = other._sample, other.stuck
-        self._since, self._last, self._next = other._since, other._last, other._next
+    def of(self, estimator: StateEstimator, window: float) -> RepetitionWatch:
+        """Return a watch by another estimator that knows what this one has seen."""
+        watch = copy(self)
+        watch._estimator, watch._window = estimator, window
+        return watch
 
     def _begin(self, stamp: float) -> None:
         self._since, self._next = stamp, 1
@@ -265,7 +251,7 @@ class RepetitionWatch:
         for duration, control in estimator.history.between(self._since, seen):
             state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())
-        far = _UNMISTAKABLE * estimator.noise.measurement
+        far = _UNMISTAKABLE * estimator.measurement
         moves = not bool((np.abs(state - sample) <= far).all())
         # A plant without commands may rest where the model does not.
         self.stuck = moves and (driven or self.stuck)
@@ -276,101 +262,3 @@ class RepetitionWatch:
             self._begin(stamp)
         else:
             self._next *= 2
-
-
-class EstimatedRobot(PlantWithGains):
-    """The floating robot with two more states: what thruster and wheel deliver per command."""
-
-    state_names = (*FloatingRobot.state_names, 'thrust_gain', 'torque_gain')
-    state_units = (*FloatingRobot.state_units, '', '')
-    control_names = FloatingRobot.control_names
-    control_units = FloatingRobot.control_units
-
-    @staticmethod
-    def equations(
-        k: RobotInertia, state: Sequence[Any], control: Sequence[Any]
-    ) -> tuple[Any, ...]:
-        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
-        *motion, thrust_gain, torque_gain = state
-        thrust, rate, torque = control
-        given = thrust_gain * thrust, rate, torque_gain * torque
-        return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
-
-
-def actuator_gains(state: Array) -> tuple[float, float]:
-    """Return the estimated gains of thruster and wheel, kept within reason."""
-    lower, upper = _GAIN_RANGE
-    thruster, wheel = state[[_THRUST_GAIN, _WHEEL_GAIN]].tolist()
-    return min(max(thruster, lower), upper), min(max(wheel, lower), upper)
-
-
-def robot_estimator(parameters: RobotTrackerParameters) -> StateEstimator:
-    """Return the estimator of a robot's states and of its actuators' gains (9,)."""
-    assumed, limits, plant = parameters.estimator, parameters.limits, parameters.plant
-    push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
-    measured = [assumed.position_noise] * 2 + [assumed.velocity_noise] * 2
-    measured += [assumed.angle_noise] * 2 + [assumed.thruster_noise]
-    noise = EstimatorNoise(
-        measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
-        model=assumed.model_error,
-        rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
-        prior=np.array(measured + [_ACTUATORS_SPREAD] * 2),
-    )
-    angles = np.zeros(9, dtype=bool)
-    angles[[_YAW, _ALPHA]] = True
-    return StateEstimator(EstimatedRobot(plant), noise, angles, parameters.state_timeout)
-
-
-class EstimatedPendulum(PlantWithGains):
-    """
-    The pendulum with five more states: its constants over those of the model.
-
-    The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
-    the coupling and of what the disk feels of a tilted pendulum hardly differ.
-    """
-
-    state_names = (*RotaryPendulum.state_names, *GAINS)
-    state_units = (*RotaryPendulum.state_units, *[''] * len(GAINS))
-    control_names = RotaryPendulum.control_names
-    control_units = RotaryPendulum.control_units
-
-    @staticmethod
-    def equations(
-        k: Coefficients, state: Sequence[Any], control: Sequence[Any]
-    ) -> tuple[Any, ...]:
-        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
-        *motion, gravity, arm, disk, coupling, motor = state
-        true = k._replace(
-            gravity=gravity * k.gravity,
-            arm=arm * k.arm,
-            disk=disk * k.disk,
-            coupling=coupling * k.coupling,
-            disk_sine=coupling * k.disk_sine,
-        )
-        torque = [motor * part for part in control]
-        return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
-
-
-def longest_step(plant: RotaryPendulum) -> float:
-    """Return the longest step [s] in which a prediction is accurate."""
-    return min(LARGEST_STEP, _FINE / plant.natural_frequency / plant.quickness)
-
-
-def pendulum_estimator(
-    plant: RotaryPendulum, assumed: PendulumEstimatorParameters, longest_gap: float
-) -> StateEstimator:
-    """Return the estimator of the pendulum's states and of the gains (9,)."""
-    frequency, rate_noise = plant.natural_frequency, assumed.rate_noise
-    if rate_noise is None:
-        rate_noise = _RATE_NOISE * frequency
-    measured, gains = [assumed.angle_noise] * 2 + [rate_noise] * 2, len(GAINS)
-    noise = EstimatorNoise(
-        measurement=np.array(measured + [GAIN_UNKNOWN] * gains),
-        model=assumed.model_error,
-        rate_floor=_RATE_FLOOR * frequency**2 * np.array([0.0, 0.0, 1.0, 1.0] + [0.0] * gains),
-        lasting=_LASTING / frequency,
-        prior=np.array(measured + [_GAIN_SPREAD] * gains),
-    )
-    angles = np.array([True] + [False] * (3 + gains))
-    estimated, step = EstimatedPendulum(plant), longest_step(plant)
-    return StateEstimator(estimated, noise, angles, longest_gap, step)

@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plans that a tracker follows: what may be one, in which phase it is, what is commanded."""
+"""What trackers have in common: parameters, phases, commands, and the plans that they follow."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.exceptions import TdmError
-from tdm_planner.parameters import LARGEST
+from tdm_planner.parameters import group, LARGEST, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
@@ -22,6 +22,61 @@ Array = NDArray[np.float64]
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
+
+NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
+
+
+@dataclass(frozen=True)
+class Tolerances(Validated):
+    """How far the state may be from the trajectory: an angle, unless a plant says otherwise."""
+
+    start: float = parameter(
+        0.3,
+        'largest deviation at the start for a trajectory to be accepted',
+        unit='rad',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        1.0, 'deviation from the plan at which the motion is aborted', unit='rad', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class ReplanOnDeviation(Validated):
+    """What happens when the motion is aborted."""
+
+    on_deviation: bool = parameter(
+        False, 'when the motion is aborted, bring the plant to rest and ask for a new plan'
+    )
+    interval: float = parameter(
+        1.0, 'least time between two such requests', unit='s', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class TrackerParameters(Validated):
+    """Parameters of every tracker; subclasses add the plant's own."""
+
+    rate: float = parameter(
+        200.0, 'rate of the commands', unit='Hz', allowed=Range(1.0, 1000.0), read_only=True
+    )
+    state_timeout: float = parameter(
+        0.1,
+        'age of the newest state beyond which nothing is commanded',
+        unit='s',
+        allowed=Range(0.0, 10.0, lower_open=True),
+    )
+    command_delay: float = parameter(
+        0.0, 'time from sending a command to its effect', unit='s', allowed=Range(0.0, 1.0)
+    )
+    planner_service: str = parameter('plan', "name of the planner's service", read_only=True)
+    tolerance: Tolerances = group(Tolerances)
+    replan: ReplanOnDeviation = group(ReplanOnDeviation)
+
+    @property
+    def interval(self) -> float:
+        """Time for which a command acts [s]."""
+        return 1.0 / self.rate
 
 
 class TrajectoryRejected(TdmError):

@@ -21,25 +21,36 @@ x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.plants.rotary_pendulum import Coefficients, PendulumLimits, RotaryPendulum
 from tdm_planner.tracking.estimator import (
-    EstimatedPendulum,
-    GAINS,
-    longest_step,
-    pendulum_estimator,
+    EstimatorNoise,
+    LARGEST_STEP,
+    PlantWithGains,
+    StateEstimator,
 )
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, wrapped
+from tdm_planner.tracking.motion import Action, Motion, NOISE, TrackerParameters, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import PendulumTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
+_GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
+_FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
+_RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
+# Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
+_RATE_FLOOR = 0.1
+_LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
 _DISK = 3.0  # rad that the disk turns by the torque in the square of its time scale
 # Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
 # for the quickest decay over strong and weak motors. Calm: angles in rad, rates in units of w0.
@@ -49,6 +60,85 @@ _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
 _PACES = 0.85, 1.15  # at which a plan may be played
 _TOLD_APART = 3.0  # standard deviations of measured angles
+
+
+@dataclass(frozen=True)
+class FeedbackWeights(Validated):
+    """
+    Weights of the quadratic cost on dimensionless deviations.
+
+    Angles count in rad, rates in units of the pendulum's natural frequency, torque in units of
+    limits.torque.
+    """
+
+    theta: float = parameter(1.0, "weight of the pendulum's angle", allowed=POSITIVE)
+    psi: float = parameter(0.1, "weight of the disk's angle", allowed=POSITIVE)
+    theta_dot: float = parameter(1.0, "weight of the pendulum's rate", allowed=POSITIVE)
+    psi_dot: float = parameter(0.1, "weight of the disk's rate", allowed=POSITIVE)
+    torque: float = parameter(2.0, 'weight of the feedback torque', allowed=POSITIVE)
+
+
+@dataclass(frozen=True)
+class PendulumEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    angle_noise: float = parameter(
+        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
+    )
+    rate_noise: float | None = parameter(
+        None,
+        "standard deviation of measured rates; unset: in proportion to the rig's speed",
+        unit='rad/s',
+        allowed=NOISE,
+    )
+    model_error: float = parameter(
+        0.1, "relative error of the model's accelerations", allowed=NOISE
+    )
+
+
+@dataclass(frozen=True)
+class PendulumTrackerParameters(TrackerParameters):
+    """Parameters of the pendulum's tracker."""
+
+    plant: RotaryPendulum = group(RotaryPendulum)
+    limits: PendulumLimits = group(PendulumLimits)
+    weights: FeedbackWeights = group(FeedbackWeights)
+    estimator: PendulumEstimatorParameters = group(PendulumEstimatorParameters)
+
+
+class EstimatedPendulum(PlantWithGains):
+    """
+    The pendulum with five more states: its constants over those of the model.
+
+    The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
+    the coupling and of what the disk feels of a tilted pendulum hardly differ.
+    """
+
+    state_names = (*RotaryPendulum.state_names, *GAINS)
+    state_units = (*RotaryPendulum.state_units, *[''] * len(GAINS))
+    control_names = RotaryPendulum.control_names
+    control_units = RotaryPendulum.control_units
+
+    @staticmethod
+    def equations(
+        k: Coefficients, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        *motion, gravity, arm, disk, coupling, motor = state
+        true = k._replace(
+            gravity=gravity * k.gravity,
+            arm=arm * k.arm,
+            disk=disk * k.disk,
+            coupling=coupling * k.coupling,
+            disk_sine=coupling * k.disk_sine,
+        )
+        torque = [motor * part for part in control]
+        return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
+
+
+def longest_step(plant: RotaryPendulum) -> float:
+    """Return the longest step [s] in which a prediction is accurate."""
+    return min(LARGEST_STEP, _FINE / plant.natural_frequency / plant.quickness)
 
 
 class PendulumTracker(TrajectoryTracker):
@@ -65,9 +155,19 @@ class PendulumTracker(TrajectoryTracker):
 
     def __init__(self, parameters: PendulumTrackerParameters) -> None:
         plant = parameters.plant
-        estimator = pendulum_estimator(plant, parameters.estimator, parameters.state_timeout)
-        super().__init__(parameters, plant, estimator)
-        frequency = plant.natural_frequency
+        frequency, assumed = plant.natural_frequency, parameters.estimator
+        rate_noise = assumed.rate_noise
+        if rate_noise is None:
+            rate_noise = _RATE_NOISE * frequency
+        noise = EstimatorNoise(
+            measurement=np.array([assumed.angle_noise] * 2 + [rate_noise] * 2),
+            model=assumed.model_error,
+            rate_floor=_RATE_FLOOR * frequency**2 * np.array([0.0, 0.0, 1.0, 1.0]),
+            gains=_GAIN_SPREAD,
+            lasting=_LASTING / frequency,
+        )
+        model, gap, step = EstimatedPendulum(plant), parameters.state_timeout, longest_step(plant)
+        super().__init__(parameters, plant, StateEstimator(model, noise, [0], gap, step))
         weights, limit = parameters.weights, parameters.limits.torque
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
@@ -76,7 +176,7 @@ class PendulumTracker(TrajectoryTracker):
         disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
         self.quickest = max(frequency * plant.quickness, disk)
         try:
-            a, b = plant.linearise('upright')
+            a, b = plant.jacobians(np.zeros(4), np.zeros(1))
             self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)
         except np.linalg.LinAlgError as error:
             raise InvalidProblem(

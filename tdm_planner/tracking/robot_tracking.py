@@ -20,22 +20,33 @@ and the commands are divided by it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.tracking.estimator import actuator_gains, robot_estimator
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
+from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
 from tdm_planner.tracking.linear_quadratic import mean_controls
-from tdm_planner.tracking.motion import Action, Motion, wrapped
+from tdm_planner.tracking.motion import (
+    Action,
+    Motion,
+    NOISE,
+    Tolerances,
+    TrackerParameters,
+    wrapped,
+)
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 _YAW, _OMEGA, _ALPHA = 4, 5, 6
+_ACTUATORS_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
+_GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
 _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
 _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
 _BURN_LATERAL = 0.05  # the same at a burn of a plan that burns and coasts
@@ -47,42 +58,137 @@ _ALIGNED = 0.3  # rad off at which a correction begins to fire
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
 
 
-class Reach(NamedTuple):
-    """Angles of the thruster from which it can be in time where the plan needs it [rad]."""
-
-    lower: float
-    upper: float
+_FREE = -math.inf, math.inf
 
 
-_FREE = Reach(-math.inf, math.inf)
+@dataclass(frozen=True)
+class RobotTolerances(Tolerances):
+    """How far the robot may be from the trajectory."""
+
+    start: float = parameter(
+        0.1,
+        'largest distance from the start for a trajectory to be accepted',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        0.3, 'distance from the plan at which the motion is aborted', unit='m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotFeedback(Validated):
+    """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
+
+    position: float = parameter(
+        0.1,
+        'position error that gives full thrust; smaller is stiffer',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    yaw: float = parameter(
+        0.1, 'yaw error that gives full torque; smaller is stiffer', unit='rad', allowed=POSITIVE
+    )
+    deadband: float = parameter(
+        0.03,
+        'share of limits.thrust below which the thruster is not turned for the feedback, '
+        'corrections of a coast apart',
+        allowed=Range(0.0, 0.5),
+    )
+    coasting: float = parameter(
+        0.004,
+        'distance by which a coast may miss the next burn, or station-keeping the goal, before it '
+        'is corrected',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    misalignment: float = parameter(
+        1.0,
+        'angle between wanted acceleration and thruster beyond which there is no thrust',
+        unit='rad',
+        allowed=Range(0.0, math.pi / 2, lower_open=True),
+    )
+
+
+@dataclass(frozen=True)
+class RobotEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    position_noise: float = parameter(
+        0.002, 'standard deviation of x and of y', unit='m', allowed=NOISE
+    )
+    velocity_noise: float = parameter(
+        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=NOISE
+    )
+    angle_noise: float = parameter(
+        0.005, 'standard deviation of the yaw and its rate', unit='rad, rad/s', allowed=NOISE
+    )
+    thruster_noise: float = parameter(
+        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=NOISE
+    )
+    model_error: float = parameter(
+        0.03, "error of the model's accelerations relative to the largest", allowed=NOISE
+    )
+
+
+@dataclass(frozen=True)
+class RobotTrackerParameters(TrackerParameters):
+    """Parameters of a robot's tracker."""
+
+    planner_service: str = parameter(
+        '/robots/plan', "name of the planner's service", read_only=True
+    )
+    tolerance: RobotTolerances = group(RobotTolerances)
+    plant: FloatingRobot = group(FloatingRobot)
+    limits: RobotLimits = group(RobotLimits)
+    feedback: RobotFeedback = group(RobotFeedback)
+    estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)
+
+
+class EstimatedRobot(PlantWithGains):
+    """The floating robot with two more states: what thruster and wheel deliver per command."""
+
+    state_names = (*FloatingRobot.state_names, 'thrust_gain', 'torque_gain')
+    state_units = (*FloatingRobot.state_units, '', '')
+    control_names = FloatingRobot.control_names
+    control_units = FloatingRobot.control_units
+
+    @staticmethod
+    def equations(
+        k: RobotInertia, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        *motion, thrust_gain, torque_gain = state
+        thrust, rate, torque = control
+        given = thrust_gain * thrust, rate, torque_gain * torque
+        return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class RobotLaw:
     """
-    What is prepared before the start: `lower` and `upper` hold the reach every `step` s.
+    What is prepared before the start.
 
-    `burns` (n, 3) are the burns of a plan that burns and coasts: start and end [s], and the
-    thruster's angle at the start.
+    From the thruster's angles between `lower` and `upper` (n,), every `_REACH_STEP` s, it can be
+    in time where the plan needs it. `burns` (n, 3) are the burns of a plan that burns and coasts:
+    start and end [s], and the thruster's angle at the start.
     """
 
-    lower: Array = field(repr=False)
-    upper: Array = field(repr=False)
-    burns: Array | None = field(repr=False)
-    step: float = _REACH_STEP
+    lower: Array
+    upper: Array
+    burns: Array | None
 
-    def reach(self, elapsed: float) -> Reach:
+    def reach(self, elapsed: float) -> tuple[float, float]:
         """Return the range of the thruster's angle at `elapsed` s after the start."""
-        k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
-        return Reach(float(self.lower[k]), float(self.upper[k]))
+        k = min(max(math.ceil(elapsed / _REACH_STEP), 0), len(self.lower) - 1)
+        return float(self.lower[k]), float(self.upper[k])
 
     def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
         """
-        Return what is left of the burn that goes on within [start, end], and how its coast ends.
+        Return what is left of the burn that goes on within [start, end], 0 while coasting.
 
-        That is the time until the coast ends that goes on or comes next, infinite where no burn
-        follows, and the thruster's angle then. Times [s] count from `start`; nothing is left of a
-        burn while coasting.
+        And the time from `start` until the coast ends that goes on or comes next, infinite where
+        no burn follows, and the thruster's angle then.
         """
         assert self.burns is not None
         begins, ends, angles = self.burns.T
@@ -95,41 +201,28 @@ class RobotLaw:
         return left, float(begins[k] - start), float(angles[k])
 
 
-@dataclass(frozen=True, eq=False)
-class DesiredCommand:
-    """
-    What the robot should do now, from plan and feedback.
-
-    `acceleration` (2,) m/s^2 and `torque` N m are wanted of a perfect robot; `alpha` is where the
-    thruster rests when no more than `quiet` m/s^2 is wanted, `reach` where it may be. There is no
-    thrust while the thruster is off by more than `aligned` rad. It turns the way round that brings
-    it to the angle `onward` soonest after, where that is given.
-    """
-
-    acceleration: Array
-    torque: float
-    alpha: float
-    reach: Reach
-    quiet: float
-    aligned: float
-    onward: float | None = None
-
-
 class RobotTracker(TrajectoryTracker):
-    """
-    Tracker of one floating robot; states and controls are those of `FloatingRobot`.
-
-    `servo_share` of the error of the thruster's angle is taken away by one command.
-    """
+    """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
     parameters: RobotTrackerParameters
 
     def __init__(
         self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
     ) -> None:
-        super().__init__(parameters, parameters.plant, robot_estimator(parameters))
         plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
-        self._largest = limits.thrust / plant.mass
+        push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
+        assumed = parameters.estimator
+        place, speed, angle = assumed.position_noise, assumed.velocity_noise, assumed.angle_noise
+        noise = EstimatorNoise(
+            np.array([place, place, speed, speed, angle, angle, assumed.thruster_noise]),
+            assumed.model_error,
+            rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0]),
+            gains=_ACTUATORS_SPREAD,
+        )
+        angles, gap = [_YAW, _ALPHA], parameters.state_timeout
+        estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap)
+        super().__init__(parameters, plant, estimator)
+        self._largest = push
         self._correcting = False
         self._servo_share = servo_share
         # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.
@@ -139,7 +232,6 @@ class RobotTracker(TrajectoryTracker):
         # thruster must turn half round to brake: there is time for it.
         self._shortest = self._damping / self._stiffness
         self._station = max(self._shortest, 2.0 * math.pi / limits.thruster_rate)
-        spin = limits.torque / plant.inertia
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
@@ -191,25 +283,27 @@ class RobotTracker(TrajectoryTracker):
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
-        reach = law.reach(elapsed + interval)
-        desired = self._desired(
-            acceleration=-self._stiffness * error[:2] - self._damping * error[2:4],
-            torque=torque + self._yaw_feedback(error),
-            alpha=float(after[_ALPHA]) + near,
-            reach=Reach(reach.lower + near, reach.upper + near),
-        )
+        lower, upper = law.reach(elapsed + interval)
+        wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
+        coasting, onward = False, None
         if law.burns is not None:
             left, horizon, onward = law.ahead(elapsed, elapsed + interval)
             horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
-            if left == 0.0:
+            coasting = left == 0.0
+            if coasting:
                 onward = None if onward is None else onward + near
-                desired = replace(self._coasting(desired, error, horizon), onward=onward)
+                wanted = self._correction(error, horizon)
             else:
-                self._correcting = False
-                wanted = -self._off(error, horizon) / max(left, _PULSE * interval)
-                desired = replace(desired, acceleration=wanted)
+                onward, self._correcting = None, False
+                wanted = -_excess(error, horizon) / max(left, _PULSE * interval)
         control = self._drive(
-            state, replace(desired, acceleration=driven[2:4] + desired.acceleration)
+            state,
+            driven[2:4] + wanted,
+            torque + self._yaw_feedback(error[_YAW], error[_OMEGA]),
+            float(after[_ALPHA]) + near,
+            (lower + near, upper + near),
+            coasting,
+            onward,
         )
         feedback = control - [thrust, 0.0, torque]
         return Action(control, feedback, error, reference)
@@ -220,58 +314,30 @@ class RobotTracker(TrajectoryTracker):
         goal[[2, 3, _OMEGA]] = 0.0
         goal[_ALPHA] = state[_ALPHA]
         error = self.error(state, goal)
-        desired = self._desired(
-            np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE
-        )
-        control = self._drive(state, self._coasting(desired, error, self._station))
+        wanted = self._correction(error, self._station)
+        torque = self._yaw_feedback(error[_YAW], error[_OMEGA])
+        control = self._drive(state, wanted, torque, float(state[_ALPHA]), coasting=True)
         return Action(control, control, error, goal)
 
     def recover(self, state: Array) -> Array:
         """Brake."""
-        still = np.zeros(7)
-        still[[0, 1, _YAW, _ALPHA]] = state[[0, 1, _YAW, _ALPHA]]
-        desired = self._desired(
-            acceleration=-self._damping * state[2:4],
-            torque=self._yaw_feedback(self.error(state, still)),
-            alpha=float(state[_ALPHA]),
-            reach=_FREE,
-        )
-        return self._drive(state, desired)
+        torque = self._yaw_feedback(0.0, state[_OMEGA])
+        return self._drive(state, -self._damping * state[2:4], torque, float(state[_ALPHA]))
 
     def calm(self, state: Array, slack: float) -> bool:
         """Whether the robot drifts and turns slowly."""
         speed, turn = math.hypot(state[2], state[3]), abs(state[_OMEGA])
         return speed < slack * _CALM_SPEED and turn < slack * _CALM_TURN
 
-    def _desired(
-        self, acceleration: Array, torque: float, alpha: float, reach: Reach
-    ) -> DesiredCommand:
-        feedback = self.parameters.feedback
-        quiet = feedback.deadband * self._largest
-        return DesiredCommand(acceleration, torque, alpha, reach, quiet, feedback.misalignment)
-
-    def _coasting(self, desired: DesiredCommand, error: Array, horizon: float) -> DesiredCommand:
-        """
-        Return the desired command of a robot that coasts for another `horizon` s.
-
-        What is to be corrected keeps its direction while the thruster turns. Feedback that led
-        back sooner would turn it at the regulator's own rate, and a slow thruster after it.
-        """
-        off = self._off(error, horizon)
-        allowed = self.parameters.feedback.coasting
-        level = _SETTLED * allowed if self._correcting else allowed
+    def _correction(self, error: Array, horizon: float) -> Array:
+        """Return the acceleration (2,) that corrects a coast for another `horizon` s."""
+        off = _excess(error, horizon)
+        level = self.parameters.feedback.coasting * (_SETTLED if self._correcting else 1.0)
         self._correcting = math.hypot(off[0], off[1]) * horizon > level
-        pulse = off / (_PULSE * self.parameters.interval) if self._correcting else np.zeros(2)
-        return replace(desired, acceleration=-pulse, quiet=0.0, aligned=_ALIGNED)
+        return -off / (_PULSE * self.parameters.interval) * self._correcting
 
-    @staticmethod
-    def _off(error: Array, horizon: float) -> Array:
-        """Return the velocity (2,) too much for the error to be gone after `horizon` s."""
-        off: Array = error[2:4] + error[:2] / horizon
-        return off
-
-    def _yaw_feedback(self, error: Array) -> float:
-        turn = self._yaw_stiffness * error[_YAW] + self._yaw_damping * error[_OMEGA]
+    def _yaw_feedback(self, yaw: float, omega: float) -> float:
+        turn = self._yaw_stiffness * yaw + self._yaw_damping * omega
         return float(-self.parameters.plant.inertia * turn)
 
     def _servo(self, angle: float) -> float:
@@ -279,28 +345,49 @@ class RobotTracker(TrajectoryTracker):
         limit = self.parameters.limits.thruster_rate
         return min(max(self._servo_share * angle / self.parameters.interval, -limit), limit)
 
-    def _drive(self, state: Array, desired: DesiredCommand) -> Array:
-        """Return the controls (3,) nearest to the desired command."""
+    def _drive(
+        self,
+        state: Array,
+        wanted: Array,
+        torque: float,
+        alpha: float,
+        reach: tuple[float, float] = _FREE,
+        coasting: bool = False,
+        onward: float | None = None,
+    ) -> Array:
+        """
+        Return the controls (3,) nearest to what is wanted of a perfect robot.
+
+        That is the acceleration `wanted` (2,) and the `torque`. The thruster rests at `alpha`
+        where next to no acceleration is wanted, and keeps within `reach`. It turns the way round
+        that brings it to the angle `onward` soonest after, where that is given.
+        """
         limits, plant = self.parameters.limits, self.parameters.plant
-        wanted = math.hypot(desired.acceleration[0], desired.acceleration[1])
-        alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
-        off = math.atan2(desired.acceleration[1], desired.acceleration[0]) - heading
+        feedback = self.parameters.feedback
+        quiet = 0.0 if coasting else feedback.deadband * self._largest
+        size = math.hypot(wanted[0], wanted[1])
+        now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
+        off = math.atan2(wanted[1], wanted[0]) - heading
         off = float(wrapped(np.asarray(off)))
         turn = off
-        if desired.onward is not None:
-            onward, other = desired.onward - alpha, off - math.copysign(math.tau, off)
-            if abs(other) + abs(onward - other) < abs(off) + abs(onward - off):
+        if onward is not None:
+            after, other = onward - now, off - math.copysign(math.tau, off)
+            if abs(other) + abs(after - other) < abs(off) + abs(after - off):
                 turn = other
-        target = desired.alpha if wanted <= desired.quiet else alpha + turn
-        if desired.reach.lower <= desired.reach.upper:
-            target = min(max(target, desired.reach.lower), desired.reach.upper)
-        rate = self._servo(target - alpha)
+        target, (lower, upper) = alpha if size <= quiet else now + turn, reach
+        if lower <= upper:
+            target = min(max(target, lower), upper)
+        thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0
-        if abs(off) < desired.aligned:
-            thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
-        torque = desired.torque / actuator_gains(state)[1]
-        torque = min(max(torque, -limits.torque), limits.torque)
-        return np.array([min(thrust, limits.thrust), rate, torque])
+        if abs(off) < (_ALIGNED if coasting else feedback.misalignment):
+            thrust = plant.mass * size * math.cos(off) / thruster
+        torque = min(max(torque / wheel, -limits.torque), limits.torque)
+        return np.array([min(thrust, limits.thrust), self._servo(target - now), torque])
+
+
+def _excess(error: Array, horizon: float) -> Array:
+    """Return the velocity (2,) too much for the error to be gone after `horizon` s."""
+    return np.asarray(error[2:4] + error[:2] / horizon)
 
 
 def _burns(trajectory: Trajectory) -> Array:

@@ -21,9 +21,8 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, Phase
+from tdm_planner.tracking.motion import Action, Motion, Phase, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -68,13 +67,8 @@ class StatedTracker(TrajectoryTracker):
         self.problem, self._plant = problem, DirectPlant(problem)
         nx = len(problem.state_names)
         measured, model = _BELIEVED
-        noise = EstimatorNoise(
-            measurement=np.full(nx, measured),
-            model=model,
-            rate_floor=np.ones(nx),
-        )
-        continuous = np.zeros(nx, dtype=bool)
-        estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
+        noise = EstimatorNoise(np.full(nx, measured), model, rate_floor=np.ones(nx))
+        estimator = StateEstimator(self._plant, noise, [], parameters.state_timeout)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last

@@ -19,15 +19,10 @@ from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
-from tdm_planner.tracking import TrajectoryTracker
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker
-from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking import TrackerParameters, TrajectoryTracker
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.tracking.tracker_parameters import (
-    PendulumTrackerParameters,
-    RobotTrackerParameters,
-    TrackerParameters,
-)
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 

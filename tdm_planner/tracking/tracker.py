@@ -32,10 +32,10 @@ from tdm_planner.tracking.motion import (
     Command,
     Motion,
     Phase,
+    TrackerParameters,
     TrajectoryMissed,
     TrajectoryRejected,
 )
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -368,8 +368,8 @@ class TrajectoryTracker(ABC):
             for motion in (other.current, other.following)
         )
         self.wants_plan, self._restless = other.wants_plan, other._restless
-        self.history.adopt(other.history)
-        self._repetition.adopt(other._repetition)
+        self.history = self.estimator.history = other.history
+        self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
         if other.estimator.stamp is not None:
             stamp = other.estimator.stamp
             self.estimator.observe(other.estimator.predict(stamp), stamp)

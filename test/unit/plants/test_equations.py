@@ -24,7 +24,7 @@ from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot
 from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.tracking.estimator import EstimatedPendulum
+from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 

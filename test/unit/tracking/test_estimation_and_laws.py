@@ -38,8 +38,7 @@ DRIVEN += [([0.01, 0.0, 0.0, 0.0], 0.001, 0.42)]
 
 @pytest.fixture
 def estimator() -> StateEstimator:
-    angles = np.array([True, False, False, False])
-    return StateEstimator(PLANT, NOISE, angles, longest_gap=0.1)
+    return StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1)
 
 
 @pytest.mark.parametrize('size', [1e3, 1e5, 1e7, 1e9, 1e12])

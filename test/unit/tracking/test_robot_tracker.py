@@ -10,7 +10,7 @@ from closed_loop import Loop, robot
 import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.tracking import Phase, TrajectoryRejected
+from tdm_planner.tracking import Phase, robot_tracking, TrajectoryRejected
 from tdm_planner.tracking.motion import Motion
 from tdm_planner.trajectory import Trajectory
 
@@ -52,8 +52,8 @@ def test_the_thruster_can_follow_the_angles_that_it_may_have(plan, changes):
     """From anywhere within them it reaches those of the next instant, at its rate."""
     tracker = robot(plan.states[0], **changes).tracker
     law = tracker.prepare(plan)
-    most = tracker.parameters.limits.thruster_rate * law.step + 1e-9
-    planned = plan.sample(law.step * np.arange(law.upper.size)).state[:, 6]
+    most = tracker.parameters.limits.thruster_rate * robot_tracking._REACH_STEP + 1e-9
+    planned = plan.sample(robot_tracking._REACH_STEP * np.arange(law.upper.size)).state[:, 6]
     assert (law.lower <= planned + 1e-9).all()
     assert (planned <= law.upper + 1e-9).all()
     assert np.diff(law.upper).min() >= -most
