@@ -249,6 +249,7 @@ def polish(
             penalties=(penalty / task.distance, penalty / task.distance),
             radius=0.5,
             iterations=25,
+            cost_tolerance=1e-4,
             feasibility=(feasibility, feasibility),
             corrections=4,
             cutoff=cutoff * w0,
