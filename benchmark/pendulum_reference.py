@@ -46,7 +46,7 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     budget = Budget(math.inf)
     batch = starts(task, np.random.default_rng([seed, 1]), STARTS, 10)
     best: Candidate | None = None
-    for candidate in distinct(shot(task, batch, COARSE_STEPS, budget, math.inf))[:POLISHED]:
+    for candidate in distinct(shot(task, batch, COARSE_STEPS, budget))[:POLISHED]:
         better, violation = polish(task, candidate, COARSE_STEPS, 1e-8, budget)
         if violation < 1e-6 and (best is None or better.total < best.total):
             fine, violation = polish(

@@ -196,7 +196,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
             np.array([float(program.turns)]),
             np.full(1, np.inf),
         )
-        arrived = shot(self._task, batch, FINE_STEPS, self.budget, math.inf)
+        arrived = shot(self._task, batch, FINE_STEPS, self.budget.part(math.inf))
         return trajectory(self._task, arrived[0]) if arrived else None
 
     def _monotone(self, motion: Trajectory) -> bool:

@@ -36,7 +36,6 @@ _STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
-_SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
 
 
 @inlined
@@ -272,7 +271,7 @@ def roll_ends(
                 arc[i] += 1
             x[STEP + i] = min(x[STEP + i], left[i])
             left[i] -= x[STEP + i]
-            if x[STEP + i] == 0.0 or not peaks[b] <= limit:
+            if not x[STEP + i] > 0.0 or not peaks[b] <= limit:
                 ends[b] = x[i:STATE:LANES]
                 lanes[i], busy = -1, busy - 1
         step_lanes(k, x)
@@ -332,25 +331,15 @@ class FeedbackTable(NamedTuple):
 
 def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> Array:
     """States (n + 1, 4) at the ends of the table's intervals, from `start` (4,)."""
-    start = np.ascontiguousarray(start, dtype=float)
-    references, torques, gains = map(np.ascontiguousarray, table[:3])
-    with np.errstate(all='ignore'):
-        states: Array = _roll_feedback(
-            plant.coefficients, start, references, torques, gains, table.step, table.limit
-        )
+    references, torques, gains = (np.array(each, float) for each in table[:3])
+    table = FeedbackTable(references, torques, gains, table.step, table.limit)
+    states: Array = _roll_feedback(plant.coefficients, np.array(start, float), table)
     return states
 
 
 @compiled
-def _roll_feedback(
-    k: Coefficients,
-    start: Array,
-    references: Array,
-    torques: Array,
-    gains: Array,
-    step: float,
-    limit: float,
-) -> Array:
+def _roll_feedback(k: Coefficients, start: Array, table: FeedbackTable) -> Array:
+    references, torques, gains, step, limit = table
     states = np.empty((torques.size + 1, 4))
     states[0] = x = start.copy()
     for interval in range(torques.size):
@@ -364,36 +353,3 @@ def _roll_feedback(
             x[1] += change
         states[interval + 1] = x
     return states
-
-
-@compiled
-def least_peak(
-    k: Coefficients, start: Array, torque: float, horizon: float, h: float, limit: float
-) -> float:
-    """
-    Return the least |psi| [rad] found that is not exceeded for `horizon` [s] from `start` (4,).
-
-    Tried are +-`torque` [N m] with two switches, each at any of 25 instants, denser at first; the
-    search ends where a peak is below `limit` [rad]. The midpoint rule takes steps of `h` s.
-    """
-    best = np.inf
-    for first in range(_SWITCHES + 1):
-        one = (first / _SWITCHES) ** 2 * horizon
-        for second in range(first, _SWITCHES + 1):
-            other = one + ((second - first) / _SWITCHES) ** 1.5 * horizon
-            for sign in (-1.0, 1.0):
-                theta, psi, w, v = start[0], start[1], start[2], start[3]
-                time, peak = 0.0, abs(psi)
-                while time < horizon and peak < best:
-                    held = -sign * torque if one <= time < other else sign * torque
-                    a, c = quick_accelerations(k, theta, w, v, held)
-                    w_mid, v_mid = w + 0.5 * h * a, v + 0.5 * h * c
-                    a, c = quick_accelerations(k, theta + 0.5 * h * w, w_mid, v_mid, held)
-                    theta, psi = theta + h * w_mid, psi + h * v_mid
-                    w, v = w + h * a, v + h * c
-                    time += h
-                    peak = max(peak, abs(psi)) if abs(psi) < np.inf else np.inf
-                best = min(best, peak)
-                if best <= limit:
-                    return float(best)
-    return float(best)

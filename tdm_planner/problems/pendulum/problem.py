@@ -25,9 +25,12 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.problems.pendulum.smooth import StatedMethod, StatedSwingUp
+from tdm_planner.problems.pendulum.smooth import (
+    prepare_collocation,
+    StatedMethod,
+    StatedSwingUp,
+)
 from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
-from tdm_planner.problems.pendulum.switching_refinement import prepare_collocation
 from tdm_planner.problems.pendulum.switching_search import arcs_of
 from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
 from tdm_planner.problems.problem import Problem, Search
@@ -214,6 +217,5 @@ def _compile() -> None:
     """Compile the kernels or load them from the disk: by a short search, and what it leaves."""
     weak = PendulumSwingUp(limits=PendulumLimits(torque=_WEAK))
     weak.search(Budget(1.0, evaluations=20_000), np.random.default_rng(0), None).run()
-    weak.task.least_peak()
     still = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
     roll_feedback(weak.plant, weak.task.start, still)

@@ -17,7 +17,6 @@ kept but for their last arcs, which shooting adjusts until they end there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 from typing import NamedTuple
 
@@ -312,50 +311,36 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
 
 
 def pumped(
-    task: SwingUpTask, rng: np.random.Generator, most: int, budget: Budget, until: float
+    task: SwingUpTask, rng: np.random.Generator, most: int, until: Budget
 ) -> tuple[list[Candidate], int]:
     """
-    Pump by many variants and land the most promising.
+    Pump by many variants and land the most promising, in time.
 
     Returns those that arrived, the quickest first, and how many variants were tried. A plan has at
-    most `most` arcs; nothing new is begun after `until` s of the budget.
+    most `most` arcs.
     """
 
-    def late() -> bool:
-        return budget.elapsed > until
-
-    def enough(near: int) -> bool:
-        return late() or near >= 4 * LANES or (near >= LANES and budget.elapsed > _PUMPED * until)
-
     def few(near: int) -> bool:
-        return near < LANES or (near < _MANY * LANES and budget.elapsed < _AT_LEISURE * until)
+        return near < LANES or (
+            near < _MANY * LANES and until.elapsed < _AT_LEISURE * until.seconds
+        )
 
     swings, tried = list[Candidate](), 0
-    while tried < _MOST_VARIANTS and not late() and few(len(swings)):
+    while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
         tried += _VARIANTS
-        swings += _swings(task, _laws(task, rng, _VARIANTS), most, budget, enough)
+        swings += _swings(task, _laws(task, rng, _VARIANTS), most, until)
     steps = min(task.steps(COARSE_STEPS), STEERED_STEPS)
     landed: list[Candidate] = []
     for first in range(0, len(swings), LANES):
-        if late() or len(landed) >= _ENOUGH:
+        if until.spent or len(landed) >= _ENOUGH:
             break
         some = slice(first, first + LANES)
-        landed += land(task, swings[some], steps, budget, late)
-    return landed_finely(task, landed, budget, late), tried
+        landed += land(task, swings[some], steps, until)
+    return landed_finely(task, landed, until), tried
 
 
-def _swings(
-    task: SwingUpTask,
-    variants: Laws,
-    most: int,
-    budget: Budget,
-    enough: Callable[[int], bool],
-) -> list[Candidate]:
-    """
-    Return the promising variants, the best first, with a tail to land by.
-
-    No more are simulated once so many that came near are `enough`.
-    """
+def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list[Candidate]:
+    """Return the promising variants, the best first, with a tail to land by."""
     w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
     durations, torques = np.zeros((_VARIANTS, room)), np.zeros((_VARIANTS, room))
     arcs, distances = np.zeros(_VARIANTS, np.intp), np.full(_VARIANTS, np.inf)
@@ -365,14 +350,15 @@ def _swings(
     common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest)
     some = max(1, round(_AT_ONCE / task.plant.quickness))
     for first in range(0, _VARIANTS, some):
-        if enough(int(np.count_nonzero(distances < _NEAR))):
+        near, late = np.count_nonzero(distances < _NEAR), until.elapsed > _PUMPED * until.seconds
+        if until.spent or near >= 4 * LANES or (near >= LANES and late):
             break
         rows = slice(first, first + some)
         steps = pump(
             task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
-        budget.evaluations += math.ceil(steps / _EVALUATION)
+        until.evaluations += math.ceil(steps / _EVALUATION)
     total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
     promise = np.where(distances < _NEAR, w0 * total + weight * np.sqrt(distances), np.inf)
     best = np.argsort(promise)[:_LANDED]

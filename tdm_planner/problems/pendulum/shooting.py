@@ -10,7 +10,6 @@ soon as one is done with, the next takes its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 import math
 import os
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import LANES, PSI, PSI_DOT, roll_lanes, STATE, THETA_DOT
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
@@ -76,11 +76,7 @@ class ArcBatch(NamedTuple):
 def _residual(
     lane: int, state: Array, peaks: Array, turn: float, psi_max: float, w0: float, residual: Array
 ) -> float:
-    """
-    Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
-
-    `turn` is the goal's number of turns, NaN for the nearest; `residual` has 4 + K elements.
-    """
+    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares."""
     theta = state[lane]
     if math.isnan(turn):
         turn = math.floor(theta / (2.0 * math.pi) + 0.5)
@@ -110,11 +106,10 @@ def _linearise(
     scale: Array,
 ) -> int:
     """
-    Fill the scaled Jacobian of one lane; the number of its rows.
+    Fill the Jacobian of one lane, a row an arc; the number of its columns.
 
     Those are the four ends and the arcs that are beyond the limit, `wrong` their residuals, `gram`
-    (its lower half) their products; `jacobian` has a row an arc. It is times `scale`, zero for
-    arcs of zero duration that would become shorter.
+    (its lower half) their products. `scale` is zero for arcs of no duration that would shrink.
     """
     count = 0
     for m in range(4 + arcs):
@@ -187,8 +182,7 @@ def _propose(
     """
     Fill `trial` (K,); return the damping used and the number of steps rejected so far.
 
-    The step minimises |jacobian z + wrong|^2 + damping |z|^2 and is scale z. There are few rows,
-    whatever the arcs: z = -jacobian' (gram + damping)^-1 wrong.
+    The step is scale z, z = -jacobian' (gram + damping)^-1 wrong: there are few rows.
     """
     factor, duals, step = np.empty((count, count)), np.empty(count), np.empty(trial.size)
     while rejected < TRIES:
@@ -304,40 +298,36 @@ def shoot(
     batch: ArcBatch,
     psi_max: float,
     steps: int,
-    stop: Callable[[], bool],
+    until: Budget,
     effort: Effort = THOROUGH,
-) -> int:
+) -> None:
     """
     Vary all durations until the motions end upright at rest; the batch changes in place.
 
-    Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
-    sequence on its own, from `start` (4,), or (B, 4) where each has its own. One core is left to
-    the control loop: chunks of sequences are shared out evenly among threads on the others. `stop`
-    is asked between chunks and ends it early. Returns the number of integrations. The result does
-    not depend on the number of cores.
+    `start` is (4,), or (B, 4) where every sequence has its own. One core is left to the control
+    loop: chunks of sequences are shared out among threads on the others, none after `until`. The
+    result does not depend on the number of cores.
     """
     size = max(LANES, round(_CHUNK / plant.quickness))
-    chunks = range(0, batch.arcs.size, size)
-    workers = max(1, min(_cores() - 1, len(chunks)))
     starts = np.empty((batch.arcs.size, 4))
     starts[:] = start
 
-    def work(worker: int) -> int:
-        rollouts = 0
-        for first in chunks[worker::workers]:
-            if stop():
-                break
-            rows = slice(first, first + size)
-            rollouts += shoot_arcs(
-                plant.coefficients, starts[rows], batch.rows(rows), psi_max,
-                plant.natural_frequency, steps, effort,
-            )  # fmt: skip
-        return rollouts
+    def work(first: int) -> int:
+        if until.spent:
+            return 0
+        rows = slice(first, first + size)
+        return shoot_arcs(
+            plant.coefficients, starts[rows], batch.rows(rows), psi_max, plant.natural_frequency,
+            steps, effort,
+        )  # fmt: skip
 
-    if workers == 1:
-        return work(0)
+    chunks = range(0, batch.arcs.size, size)
+    workers = min(_cores() - 1, len(chunks))
+    if workers <= 1:
+        until.evaluations += sum(map(work, chunks))
+        return
     with ThreadPoolExecutor(workers) as pool:
-        return sum(pool.map(work, range(workers)))
+        until.evaluations += sum(pool.map(work, chunks))
 
 
 def _cores() -> int:

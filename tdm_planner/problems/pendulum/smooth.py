@@ -8,6 +8,11 @@ The disk's angle is a reference function, the torque follows by inverse dynamics
 integrated; the engine of all stated problems plans it. The torque is continuous, linear between
 the samples. On the virtual arc theta goes one way all along, as in (9)-(16) of Yakimenko (2006),
 where the angle is the argument of everything else.
+
+Method `switching` has the statement collocated: shooting keeps the sequence of arcs that it starts
+from, and a law that pumps takes more swings than the optimum. Collocation moves torque and states
+freely: from the pumped motion it often comes to one of half the time. Its torque is read as arcs,
+between its extremes where the disk moves along its limit.
 """
 
 from __future__ import annotations
@@ -18,20 +23,33 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Collocation, Motion, WARM
 from tdm_planner.direct_method.formulation import Duration, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter
 from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.direct.refinement import Refinement
+from tdm_planner.problems.pendulum.switching_search import Candidate, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
+
+Array = NDArray[np.float64]
 
 _FREE = 12  # varied parameters of the disk's angle
 _ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough
 _FIRST_SHARE = 0.7  # of the time allowed, for the nearest way up
 _LONGER, _LEAST = 4.5, 0.3  # of the time scale of the transfer, and of 1/w0: a guess of the time
+_INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-2)  # of the collocation; the optimum is far
+_SWITCH = 0.8  # of the torque, by which it changes within an interval that a switch divides
+_EXTREME = 0.97  # of the torque, from which it counts as all of it
+_ALIKE = 0.1, 0.3  # of the torque, by which that of one arc may vary: finely and coarsely read
 
 
 @dataclass(frozen=True)
@@ -212,3 +230,44 @@ class StatedMethod(Search[Solution]):
             ways = ((n, math.copysign(1.0, n - here)) for n in goals if abs(n - here) > 1e-9)
             goals = [n for n, way in ways if way * theta_dot >= 0.0]
         return goals
+
+
+def prepare_collocation(stated: StatedSwingUp) -> None:
+    """Make the program, so that the first plan does not wait."""
+    Collocation.of(Trace.of(CheckedFormulation(stated)), _INTERVALS, _SETTINGS)
+
+
+def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterator[Candidate]:
+    """Yield arcs of what collocation makes of a candidate in time: finely and coarsely read."""
+    stated = StatedSwingUp.of(replace(task, start_torque=None), candidate.turns)
+    motion = trajectory(task, candidate)
+    sample = motion.sample(motion.duration * np.linspace(0.0, 1.0, 2 * _INTERVALS + 1))
+    states, torques = sample.state, sample.control[::2]
+    guess = Motion(states[::2], states[1::2], torques, motion.duration)
+    refinement = Refinement(DirectPlant(stated), until)
+    found = refinement.solve(_INTERVALS, guess, _SETTINGS)
+    if found is not None:
+        shares = np.clip(found.controls[:, 0] / task.torque, -1.0, 1.0)
+        for alike in _ALIKE:
+            durations, levels = _arcs(shares, found.duration / _INTERVALS, alike)
+            yield Candidate(durations, task.torque * levels, candidate.turns)
+
+
+def _arcs(torques: Array, interval: float, alike: float) -> tuple[Array, Array]:
+    """Return durations [s] and torques, as shares, of arcs; given `torques` (n + 1,) at nodes."""
+    arcs: list[tuple[float, float]] = []
+    for first, last in zip(torques[:-1].tolist(), torques[1:].tolist(), strict=True):
+        mean = 0.5 * (first + last)
+        parts = [(interval, mean if abs(mean) < _EXTREME else math.copysign(1.0, mean))]
+        if abs(last - first) > _SWITCH:
+            sign = math.copysign(1.0, first - last)
+            before = 0.5 * (1.0 + sign * mean) * interval
+            parts = [(before, sign), (interval - before, -sign)]
+        for duration, torque in parts:
+            if arcs and abs(arcs[-1][1] - torque) < alike:
+                length, other = arcs.pop()
+                torque = (length * other + duration * torque) / (length + duration)
+                duration += length
+            arcs.append((duration, torque))
+    durations, shares = np.array(arcs).T
+    return durations, shares

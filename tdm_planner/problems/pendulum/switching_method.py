@@ -28,16 +28,19 @@ from tdm_planner.exceptions import (
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.pumping import pumped
 from tdm_planner.problems.pendulum.shooting import ARRIVED
-from tdm_planner.problems.pendulum.switching_refinement import collocated, with_new_arcs
+from tdm_planner.problems.pendulum.smooth import collocated
+from tdm_planner.problems.pendulum.switching_motion import evaluate_arcs, lagrangian_slopes
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
     corrected,
     distinct,
     FINE_STEPS,
+    joined,
     land,
     landed_finely,
     polish,
+    program_of,
     shot,
     starts,
     trajectory,
@@ -51,8 +54,8 @@ from tdm_planner.problems.solution import Solution
 Array = NDArray[np.float64]
 
 # Of random starts: rounds before pumping is tried, rounds for strong motors where it did not help.
-_ROUNDS, _MORE_ROUNDS, _STARTS = 3, 30, 100
-_POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
+_ROUNDS, _MORE_ROUNDS, _STARTS = 2, 30, 100
+_POLISHED, _POLISHED_PUMPED = 5, 2  # candidates
 _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts hardly ever arrive
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
 # at all, and no more candidates polished coarsely.
@@ -74,13 +77,16 @@ _LOST = 2.0  # times the tolerance: a violation after the fine polish that is no
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
-# Of an earlier plan: changes of the logarithms of its arcs' durations, all tried side by side; RK4
-# steps an arc of the polish, more if the check fails; share of the deadline after which no more is
-# tried with it; arrivals that do, and those that are polished; most arcs whose time is minimised,
-# and that are varied where there are more.
-_WARM_CHANGES, _WARM_STEPS = (0.0, 0.01, 0.03, 0.1), (FINE_STEPS // 2, FINE_STEPS)
-_WARM_UNTIL, _WARM_ENOUGH, _WARM_TRIED = 0.6, 2, 3
-_WARM_POLISHED, _WARM_CORRECTED = 12, 16
+# Of an earlier plan: changes of the logarithms of its arcs' durations, all tried side by side;
+# share of the deadline after which no more is tried with it; arrivals that do, and those that are
+# polished; most arcs whose time is minimised.
+_WARM_CHANGES = 0.0, 0.01, 0.03, 0.1
+_WARM_UNTIL, _WARM_ENOUGH, _WARM_TRIED, _WARM_POLISHED = 0.6, 2, 3, 12
+_PARTS = 4  # of an arc, before each of which an empty arc is tried
+_MOST_NEW = 2  # arcs at a time: they change the multipliers
+_PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
+_STATIONARY = 0.1  # largest derivative by an arc that is there, at a minimum
+_EMPTY = 1e-7  # w0 d of an arc that may only grow
 
 
 class SwitchingMethod(Search[Candidate]):
@@ -115,8 +121,8 @@ class SwitchingMethod(Search[Candidate]):
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
         self._rounds = self._starts = 0
-        self._least = math.inf  # sum of squares of
-        self._closest: tuple[Array, Array] | None = None  # durations and torques that missed
+        # Sum of squares, durations and torques of the start that missed by least.
+        self._closest: tuple[float, Array, Array] | None = None
         self._arrived = 0
 
     def candidates(self) -> Iterable[Candidate]:
@@ -127,34 +133,37 @@ class SwitchingMethod(Search[Candidate]):
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
-        """Yield the motion under the finely polished arcs, without those too short to matter."""
-        warm = self._previous is not None
-        with suppress(DeadlineExceeded):  # while one was checked
-            yield from (self._rest_of_previous if warm else self._refined)(candidate)
+        """
+        Yield the motion under the finely polished arcs, integrated ever more finely.
 
-    def _refined(self, candidate: Candidate) -> Iterator[Solution]:
-        """Yield the motion under a new candidate's arcs, integrated ever more finely."""
-        shorter = without_short_arcs(self._task, candidate)
-        fine, violation = shorter, math.inf
-        if self._pumping and not self._short_of_time(shorter):
-            # Of so many arcs the last digits of the time do not matter.
-            fine, violation = self._corrected(shorter, FINE_STEPS)
-        omitted = shorter.durations.size < candidate.durations.size
-        for arcs in [shorter, candidate] if omitted else [shorter]:
-            if violation < _FEASIBLE:
-                break
-            if self._short_of_time(arcs):
+        Arcs too short to matter are omitted. Of very many arcs the last digits of the time do not
+        matter: their ends are corrected only.
+        """
+        with suppress(DeadlineExceeded):  # while one was checked
+            shorter = without_short_arcs(self._task, candidate)
+            fine, violation = shorter, math.inf
+            many = self._previous is not None and candidate.durations.size > _WARM_POLISHED
+            if (self._pumping or many) and not self._short_of_time(shorter):
+                fine, violation = self._corrected(shorter, FINE_STEPS)
+            omitted = shorter.durations.size < candidate.durations.size
+            for arcs in [shorter, candidate] if omitted else [shorter]:
+                if violation < _FEASIBLE:
+                    break
+                if self._short_of_time(arcs):
+                    return
+                until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+                fine, violation = polish(
+                    self._task, arcs, self._task.steps(FINE_STEPS), self._tolerance, until
+                )
+            if not violation < self._lost:
+                self.rejected = 'integrated finely none ends upright any more'
                 return
-            fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
-        if not violation < self._lost:
-            self.rejected = 'integrated finely none ends upright any more'
-            return
-        yield self._checked(fine, violation)
-        for more in _FINER:
-            if violation > _FEASIBLE or self._short_of_time(fine):
-                return
-            fine, violation = self._corrected(fine, more * FINE_STEPS)
             yield self._checked(fine, violation)
+            for more in _FINER:
+                if violation > _FEASIBLE or self._short_of_time(fine):
+                    return
+                fine, violation = self._corrected(fine, more * FINE_STEPS)
+                yield self._checked(fine, violation)
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
@@ -163,41 +172,17 @@ class SwitchingMethod(Search[Candidate]):
             for change in _WARM_CHANGES
             for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
         ]
-        until = _WARM_UNTIL * self.budget.seconds
-
-        def late() -> bool:
-            return self.budget.elapsed > until
-
-        found = land(self._task, guesses, self._steps, self.budget, late, _WARM_ENOUGH)
-        if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
-            found = landed_finely(self._task, found, self.budget, late) or found
+        until = self._part(_WARM_UNTIL)
+        found = land(self._task, guesses, self._steps, until, _WARM_ENOUGH)
         self._starts += len(guesses)
         self._arrived += len(found)
+        if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
+            found = landed_finely(self._task, found, until) or found
         yield from distinct(found)[:_WARM_TRIED]
 
-    def _rest_of_previous(self, candidate: Candidate) -> Iterator[Solution]:
-        """
-        Yield the motion under the polished arcs, first with half the steps.
-
-        The times of many arcs are not minimised anew: they are those of the earlier plan.
-        """
-        task = self._task
-        polished = candidate.durations.size <= _WARM_POLISHED
-        if not polished:
-            fixed = max(candidate.fixed, candidate.durations.size - _WARM_CORRECTED)
-            candidate = replace(candidate, fixed=fixed)
-        for steps in _WARM_STEPS:
-            if self._short_of_time(candidate):
-                return
-            if polished:
-                fine, violation = self._finely(candidate, task.steps(steps))
-            else:
-                fine, violation = self._corrected(candidate, _FINER[0] * steps)
-            if violation > _FEASIBLE:
-                return
-            fine = without_short_arcs(task, fine)
-            yield self._checked(fine, violation)
-            candidate = fine
+    def _part(self, share: float) -> Budget:
+        """Return what remains until that share of the deadline."""
+        return self.budget.part(share * self.budget.seconds - self.budget.elapsed)
 
     def _checked(self, candidate: Candidate, violation: float) -> Solution:
         """Return the motion with its check, which may end a little after the deadline."""
@@ -218,11 +203,6 @@ class SwitchingMethod(Search[Candidate]):
 
     def _corrected(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         return corrected(self._task, candidate, self._task.steps(steps), self.budget)
-
-    def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
-        """Polish a candidate that is to be checked, with time left for the check."""
-        until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-        return polish(self._task, candidate, steps, self._tolerance, until)
 
     def widen(self) -> bool:
         """
@@ -259,8 +239,7 @@ class SwitchingMethod(Search[Candidate]):
 
     def _pumped(self) -> list[Candidate]:
         """Pump and land; all distinct arrivals, quickest first."""
-        until = _STEERED * self.budget.seconds
-        found, tried = pumped(self._task, self._rng, self._arcs, self.budget, until)
+        found, tried = pumped(self._task, self._rng, self._arcs, self._part(_STEERED))
         self._starts += tried
         self._arrived += len(found)
         return distinct(found)[:_POLISHED_PUMPED]
@@ -274,7 +253,6 @@ class SwitchingMethod(Search[Candidate]):
         budget, found = self.budget, list[Candidate]()
         again = self._rounds > 0
         strong = self._task.swing_drive >= _PUMPED_FIRST
-        until = _STEERED * budget.seconds
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
@@ -282,11 +260,11 @@ class SwitchingMethod(Search[Candidate]):
             if late or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
-            found += shot(self._task, batch, 2 * self._steps // 3, budget, until)
+            found += shot(self._task, batch, 2 * self._steps // 3, self._part(_STEERED))
             index = int(np.argmin(batch.costs))
-            if batch.costs[index] < self._least:
-                self._least = float(batch.costs[index])
-                self._closest = batch.durations[index].copy(), batch.torques[index].copy()
+            if self._closest is None or batch.costs[index] < self._closest[0]:
+                row = batch.rows(np.array([index]))
+                self._closest = float(row.costs[0]), row.durations[0], row.torques[0]
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
@@ -297,19 +275,19 @@ class SwitchingMethod(Search[Candidate]):
         done: list[Candidate] = []
         best = math.inf
         budget = self.budget
-        until = budget.part(_COARSE * budget.seconds - budget.elapsed)
+        until = self._part(_COARSE)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
                 done.append(candidate)
                 continue
-            better, violation = self._coarsely(candidate, until, _CUTOFF * best)
+            better, violation = self._polish(candidate, until, _CUTOFF * best)
             done.append(better)
             if violation < _FEASIBLE:
                 best = min(best, better.total)
         done.sort(key=lambda c: c.total)
         if not done or self._replans:
             return done
-        shorter, left = done[0], _SHORTENED * budget.seconds - budget.elapsed
+        shorter, left = done[0], self._part(_SHORTENED).seconds
         if self._task.drive >= _WEAK and shorter.durations.size >= _FEWEST_COLLOCATED:
             shorter = self._collocated(shorter)
         if shorter.durations.size <= _MOST_SHORTENED:
@@ -317,16 +295,14 @@ class SwitchingMethod(Search[Candidate]):
         return [shorter, *done] if shorter.total < done[0].total else done
 
     @property
-    def _polish_steps(self) -> int:
+    def _coarse_steps(self) -> int:
         """Steps an arc of a coarse polish."""
         return 2 * self._steps if self._pumping else self._steps
 
-    def _coarsely(
+    def _polish(
         self, candidate: Candidate, until: Budget, cutoff: float = math.inf
     ) -> tuple[Candidate, float]:
-        """Polish one of several candidates."""
-        steps = self._polish_steps
-        return polish(self._task, candidate, steps, self._tolerance, until, cutoff)
+        return polish(self._task, candidate, self._coarse_steps, self._tolerance, until, cutoff)
 
     def _shortened(self, candidate: Candidate, until: Budget) -> Candidate:
         """Return a candidate with further arcs, as long as they shorten it and there is time."""
@@ -335,12 +311,12 @@ class SwitchingMethod(Search[Candidate]):
         for _ in range(_TURNS):
             if until.spent:
                 break
-            further = with_new_arcs(task, best, self._polish_steps, self._arcs)
+            further = with_new_arcs(task, best, self._coarse_steps, self._arcs)
             if further is None:
                 break
-            better, violation = self._coarsely(further, until)
+            better, violation = self._polish(further, until)
             if violation > _FEASIBLE:
-                better, violation = corrected(task, better, self._polish_steps, until)
+                better, violation = corrected(task, better, self._coarse_steps, until)
             gained = 1.0 - better.total / best.total if violation < _FEASIBLE else 0.0
             if gained > 0.0:
                 best = without_short_arcs(task, better)
@@ -352,10 +328,10 @@ class SwitchingMethod(Search[Candidate]):
         """Return the first quicker arcs that collocation leads to from a candidate, or that."""
         budget = self.budget
         if budget.elapsed < _COLLOCATED[0] * budget.seconds:
-            until = budget.part(_COLLOCATED[1] * budget.seconds - budget.elapsed)
+            until = self._part(_COLLOCATED[1])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for other in collocated(self._task, candidate, until):
-                    better, violation = self._coarsely(other, until, candidate.total)
+                    better, violation = self._polish(other, until, candidate.total)
                     few = better.durations.size <= self._arcs
                     if few and violation < _FEASIBLE and better.total < candidate.total:
                         return better
@@ -377,7 +353,7 @@ class SwitchingMethod(Search[Candidate]):
             )
         if self._closest is None:
             return search
-        states = roll_states(task.plant, task.start, *self._closest)
+        states = roll_states(task.plant, task.start, *self._closest[1:])
         if not np.isfinite(states).all():
             return search
         w0 = task.plant.natural_frequency
@@ -389,3 +365,34 @@ class SwitchingMethod(Search[Candidate]):
             return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
         name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
         return f'{search}; the closest missed {name} by {error[worst]:.2g} {unit}'
+
+
+def with_new_arcs(
+    task: SwingUpTask, candidate: Candidate, steps: int, most: int
+) -> Candidate | None:
+    """
+    Return a candidate, all of whose arcs are varied, with empty arcs where they pay.
+
+    There are at most `most` arcs. Where none pays it comes back as it is to be minimised further,
+    or None at a minimum, and where the motion runs away.
+    """
+    durations = np.zeros(2 * _PARTS * candidate.durations.size + 1)
+    durations[1::2] = np.repeat(candidate.durations / _PARTS, _PARTS)
+    torques = np.empty(durations.size)
+    torques[1::2] = np.repeat(candidate.torques, _PARTS)
+    torques[:-1:2], torques[-1] = -torques[1::2], -candidate.torques[-1]
+    split = replace(candidate, durations=durations, torques=torques)
+    xi = task.plant.natural_frequency * durations
+    point = evaluate_arcs(program_of(task, split, -(-steps // _PARTS)), xi)
+    if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
+        return None
+    there = xi > _EMPTY
+    slopes = lagrangian_slopes(point, there)
+    pays = np.flatnonzero(~there & (slopes < _PAYS))
+    room = max(0, min(_MOST_NEW, (most - candidate.durations.size) // 2))
+    begun = pays[np.argsort(slopes[pays])][:room]
+    if not begun.size:
+        return candidate if np.abs(slopes[there]).max() > _STATIONARY else None
+    kept = there.copy()
+    kept[begun] = True
+    return joined(candidate, durations[kept], torques[kept])[0]

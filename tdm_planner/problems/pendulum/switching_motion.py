@@ -17,6 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import (
+    Linearisation,
+    Multipliers,
+    NonlinearProgram,
+    Point,
+)
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, roll_lanes
 from tdm_planner.plants.rotary_pendulum import Coefficients
@@ -27,6 +33,7 @@ DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
 SMALLEST_CURVATURE = 2e-2
 _SIDE_BY_SIDE = 4  # directions from which it takes less time to look at them together
 NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
+_ACTIVE = 2e-3  # [rad] from the disk's limit, of a peak that counts as at it
 
 
 class ArcProgram(NamedTuple):
@@ -97,12 +104,7 @@ def _peak(
     w0: float,
     slope: Array,
 ) -> float:
-    """
-    Largest |psi| of an arc; `slope` (K,) receives that of the margin, by w0 d.
-
-    Between the two nodes where psi' changes its sign the peak is that of the parabola through
-    psi and both psi'.
-    """
+    """Largest |psi| of an arc, of a parabola between nodes; `slope` receives the margin's."""
     first = arc * steps
     node = first + 1
     for other in range(first + 2, first + steps + 1):
@@ -144,11 +146,7 @@ def first_multipliers(point: ArcPoint) -> Array:
 
 @compiled
 def _changes_side_by_side(program: ArcProgram, xi: Array, along: Array, duals: Array) -> Array:
-    """
-    Change of the gradient of `duals` times the ends along directions (n, K), per step: (n, K).
-
-    The last lane stays where it is, as what the others are compared with.
-    """
+    """Change (n, K) of the slopes of `duals` times the ends along (n, K); the last lane stays."""
     arcs, w0 = xi.size, program.w0
     durations, torques = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
@@ -202,3 +200,65 @@ def curvature(program: ArcProgram, point: ArcPoint, duals: Array) -> Array:
         size = max(abs(values[b]), SMALLEST_CURVATURE)
         hessian += size * np.outer(directions[b], directions[b])
     return hessian
+
+
+def lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
+    """
+    Return dL/dxi (K,), by multipliers with which it is nearest to zero for the arcs `there`.
+
+    These are lambda of the ends and mu >= 0 of the disk's limit. By an empty arc of the opposite
+    torque the derivative is
+
+        dL/dxi = 1 + lambda d(ends)/dxi - mu d(margins)/dxi,
+
+    the Hamiltonian of the minimum principle under that torque. Where it is negative the torque has
+    the wrong sign, and an arc begun there shortens the swing-up.
+    """
+    active = np.flatnonzero(point.margins < _ACTIVE)
+    while True:
+        rows = np.concatenate([point.jacobian, -point.slopes[active]])
+        multipliers = np.linalg.lstsq(rows[:, there].T, -np.ones(there.sum()), rcond=1e-6)[0]
+        pushed = multipliers[4:] >= 0.0
+        if pushed.all():
+            slopes: Array = 1.0 + multipliers @ rows
+            return slopes
+        active = active[pushed]
+
+
+class SwitchingTimes(NonlinearProgram):
+    """The program as the minimiser asks for it: group 0 are the ends, group 1 the disk's limit."""
+
+    def __init__(self, arcs: ArcProgram) -> None:
+        self._arcs, count = arcs, arcs.torques.size
+        self.lower, self.upper = np.zeros(count), np.full(count, np.inf)
+
+    def evaluate(self, xi: Array) -> Point:
+        """Return the time and the violations at the durations `xi` (K,), times w0."""
+        if self.budget is not None:
+            self.budget.evaluations += 1
+        at = evaluate_arcs(self._arcs, xi)
+        return Point(xi, at.cost, np.array([at.ends, at.beyond]), at)
+
+    def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
+        """Return slopes of ends and of the peaks near the limit, and the reduced Hessian."""
+        at: ArcPoint = point.cache
+        if self.budget is not None:
+            self.budget.evaluations += max(at.xi.size - 4, 0)
+        duals = first_multipliers(at) if multipliers is None else multipliers.equalities
+        near = np.flatnonzero((at.margins < NEAR_LIMIT) & (at.xi > 0.0))
+        return Linearisation(
+            gradient=np.ones(at.xi.size),
+            hessian=curvature(self._arcs, at, duals),
+            equalities=at.residual,
+            equality_jacobian=at.jacobian,
+            inequalities=at.margins[near],
+            inequality_jacobian=at.slopes[near],
+            inequality_groups=np.ones(near.size, np.intp),
+            tags=near,
+        )
+
+    def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
+        """Return the ends, and what active peaks are beyond the limit by."""
+        now: ArcPoint = point.cache
+        beyond = np.minimum(now.margins[at.tags[active]], 0.0)
+        return np.concatenate([now.residual, beyond])

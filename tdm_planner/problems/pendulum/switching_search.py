@@ -10,24 +10,25 @@ between their extremes from arc to arc, either sign may come first.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.nonlinear_program import Budget, Point
-from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot
-from tdm_planner.problems.pendulum.switching_minimiser import minimise
-from tdm_planner.problems.pendulum.switching_motion import ArcProgram, evaluate_arcs
+from tdm_planner.problems.pendulum.switching_motion import (
+    ArcProgram,
+    evaluate_arcs,
+    SwitchingTimes,
+)
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-Late = Callable[[], bool]
 
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
@@ -35,7 +36,6 @@ FINE_STEPS = 96  # and for the final polish
 STEERED_STEPS = 32  # RK4 steps an arc once a sequence has landed
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
-_FINAL_ARCS = 4  # of a sequence that pumps: they bring the pendulum to rest upright
 _STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # What is spent on landing: turns of so many iterations, after which those are dropped whose sum
@@ -90,16 +90,19 @@ def starts(
     task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
 ) -> ArcBatch:
     """
-    Return `count` sequences of up to `most` arcs; half of them pump where torque is weak.
+    Return `count` sequences of up to `most` arcs: log-uniform totals split by Dirichlet(2).
 
     With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
     arcs leave no room.
     """
     most = min(most, _MOST_RANDOM_ARCS)
-    durations, arcs = _random_durations(task, rng, count, most)
-    if task.drive < 1.0:
-        pumped = slice(0, count, 2)
-        durations[pumped], arcs[pumped] = _pumping_durations(task, rng, arcs[pumped].size, most)
+    w0 = task.plant.natural_frequency
+    quickest = max(task.quickest, 1e-3 / w0)
+    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
+    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
+    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
+    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
+    durations = shares * (totals / shares.sum(axis=1))[:, None]
     first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
     if weaken:
         share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
@@ -107,34 +110,6 @@ def starts(
     torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
     turns = np.full(count, math.nan if task.turns is None else float(task.turns))
     return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
-
-
-def _random_durations(
-    task: SwingUpTask, rng: np.random.Generator, count: int, most: int
-) -> tuple[Array, Integers]:
-    """Durations (count, most) [s], numbers of arcs: log-uniform totals split by Dirichlet(2)."""
-    w0 = task.plant.natural_frequency
-    quickest = max(task.quickest, 1e-3 / w0)
-    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
-    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
-    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
-    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
-    return shares * (totals / shares.sum(axis=1))[:, None], arcs
-
-
-def _pumping_durations(
-    task: SwingUpTask, rng: np.random.Generator, count: int, most: int
-) -> tuple[Array, Integers]:
-    """Half swings that grow slower as they grow larger, then a few random arcs to the top."""
-    arcs = rng.integers(min(FEWEST_ARCS + 1, most), most + 1, size=count)
-    index = np.arange(most)
-    swing = math.pi / task.plant.natural_frequency * rng.uniform(0.5, 1.3, size=(count, 1))
-    growth = rng.uniform(-0.05, 0.15, size=(count, 1)) * index
-    durations = swing * np.exp(growth + 0.2 * rng.normal(size=(count, most)))
-    durations[:, 0] *= rng.uniform(0.3, 1.0, size=count)
-    left = arcs[:, None] - index
-    final = 0.25 * swing * rng.gamma(2.0, size=(count, most))
-    return np.where(left > _FINAL_ARCS, durations, np.where(left > 0, final, 0.0)), arcs
 
 
 def arcs_of(motion: Trajectory) -> Candidate | None:
@@ -177,18 +152,9 @@ def warm_starts(
     return found
 
 
-def shot(
-    task: SwingUpTask, batch: ArcBatch, steps: int, budget: Budget, until: float
-) -> list[Candidate]:
-    """Shoot upright, at most until `until` s of the budget; return those that arrived."""
-    budget.evaluations += shoot(
-        task.plant,
-        task.start,
-        batch,
-        task.planned_disk_angle,
-        steps,
-        lambda: budget.elapsed > until,
-    )
+def shot(task: SwingUpTask, batch: ArcBatch, steps: int, until: Budget) -> list[Candidate]:
+    """Shoot upright in time; return those that arrived."""
+    shoot(task.plant, task.start, batch, task.planned_disk_angle, steps, until)
     found: list[Candidate] = []
     for index in np.flatnonzero(batch.costs < ARRIVED):
         n = batch.arcs[index]
@@ -202,63 +168,50 @@ def land(
     task: SwingUpTask,
     candidates: list[Candidate],
     steps: int,
-    budget: Budget,
-    late: Late,
+    until: Budget,
     enough: float = math.inf,
 ) -> list[Candidate]:
-    """
-    Shoot upright with the arcs that are not fixed; return those that arrive.
-
-    No further turn is begun once it is `late`, or `enough` have arrived.
-    """
+    """Shoot upright with the arcs that are not fixed, in time, until `enough` have arrived."""
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
-    fixed = np.array([each.fixed for each in candidates], dtype=np.intp)
-    durations, torques = np.zeros((2, fixed.size, int(fixed.max(initial=0))))
-    for row, each in enumerate(candidates):
-        durations[row, : each.fixed], torques[row, : each.fixed] = each.head
+    durations, torques, fixed = _stacked([each.head for each in candidates])
     k, share = task.plant.coefficients, task.plant.quickness / steps
     ends, peaks = roll_ends(k, task.start, durations, torques, fixed, share, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    if not left:
-        return []
-    counts = np.array([each.durations.size - each.fixed for each in left], dtype=np.intp)
-    shape = len(left), int(max(counts))
-    turn = math.nan if task.turns is None else float(task.turns)
-    batch = ArcBatch(
-        np.zeros(shape), counts, np.zeros(shape), np.full(len(left), turn),
-        np.full(len(left), np.inf),
-    )  # fmt: skip
-    for row, each in enumerate(left):
-        n = counts[row]
-        batch.durations[row, :n], batch.torques[row, :n] = each.tail
+    durations, torques, counts = _stacked([each.tail for each in left])
+    turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
+    batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
     rows, found = np.arange(len(left)), []
     for most in _GIVEN_UP:
-        if late() or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
+        if until.spent or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
             break
         part = batch.rows(rows)
-        budget.evaluations += shoot(
-            task.plant, begins[rows], part, task.planned_disk_angle, steps, late, _TURN
-        )
+        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, _TURN)
         batch.durations[rows], batch.costs[rows] = part.durations, part.costs
         rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
-        each, n = left[row], counts[row]
-        varied = batch.durations[row, :n]
+        each, varied = left[row], batch.durations[row, : counts[row]]
         end = roll_states(task.plant, begins[row], varied, each.tail[1])[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found
 
 
-def landed_finely(
-    task: SwingUpTask, landed: list[Candidate], budget: Budget, late: Late
-) -> list[Candidate]:
+def _stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
+    """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
+    counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
+    stacked = np.zeros((2, counts.size, int(counts.max(initial=0))))
+    for row, n in enumerate(counts):
+        stacked[:, row, :n] = arcs[row]
+    return stacked[0], stacked[1], counts
+
+
+def landed_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
     last, steps = list(map(_with_last_varied, quickest)), task.steps(STEERED_STEPS)
-    found = land(task, last, steps, budget, late)
-    return found or list(map(_with_last_varied, land(task, quickest, steps, budget, late)))
+    found = land(task, last, steps, until)
+    return found or list(map(_with_last_varied, land(task, quickest, steps, until)))
 
 
 def _with_last_varied(candidate: Candidate) -> Candidate:
@@ -288,11 +241,9 @@ def polish(
     A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
-    program = program_of(task, candidate, steps)
+    program = SwitchingTimes(program_of(task, candidate, steps))
     feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
-    first = evaluate_arcs(program, candidate.tail[0] * w0)
-    budget.evaluations += 1
-    best = Point(first.xi, first.cost, np.array([first.ends, first.beyond]))
+    first = best = program.evaluate(candidate.tail[0] * w0)
     for penalty in _PENALTIES:
         options = TrustRegionOptions(
             penalties=(penalty / task.distance, penalty / task.distance),

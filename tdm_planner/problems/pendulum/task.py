@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_kernels import least_peak
+from tdm_planner.plants.pendulum_kernels import roll_ends
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -24,7 +24,8 @@ VEHICLE = 'pendulum'
 _RANGE_KEPT = 0.1  # share of the disk's range that is left to the feedback, by that of the torque
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
-_PEAK_STEP = 0.05  # of the time scale of the quickest swings, to look for peaks
+_SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
+_PEAK_STEP, _PEAK = 0.1, 10.0  # of the time scale of the swings; times the limit, at which to end
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +118,28 @@ class SwingUpTask:
 
     def least_peak(self) -> float:
         """
-        Least |psi| [rad] found that some torque does not exceed at first, by its kernel.
+        Least |psi| [rad] found that some torque does not exceed at first.
 
+        Tried are the extremes with two switches, each at any of 25 instants, denser at first.
         Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """
         w0, limit = self.plant.natural_frequency, self.disk_angle
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
-        step, k = self.fine_time(_PEAK_STEP), self.plant.coefficients
-        return least_peak(k, self.start, self.torque, horizon, step, limit)
+        one, more = np.triu_indices(_SWITCHES + 1)
+        first = (one / _SWITCHES) ** 2
+        second = np.minimum(first + ((more - one) / _SWITCHES) ** 1.5, 1.0)
+        durations = horizon * np.stack([first, second - first, 1.0 - second], axis=1)
+        torques = np.tile(self.torque * np.array([1.0, -1.0, 1.0]), (one.size, 1))
+        _, peaks = roll_ends(
+            self.plant.coefficients,
+            self.start,
+            np.concatenate([durations, durations]),
+            np.concatenate([torques, -torques]),
+            np.full(2 * one.size, 3),
+            _PEAK_STEP,
+            _PEAK * limit,
+        )
+        return float(peaks.min())
 
     @property
     def unstoppable(self) -> str:

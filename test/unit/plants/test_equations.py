@@ -4,6 +4,7 @@
 """Plants' equations, what is compiled and derived of them, and the URDF, against others."""
 
 import inspect
+import math
 from pathlib import Path
 import shutil
 import threading
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from replays import central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
 from tdm_planner.plants.base import integrate
@@ -137,7 +139,8 @@ def test_sine_and_cosine(angle):
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(shooting, '_cores', lambda: 1)
-    count = shoot(PLANT, START, one, 2.0, 12, lambda: False)
+    alone, together = Budget(math.inf), Budget(math.inf)
+    shoot(PLANT, START, one, 2.0, 12, alone)
     monkeypatch.setattr(shooting, '_cores', lambda: cores)
     shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
@@ -148,7 +151,8 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
         return shoot_arcs(*arguments)
 
     monkeypatch.setattr(shooting, 'shoot_arcs', noted)
-    assert shoot(PLANT, START, many, 2.0, 12, lambda: False) == count
+    shoot(PLANT, START, many, 2.0, 12, together)
+    assert together.evaluations == alone.evaluations
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
     np.testing.assert_array_equal(one.costs, many.costs)

@@ -19,7 +19,7 @@ from replays import central, faults
 from scipy.optimize import minimize
 from tdm_planner.direct_method import nonlinear_program
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
@@ -28,9 +28,13 @@ from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_motion
 from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
-from tdm_planner.problems.pendulum.switching_minimiser import minimise
-from tdm_planner.problems.pendulum.switching_motion import ArcProgram, evaluate_arcs
-from tdm_planner.problems.pendulum.switching_refinement import collocated, with_new_arcs
+from tdm_planner.problems.pendulum.smooth import collocated
+from tdm_planner.problems.pendulum.switching_method import with_new_arcs
+from tdm_planner.problems.pendulum.switching_motion import (
+    ArcProgram,
+    evaluate_arcs,
+    SwitchingTimes,
+)
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     polish,
@@ -308,7 +312,7 @@ def arrivals(disk_angle: float) -> Iterator[tuple[ArcProgram, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
     batch = starts(task, np.random.default_rng(0), 200, 6)
-    shoot(PLANT, START, batch, disk_angle, 12, lambda: False)
+    shoot(PLANT, START, batch, disk_angle, 12, Budget(ENOUGH))
     totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
     for index in np.argsort(totals)[:5]:
         assert batch.costs[index] < ARRIVED
@@ -330,7 +334,7 @@ def local_minimum(program: ArcProgram, xi: np.ndarray) -> float:
 def test_minimum_is_feasible_and_the_best_around(disk_angle):
     converged = 0
     for program, xi in arrivals(disk_angle):
-        found = minimise(program, xi, OPTIONS, Budget(60.0))
+        found = minimise(SwitchingTimes(program), xi, OPTIONS, Budget(60.0))
         if not found.converged:
             continue
         converged += 1
@@ -342,16 +346,6 @@ def test_minimum_is_feasible_and_the_best_around(disk_angle):
         fine = np.repeat(durations / 200, 200), np.repeat(program.torques, 200)
         assert np.abs(roll_states(PLANT, START, *fine)[:, 1]).max() <= disk_angle + 1e-3
     assert converged >= 3
-
-
-def test_when_the_minimiser_gives_up():
-    made = list(arrivals(2.0))
-    assert minimise(*made[0], OPTIONS, Budget(0.0)).iterations <= 4
-    options = OPTIONS._replace(cutoff=1e-3, cost_tolerance=1e-12)
-    found = minimise(*made[-1], options, Budget(60.0))
-    assert not found.converged or found.iterations <= 5
-    found = minimise(program(4), np.full(4, 1e6), OPTIONS, Budget(60.0))  # nothing is computed
-    assert (found.point.violation, found.iterations) == (np.inf, 0)
 
 
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
