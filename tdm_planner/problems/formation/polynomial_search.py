@@ -1,11 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The search for formations' plans by polynomials of the virtual arc: program, guesses, minima.
-
-First guesses are minimised simply, the best of them in full.
-"""
+"""The search for formations' plans by polynomials of the virtual arc: program, guesses, minima."""
 
 from __future__ import annotations
 
