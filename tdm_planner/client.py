@@ -101,6 +101,7 @@ class PlanClient:
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
         self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id, the newest last
+        self._last: Mapping[str, Any] = {}  # of them
         self._newest: tuple[Mapping[str, Any], PlanResult | None] = {}, None
         self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
         self._subscriptions: dict[str, Any] = {}
@@ -201,7 +202,7 @@ class PlanClient:
 
         It is known as far as the node has been served.
         """
-        told = next(reversed(self._summaries.values()), self._newest[0])
+        told = self._last
         if told is not self._newest[0] and (found := self._read(told)) is not None:
             self._newest = told, found
         return self._newest[1]
@@ -229,6 +230,7 @@ class PlanClient:
             for topic in topics:
                 self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
             _remember(self._summaries, summary['plan_id'], summary)
+            self._last = summary
         except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
             return  # not a planner's
 

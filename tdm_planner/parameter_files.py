@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""ROS 2 parameter files: where those of the package are; read, as ``name=value``, without ROS."""
+"""ROS 2 parameter files and settings ``name=value``, read without ROS; the package's files."""
 
 from __future__ import annotations
 

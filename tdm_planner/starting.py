@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a process does before it imports anything else of this package.
+What a process does before it imports anything that takes long.
 
 It looks for the packages and programs that must be installed. Processes of our own limit the
 threads of BLAS and end quietly on a signal: the imports take about a second, in which Ctrl-C would

@@ -250,7 +250,11 @@ class Trajectory:
         """
         Return what `to_dict` was of; the samples are the same to the last bit.
 
-        Raise InvalidProblem if a key is missing or the samples do not fit together.
+        Raises
+        ------
+        InvalidProblem
+            If a key is missing or the samples do not fit together.
+
         """
         try:
             states, controls = dict(data['states']), dict(data['controls'])

@@ -102,11 +102,11 @@ def _prepare_folder(folder: Path) -> None:
             f"the folder '{folder}' holds '{others[0]}', which no demo has written: "
             'name another one with -o'
         )
-    for path in folder.iterdir():
+    for path in (folder / name for name in _OWN_FILES):
         if path.is_dir():
             shutil.rmtree(path)
         else:
-            path.unlink()
+            path.unlink(missing_ok=True)
 
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:

@@ -169,9 +169,10 @@ def declared_arguments(file: Path) -> dict[str, tuple[ast.expr, ast.expr]]:
     declared = {}
     for path in (file, file.parents[1] / 'tdm_planner' / 'launching.py'):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == 'argument':
-                name, default, description = node.args
-                declared[ast.literal_eval(name)] = default, description
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ('argument', 'switch'):
+                name, default, description = node.args[:3]
+                if isinstance(name, ast.Constant):  # `switch` itself declares an argument
+                    declared[str(name.value)] = default, description
     return declared
 
 

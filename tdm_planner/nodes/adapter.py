@@ -115,7 +115,7 @@ class Vehicle:
                 self._picture.set_up(drawn, trail)
 
     def seen(self, now: float, max_age: float) -> Observation:
-        """Return the newest state and what the tracker does; NoState as of `fresh`."""
+        """Return the newest state and what the tracker does; raise NoState as `fresh` does."""
         state, stamp = self.measured.fresh(now, max_age)
         return Observation(state, stamp, self.tracker.mode(now), self.tracker.followed(now))
 
@@ -263,7 +263,11 @@ class Adapter:
         return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:
-        """Return every newest state, and what the tracker does; NoState as of `fresh`."""
+        """
+        Return the newest measured state of every vehicle, and what its tracker does.
+
+        Raise NoState naming what is missing or older than `start.max_age`, and how old it is.
+        """
         return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
 
     def ages(self, now: float) -> Mapping[str, float | None]:

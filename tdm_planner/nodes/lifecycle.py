@@ -48,6 +48,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
     ) -> None:
         self._kept: frozenset[int] | None = None  # ids of what stays for as long as the node
+        self._configuration = 0
         ParameterNode.__init__(self, name, {AUTOSTART.name: AUTOSTART, **parameters}, **options)
         count = len(list(self.services))
         LifecycleNodeMixin.__init__(self)
@@ -147,7 +148,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         """Guard a callback: EventsExecutor may call it after its entity was destroyed."""
         if self._kept is None:
             return callback
-        return lambda *message: callback(*message) if self.configured else None
+        made = self._configuration
+        return lambda *message: callback(*message) if made == self._configuration else None
 
     def _entities(self) -> list[tuple[Any, Callable[[Any], Any]]]:
         """Return everything that the node has, with what destroys it."""
@@ -248,6 +250,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         try:
             self.cleanup()
         finally:
+            self._configuration += 1
             for item, destroy in self._entities():
                 of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
                 if id(item) not in (self._kept or ()) and not of_rclpy:

@@ -308,5 +308,7 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     elif spec.range.bounded and spec.kind is int:
         lower = math.ceil(max(spec.range.lower, -_INT64))
         upper = min(math.floor(min(spec.range.upper, _INT64)), _INT64 - 1)
+        lower += spec.range.lower_open and lower == spec.range.lower
+        upper -= spec.range.upper_open and upper == spec.range.upper
         described.integer_range = [IntegerRange(from_value=lower, to_value=upper, step=1)]
     return described

@@ -319,7 +319,7 @@ class Recovery:
     """
 
     def __init__(self, node: Node, kind: PlantKind, prefixes: Mapping[str, str]) -> None:
-        self._kind, self._count = kind, len(prefixes)
+        self._kind, self._names = kind, list(prefixes)
         self._until = time.monotonic() + WINDOW
         self._told: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
         self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
@@ -332,7 +332,7 @@ class Recovery:
         """Return trajectories by vehicle and their start [ns], once there are any."""
         now, told = time.monotonic(), self._told
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
-        start = starts.pop() if len(told) == self._count and len(starts) == 1 else 0
+        start = starts.pop() if len(told) == len(self._names) and len(starts) == 1 else 0
         if start != self._start:
             self._start, self._since = start, now
             self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
@@ -340,5 +340,5 @@ class Recovery:
             self._waits = False
             if start:
                 with suppress(InvalidProblem):
-                    return {name: read_plan(self._kind, p) for name, p in told.items()}, start
+                    return {n: read_plan(self._kind, told[n]) for n in self._names}, start
         return None

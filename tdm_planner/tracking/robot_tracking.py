@@ -330,7 +330,7 @@ class RobotTracker(TrajectoryTracker):
         return speed < slack * _CALM_SPEED and turn < slack * _CALM_TURN
 
     def _correction(self, error: Array, horizon: float) -> Array:
-        """Return the acceleration (2,) that corrects a coast for another `horizon` s."""
+        """Acceleration (2,) that corrects a coast of `horizon` s: short burns cost least gas."""
         off = _excess(error, horizon)
         level = self.parameters.feedback.coasting * (_SETTLED if self._correcting else 1.0)
         self._correcting = math.hypot(off[0], off[1]) * horizon > level

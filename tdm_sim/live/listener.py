@@ -172,8 +172,9 @@ class Listener:
         def on_values(descriptors: Mapping[str, Any], answer: Any) -> None:
             values = map(parameter_value_to_python, answer.result().values)
             known = Declared(descriptors, dict(zip(descriptors, values, strict=True)))
-            self.declared[node] = known
-            self.changes += 1
+            if node not in self.declared:  # asked twice, it may be older than an event since
+                self.declared[node] = known
+                self.changes += 1
 
         if all(client.service_is_ready() for client in (lists, describe, get)):
             lists.call_async(ListParameters.Request()).add_done_callback(on_names)

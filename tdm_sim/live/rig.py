@@ -111,7 +111,11 @@ class Rig:
         self.chosen = ''
 
     def follow(self, values: Mapping[str, Any]) -> bool:
-        """Take over the planner's parameters; returns whether there are other vehicles now."""
+        """
+        Take over the planner's parameters; returns whether there are other vehicles now.
+
+        Raise InvalidProblem if they state no problem.
+        """
         kind = load_problem(values['problem'])
         known = kind.parameter_specifications(values)
         problem = kind.from_parameters({name: values.get(name) for name in known})

@@ -205,6 +205,9 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
         topic = topics.setdefault(name, Topic(kind))
         if len(topic.received) >= _MOST_MESSAGES:
             continue
+        if topic.kind != kind:  # the first type of a name counts
+            topic.malformed += 1
+            continue
         try:
             topic.take(store.deserialize_cdr(data, kind), min(max(stamp, 0), _LATEST))
         except Exception:  # noqa: B902

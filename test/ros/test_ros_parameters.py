@@ -18,14 +18,14 @@ from tdm_planner import parameters as declared
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import descriptor, ParameterNode
 from tdm_planner.parameter_files import parse_yaml, ros_parameters
-from tdm_planner.parameters import parameter, ParameterSpec, POSITIVE, Range, SEED, Validated
+from tdm_planner.parameters import parameter, ParameterSpec, POSITIVE, Range, Validated
 import yaml
 
 
 @dataclass(frozen=True)
 class ExampleParameters(Validated):
     mass: float = parameter(1.0, 'mass of the thing', unit='kg', allowed=POSITIVE)
-    count: int = parameter(3, 'how many', allowed=Range(1, 8))
+    count: int = parameter(3, 'how many', allowed=Range(0, 8, lower_open=True))
     turns: int | None = parameter(None, 'turns, or unset')
     kind: str = parameter('fast', 'which', choices=('fast', 'slow'))
     names: list[str] = parameter(['a', 'b'], 'names')
@@ -88,7 +88,7 @@ def test_allowed_values_are_taken(ros, example, name, value, stored):
         *[('mass', x, f"'mass' = {x!r} is not") for x in (math.nan, True, 'null', '[1.0', None)],
         ('mass', 1000.0, 'a mass above 100 kg cannot be fast'),
         ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
-        ('count', 2.5, 'must be an integer in [1, 8]'),
+        ('count', 2.5, 'must be an integer in (0, 8]'),
         ('names', 'a', 'must be a list of strings'),
         ('fixed', 'there', "'fixed' = there is not allowed: it is fixed while the node runs"),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
@@ -124,10 +124,10 @@ def test_parameters_describe_themselves(ros, example):
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
-    seed = ParameterSpec('n', int, 0, 'n', range=SEED)
-    ranges = mass.floating_point_range, count.integer_range, descriptor(seed).integer_range
+    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
+    ranges = mass.floating_point_range, count.integer_range, descriptor(half_open).integer_range
     ends = [(allowed.from_value, allowed.to_value) for (allowed,) in ranges]
-    assert ends == [(1e-12, 1e12), (1, 8), (0, 2**63 - 1)]
+    assert ends == [(1e-12, 1e12), (1, 8), (-(2**63), 3)]
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only

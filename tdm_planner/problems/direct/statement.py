@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
 _END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
-_JUMP, _LOOKS = 0.05, 100_001  # of the range of a cost between two looks; looks between these
+# Of the range of a cost between two looks; looks between these, turns, to find where it is.
+_JUMP, _LOOKS, _TURNS = 0.05, 33, 8
 _NODES = 5, 10_000
 _STARTS = 1, 10_000
 
@@ -57,8 +58,9 @@ def check_statement(problem: Formulation) -> None:
     whole(problem.starts, 'starts', *_STARTS)
     tolerance, count = problem.terminal_tolerance, len(stated.state_names)
     if tolerance is not None:
-        values = list(tolerance) if isinstance(tolerance, tuple | list | np.ndarray) else []
-        if len(values) != count or not all(isinstance(v, Real) and v > 0 for v in values):
+        values = list(tolerance) if np.iterable(tolerance) else []
+        known = all(isinstance(v, Real) and not isinstance(v, bool) and v > 0 for v in values)
+        if len(values) != count or not known:
             raise InvalidProblem(
                 f'terminal_tolerance = {shown(tolerance)} is not allowed: must be {count} '
                 'positive numbers, one for each state, inf where any end will do'
@@ -133,9 +135,15 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
         jumps = np.nan_to_num(np.abs(np.diff(values)))
         if not size or jumps.max() < _JUMP * size:
             continue
-        at = int(np.argmax(jumps))  # what is only steep flattens out
-        jump = np.abs(np.diff(cost(function, np.linspace(steps[at], steps[at + 1], _LOOKS)))).max()
-        if jump > 0.5 * jumps[at]:
+        places, apart = steps, jumps
+        for _ in range(_TURNS):
+            at = int(np.argmax(apart))
+            places = np.linspace(places[at], places[at + 1], _LOOKS)
+            apart = np.abs(np.diff(cost(function, places)))
+            if not apart.max() > 0.5 * jumps.max():  # what is only steep flattens out
+                break
+        else:
+            jump = apart.max()
             raise InvalidProblem(
                 f'{name} jumps by {jump:.3g} along the initial guess: the '
                 'performance index must be continuous, a steep slope such as np.tanh in place of '

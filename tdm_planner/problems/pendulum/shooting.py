@@ -76,7 +76,11 @@ class ArcBatch(NamedTuple):
 def _residual(
     lane: int, state: Array, peaks: Array, turn: float, psi_max: float, w0: float, residual: Array
 ) -> float:
-    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares."""
+    """
+    Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
+
+    `turn` is the goal's number of turns, NaN for the nearest; `residual` has 4 + K elements.
+    """
     theta = state[lane]
     if math.isnan(turn):
         turn = math.floor(theta / (2.0 * math.pi) + 0.5)

@@ -142,8 +142,9 @@ class SwitchingMethod(Search[Candidate]):
         with suppress(DeadlineExceeded):  # while one was checked
             shorter = without_short_arcs(self._task, candidate)
             fine, violation = shorter, math.inf
-            many = self._previous is not None and candidate.durations.size > _WARM_POLISHED
-            if (self._pumping or many) and not self._short_of_time(shorter):
+            warm = self._previous is not None
+            many = candidate.durations.size > _WARM_POLISHED if warm else self._pumping
+            if many and not self._short_of_time(shorter):
                 fine, violation = self._corrected(shorter, FINE_STEPS)
             omitted = shorter.durations.size < candidate.durations.size
             for arcs in [shorter, candidate] if omitted else [shorter]:
@@ -262,7 +263,7 @@ class SwitchingMethod(Search[Candidate]):
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
             found += shot(self._task, batch, 2 * self._steps // 3, self._part(_STEERED))
             index = int(np.argmin(batch.costs))
-            if self._closest is None or batch.costs[index] < self._closest[0]:
+            if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
                 row = batch.rows(np.array([index]))
                 self._closest = float(row.costs[0]), row.durations[0], row.torques[0]
             self._starts += size

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_kernels import roll_ends
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -128,18 +128,17 @@ class SwingUpTask:
         one, more = np.triu_indices(_SWITCHES + 1)
         first = (one / _SWITCHES) ** 2
         second = np.minimum(first + ((more - one) / _SWITCHES) ** 1.5, 1.0)
-        durations = horizon * np.stack([first, second - first, 1.0 - second], axis=1)
-        torques = np.tile(self.torque * np.array([1.0, -1.0, 1.0]), (one.size, 1))
-        _, peaks = roll_ends(
-            self.plant.coefficients,
-            self.start,
-            np.concatenate([durations, durations]),
-            np.concatenate([torques, -torques]),
-            np.full(2 * one.size, 3),
-            _PEAK_STEP,
-            _PEAK * limit,
-        )
-        return float(peaks.min())
+        shares = np.stack([first, second - first, 1.0 - second], axis=1)
+        durations = horizon * np.repeat(shares, 2, axis=0)
+        torques = self.torque * np.tile([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]], (one.size, 1))
+        k, start, best = self.plant.coefficients, self.start, _PEAK * limit
+        for begin in range(0, len(durations), LANES):  # a motion ends beyond the best so far
+            some = slice(begin, begin + LANES)
+            held = durations[some], torques[some], np.full(len(durations[some]), 3)
+            best = min(best, *roll_ends(k, start, *held, _PEAK_STEP, best)[1].tolist())
+            if best <= limit:
+                break
+        return best
 
     @property
     def unstoppable(self) -> str:
