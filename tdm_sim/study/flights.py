@@ -40,6 +40,7 @@ from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, Simulate
 
 Array = NDArray[np.float64]
 
+MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 FLOWN = 'flown.'  # before the name of a limit: what flights leave of it at worst
 _AFTER = 0.1  # s that a flight lasts beyond what its judge asks for
 

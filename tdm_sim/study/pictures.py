@@ -31,8 +31,8 @@ from tdm_planner.plan_files import write_file
 from tdm_planner.plotting import legend_above
 from tdm_sim.report.page import page_html
 from tdm_sim.report.tables import card
-from tdm_sim.study.flights import FLOWN
-from tdm_sim.study.study import Axis, cell, MARGIN
+from tdm_sim.study.axes import Axis, cell
+from tdm_sim.study.flights import FLOWN, MARGIN
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]

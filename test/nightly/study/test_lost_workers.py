@@ -15,7 +15,8 @@ import psutil
 from ros_harness import PATIENCE, SOURCE
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.study import Axis, each, run, workers
-from tdm_sim.study.study import points_of, Table, Trial
+from tdm_sim.study.axes import points_of
+from tdm_sim.study.study import Table, Trial
 
 
 def squared(folder: Path, number: int) -> int:

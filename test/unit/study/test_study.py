@@ -27,18 +27,10 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.tracking import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.progress import Progress
+from tdm_sim.study.axes import Axis, cell, checked, parse_axis, points_of
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.pictures import draw, write_page
-from tdm_sim.study.study import (
-    _collect,
-    Axis,
-    cell,
-    checked,
-    parse_axis,
-    points_of,
-    Table,
-    Trial,
-)
+from tdm_sim.study.study import _collect, Table, Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
 WEAK = {'limits.torque': 1e-4, 'solver.deadline': 0.05}
