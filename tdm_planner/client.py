@@ -101,8 +101,8 @@ class PlanClient:
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
         self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id, the newest last
-        self._last: Mapping[str, Any] = {}  # of them
-        self._newest: tuple[Mapping[str, Any], PlanResult | None] = {}, None
+        self._last: Mapping[str, Any] | None = None  # of them
+        self._newest: tuple[Mapping[str, Any] | None, PlanResult | None] = None, None
         self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
         self._subscriptions: dict[str, Any] = {}
         self._client = node.create_client(
@@ -203,7 +203,7 @@ class PlanClient:
         It is known as far as the node has been served.
         """
         told = self._last
-        if told is not self._newest[0] and (found := self._read(told)) is not None:
+        if told and told is not self._newest[0] and (found := self._read(told)) is not None:
             self._newest = told, found
         return self._newest[1]
 

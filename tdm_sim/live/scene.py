@@ -186,7 +186,7 @@ class Layer:
         self._update(None, points=picture.lines, colors=_LINEAR[picture.line_colours])
 
     def _update(self, kind: Kind | None, **values: Any) -> None:
-        """Show other values; made anew where their number, the length of the first, changes."""
+        """Show other values; what is shown is replaced where the length of the first changes."""
         count = len(next(iter(values.values())))
         handle, before = self._shown.get(kind, (None, 0))
         if handle is not None and before == count:
