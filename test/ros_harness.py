@@ -24,7 +24,7 @@ from tdm_planner.starting import NODES as MODULES
 
 ENOUGH = 40.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
-PATIENCE = 60.0  # s that anything may take on a busy machine
+PATIENCE = 120.0  # s that anything may take on a busy machine
 QUEUE = 20_000  # messages that may wait where every one counts
 CLOCK_STEP = 0.005  # s, the period of tracker and plant
 STALL = 8.0  # s of real time for which a busy computer may hold up one of them
