@@ -91,7 +91,7 @@ class Transcription(NonlinearProgram):
         # Integrated states with a given end: index among them, end, scale.
         states = enumerate(self.integrated.values())
         self._ended = [(i, s.end, s.scale) for i, s in states if s.end is not None]
-        self._weights, steps = quadrature_weights(nodes), np.diff(nodes)
+        steps = np.diff(nodes)
         self._step_numbers = np.hstack([np.tile(self._numbers, (steps.size, 1)), steps[:, None]])
         # Where equalities and margins stand among all values, which begin with J.
         first = 1 + len(self._ended) + self._graphs.ends + self._graphs.starts
@@ -104,6 +104,11 @@ class Transcription(NonlinearProgram):
         self.kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
         self.kept[0, ~self.trace.of_controls] = 0.0
         self.kept[-1, ~self.trace.of_controls] = 0.0
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Weights (K,) of the cost's quadrature: not needed by those who only sample a motion."""
+        return quadrature_weights(self.nodes)
 
     @cached_property
     def first_guess(self) -> Array:
