@@ -25,6 +25,7 @@ from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.trajectory import NANOSECOND, Sample, TimedTrajectory, Trajectory
+from tdm_planner.verification import Constraint
 from tdm_sim.live.geometry import Array, Colour
 from tdm_sim.live.listener import Listener
 
@@ -169,6 +170,7 @@ class History:
 
     def __init__(self, view: PlantView) -> None:
         self.view = view
+        self._limits: tuple[Any, Sequence[Constraint]] = None, ()  # of a plan, by a view
         self._rows: deque[tuple[float, Array, Array]] = deque(maxlen=round(SPAN * RATE))
 
     def add(self, instant: float, state: Array, control: Array) -> None:
@@ -206,8 +208,11 @@ class History:
         self, plan: Trajectory, times: Array, states: Array, controls: Array
     ) -> dict[str, Array]:
         """Return what is left to every limit, as a share of the most in what is shown."""
+        of = plan, self.view
+        if self._limits[0] != of:
+            self._limits = of, self.view.constraints(plan)
         found = {}
-        for limit in self.view.constraints(plan):
+        for limit in self._limits[1]:
             with np.errstate(all='ignore'):
                 left = np.asarray(limit.margin(times, states, controls), dtype=float)
             if left.shape == times.shape and np.isfinite(left).all():
