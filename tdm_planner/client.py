@@ -34,9 +34,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.nodes.reading import nanoseconds_of, read_plan, SECOND
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 T = TypeVar('T')

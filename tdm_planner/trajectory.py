@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Interpolation = Literal['zero_order_hold', 'linear', 'cubic']
 
 NANOSECOND = 1e-9
+SECOND = 1_000_000_000  # ns
 
 
 class Sample(NamedTuple):

@@ -23,9 +23,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import SECOND
 from tdm_planner.plant_kind import Joint, PlantKind
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.trajectory import NANOSECOND, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 # A late subscriber gets the active plan or status.

@@ -26,7 +26,6 @@ from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import make_plan, PlanQueue, Replanning
-from tdm_planner.nodes.reading import SECOND
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import Recovery
@@ -37,7 +36,7 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import SECOND, Trajectory
 
 _REQUEST = specifications(RequestParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import LARGEST, shown
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
-from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
+from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
 
 Array = NDArray[np.float64]
 
-SECOND = 1_000_000_000  # ns
 _UNIT_TOLERANCE = 1e-3
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 

@@ -12,8 +12,7 @@ from typing import Any
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES
 from tdm_planner.replanning.execution import ActivePlan
-
-_SECOND = 1_000_000_000  # ns
+from tdm_planner.trajectory import SECOND
 
 
 def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:
@@ -48,7 +47,7 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
     solution = plan.solution
     document = {
         'plan_id': plan_id,
-        'stamp': {'sec': stamp // _SECOND, 'nanosec': stamp % _SECOND},
+        'stamp': {'sec': stamp // SECOND, 'nanosec': stamp % SECOND},
         **solution.figures,
         'summary': ' '.join(solution.summary.split()),
         'verification': solution.verification.to_dict(),

@@ -15,13 +15,12 @@ from tdm_planner.exceptions import TdmError
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, problem_names
-from tdm_planner.trajectory import Interpolation
+from tdm_planner.trajectory import Interpolation, SECOND
 from tdm_sim.report.mission import Margin, PlanFigures
 
 LONGEST_TEXT = 500
 MOST_ENTRIES = 2000
 _LONGEST_DOCUMENT = 10_000_000  # characters
-_SECOND = 1_000_000_000  # ns
 
 
 def text(value: object, longest: int = LONGEST_TEXT) -> str:
@@ -87,7 +86,7 @@ class PlanSummary(NamedTuple):
 
     def figures(self, origin: int) -> PlanFigures:
         """Return the figures, with times that count from `origin` [ns]."""
-        return plan_figures(self.document, (self.start - origin) / _SECOND)
+        return plan_figures(self.document, (self.start - origin) / SECOND)
 
 
 def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
@@ -121,10 +120,10 @@ def read_summary(data: str) -> PlanSummary | None:
     stamp = numbers(document.get('stamp'))
     sec, nanosec = (stamp.get(name, math.nan) for name in ('sec', 'nanosec'))
     whole = sec.is_integer() and nanosec.is_integer()
-    if not (whole and abs(sec) < 2**31 and 0 <= nanosec < _SECOND and 'problem' in document):
+    if not (whole and abs(sec) < 2**31 and 0 <= nanosec < SECOND and 'problem' in document):
         return None
     return PlanSummary(
-        start=int(sec) * _SECOND + int(nanosec),
+        start=int(sec) * SECOND + int(nanosec),
         problem=text(document['problem'], 100),
         document=document,
         vehicles={
