@@ -126,4 +126,5 @@ class FloatingRobot(Validated, StatedPlant):
 
         linear = trajectory.interpolation == 'linear'
         given = trajectory.times, trajectory.controls, trajectory.states[0], linear
-        return replayed(*given, self.mass, self.inertia, times)
+        # Copied, as numba would compile another kernel for instants that are read-only.
+        return replayed(*given, self.mass, self.inertia, np.array(times))

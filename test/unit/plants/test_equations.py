@@ -18,7 +18,13 @@ from replays import central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants import FloatingRobot, pendulum_kernels, RotaryPendulum, slopes
+from tdm_planner.plants import (
+    FloatingRobot,
+    pendulum_kernels,
+    robot_replay,
+    RotaryPendulum,
+    slopes,
+)
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_lanes, roll_states
@@ -232,6 +238,14 @@ def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
     rates = robot_rates({'plant.mass': ROBOT.mass, 'plant.inertia': ROBOT.inertia})
     at, states, _ = zip(*replayed(document, rates, 2e-3), strict=True)
     assert ROBOT.replay(plan, np.array(at)) == pytest.approx(np.array(states), abs=2e-7)
+
+
+def test_one_kernel_replays_read_only_instants_and_others():
+    plan = trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros(7))
+    assert not plan.times.flags.writeable
+    for times in (plan.times, np.array(plan.times)):
+        ROBOT.replay(plan, times)
+    assert len(robot_replay.replayed.signatures) == 1
 
 
 def test_verification_replays_splines_by_integration():
