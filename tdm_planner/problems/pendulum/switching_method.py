@@ -70,8 +70,9 @@ _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
-# s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
-_OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
+# s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely;
+# share of a check's time that its replay may take
+_OVERTIME, _INTEGRATION_TIME, _REPLAYED = 0.03, 3e-5, 0.65
 _FEASIBLE = 1e-6  # violation after a polish
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
@@ -189,10 +190,8 @@ class SwitchingMethod(Search[Candidate]):
         """Return the motion with its check, which may end a little after the deadline."""
         if self._short_of_time(candidate, _OVERTIME):
             raise DeadlineExceeded('there is no time for a check')
-        began = self.budget.elapsed
         motion = trajectory(self._task, candidate)
-        afterwards = self.budget.elapsed - began  # for what follows the replay: about as long
-        until = self.budget.part(self.budget.remaining + _OVERTIME - afterwards)
+        until = self.budget.part(_REPLAYED * (self.budget.remaining + _OVERTIME))
         return self._task.plan(motion, candidate.durations, violation, until)
 
     def _short_of_time(self, candidate: Candidate, overtime: float = 0.0) -> bool:
