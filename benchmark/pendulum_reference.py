@@ -21,6 +21,7 @@ from benchmark.peers.pendulum_collocation import PendulumCollocation
 from benchmark.pendulum import BEST_KNOWN, problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -46,7 +47,7 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     budget = Budget(math.inf)
     batch = starts(task, np.random.default_rng([seed, 1]), STARTS, 10)
     best: Candidate | None = None
-    for candidate in distinct(shot(task, batch, COARSE_STEPS, budget))[:POLISHED]:
+    for candidate in distinct(shot(task, batch, Steps(COARSE_STEPS), budget))[:POLISHED]:
         better, violation = polish(task, candidate, COARSE_STEPS, 1e-8, budget)
         if violation < 1e-6 and (best is None or better.total < best.total):
             fine, violation = polish(

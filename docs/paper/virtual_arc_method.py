@@ -22,7 +22,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.problems import Solution
-from tdm_planner.problems.pendulum.shooting import ArcBatch
+from tdm_planner.problems.pendulum.shooting import ArcBatch, Steps
 from tdm_planner.problems.pendulum.switching_search import FINE_STEPS, shot, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.problem import Search
@@ -196,7 +196,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
             np.array([float(program.turns)]),
             np.full(1, np.inf),
         )
-        arrived = shot(self._task, batch, FINE_STEPS, self.budget.part(math.inf))
+        arrived = shot(self._task, batch, Steps(FINE_STEPS), self.budget.part(math.inf))
         return trajectory(self._task, arrived[0]) if arrived else None
 
     def _monotone(self, motion: Trajectory) -> bool:

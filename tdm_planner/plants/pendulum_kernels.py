@@ -36,6 +36,8 @@ _STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
+# Of an arc; share of what is left that counts as all of it; of `quick_time`, to look at it.
+_MOST_NODES, _ALL, _LOOK = 1000, 1.0 - 1e-9, 0.2
 
 
 @inlined
@@ -57,25 +59,63 @@ runge_kutta = _written(stated.runge_kutta)
 _step_with_slopes = _written(stated.runge_kutta, 'theta', 'theta_dot', 'psi_dot', 'h')
 
 
+@inlined
+def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
+    """
+    Time scale of the motion about a state [s], which steps are to be a share of.
+
+    With D the determinant of the mass matrix: that of small swings where the disk turns at psi'
+    and with them, and the time in which D, by which everything is divided, changes.
+    """
+    sine, cosine = sine_and_cosine(theta)
+    j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
+    bend = k.pendulum * (k.disk_sine - k.disk_cosine) + k.arm * k.arm
+    determinant = k.pendulum * j - k.arm * k.arm * cosine * cosine
+    pull = j * (k.gravity + abs(k.coupling) * v * v) + abs(bend) * w * w
+    return math.sqrt(determinant / pull)
+
+
+@compiled
+def steps_of_arcs(
+    k: Coefficients, start: Array, durations: Array, torques: Array, fewest: int, share: float
+) -> Integers:
+    """Return the numbers (K,) of equal steps, none longer than that share of `quick_time`."""
+    steps = np.empty(durations.size, np.intp)
+    theta, w, v = start[0], start[2], start[3]
+    for arc in range(durations.size):
+        left, least = durations[arc], np.inf
+        for node in range(1, _MOST_NODES + 1):
+            quick = quick_time(k, theta, w, v)
+            least = min(least, quick)
+            h = _LOOK * quick if _LOOK * quick < left and node < _MOST_NODES else left
+            theta, _, w, v = runge_kutta(k, theta, w, v, torques[arc], h)
+            left -= h
+            if not left > 0.0:
+                break
+        wanted = durations[arc] / (share * least)
+        steps[arc] = max(fewest, math.ceil(min(wanted, _MOST_NODES)) if wanted > 0.0 else 0)
+    return steps
+
+
 @compiled
 def roll_arcs(
-    k: Coefficients, start: Array, durations: Array, torques: Array, steps: int
+    k: Coefficients, start: Array, durations: Array, torques: Array, steps: Integers
 ) -> tuple[Array, Array, Array]:
     """
-    Integrate K arcs by RK4, `steps` steps each; the exact derivatives of the discrete states.
+    Integrate K arcs by RK4, in `steps` (K,) each; the exact derivatives of the discrete states.
 
-    Returns the states (n, 4), n = K steps + 1; `within` (n, 4, 4), their derivatives by theta,
+    Returns the states (n, 4), one more than steps; `within` (n, 4, 4), their derivatives by theta,
     theta', psi' at the beginning of the arc that ends there or goes on, and by its duration; and
     `begins` (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
     """
-    arcs, node = durations.size, 0
-    states, within = np.empty((arcs * steps + 1, 4)), np.zeros((arcs * steps + 1, 4, 4))
+    arcs, node, nodes = durations.size, 0, steps.sum() + 1
+    states, within = np.empty((nodes, 4)), np.zeros((nodes, 4, 4))
     begins = np.zeros((arcs + 1, 4, arcs))
     states[0] = start
     for arc in range(arcs):
-        h, x = durations[arc] / steps, np.zeros((4, 4))
+        h, x = durations[arc] / steps[arc], np.zeros((4, 4))
         x[0, 0] = x[2, 1] = x[3, 2] = 1.0
-        for _ in range(steps):
+        for _ in range(steps[arc]):
             theta, psi, w, v = states[node]
             (
                 theta, change, w, v,
@@ -83,7 +123,8 @@ def roll_arcs(
             ) = _step_with_slopes(k, theta, w, v, torques[arc], h)  # fmt: skip
             for c in range(4):
                 by_theta, by_w, by_v = x[0, c], x[2, c], x[3, c]
-                longer = 1.0 / steps if c == 3 else 0.0  # by the duration the step itself grows
+                # By the duration the step itself grows.
+                longer = 1.0 / steps[arc] if c == 3 else 0.0
                 x[0, c] = a1 * by_theta + a2 * by_w + a3 * by_v + a4 * longer
                 x[1, c] += b1 * by_theta + b2 * by_w + b3 * by_v + b4 * longer
                 x[2, c] = c1 * by_theta + c2 * by_w + c3 * by_v + c4 * longer
@@ -133,13 +174,13 @@ def _step_lanes(k: Coefficients, x: Array, h: Array, torques: Array, columns: Ar
 
 
 @compiled
-def _remember_peaks(x: Array, columns: Array, node: float, peaks: Array) -> None:
-    """Where |psi| is larger than any before in the arc: psi, node, psi' and derivatives of psi."""
+def _remember_peaks(x: Array, columns: Array, left: Array, peaks: Array) -> None:
+    """Where |psi| is larger than any before: psi, time left, psi' and derivatives of psi."""
     for i in range(LANES):
         psi = x[PSI + i]
         larger = abs(psi) > abs(peaks[i])
         peaks[i] = psi if larger else peaks[i]
-        peaks[LANES + i] = node if larger else peaks[LANES + i]
+        peaks[LANES + i] = left[i] if larger else peaks[LANES + i]
         peaks[2 * LANES + i] = x[PSI_DOT + i] if larger else peaks[2 * LANES + i]
         for m in range(3):
             n = (3 + m) * LANES + i
@@ -165,19 +206,21 @@ def roll_lanes(
     durations: Array,
     torques: Array,
     arcs: int,
-    steps: int,
+    fewest: Integers,
+    share: float,
     state: Array,
     derivatives: Array,
     peaks: Array,
     peak_slopes: Array,
 ) -> None:
     """
-    Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs of `steps` RK4 steps.
+    Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs by RK4.
 
-    `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. `state` becomes the final
-    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every arc that is
-    largest in size, `peaks` (K, LANES); and its derivatives by the durations up to the arc's own,
-    `peak_slopes` (K, K, LANES).
+    The steps are that `share` of `quick_time`; an arc has `fewest` (K,) at least, or one if its
+    duration is negative. `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs.
+    `state` becomes the final one. Filled are its `derivatives` (K, 4 LANES) by the durations; the
+    psi of every arc that is largest in size, `peaks` (K, LANES); and its derivatives by the
+    durations up to the arc's own, `peak_slopes` (K, K, LANES).
 
     The derivative by an arc's duration begins at its end with the rate of the states there. That
     is exact for the motion itself; of the discrete motion it is off by the error of RK4. Later
@@ -185,42 +228,41 @@ def roll_lanes(
     three columns (by theta, theta', psi'; the motion does not depend on psi).
     """
     h, columns, found = np.empty(LANES), np.empty(3 * STATE), np.empty(6 * LANES)
+    left, quick = np.empty(LANES), np.empty(LANES)
     for arc in range(arcs):
-        torque = torques[arc]
-        columns[:], found[:] = 0.0, 0.0
+        duration, torque = durations[arc], torques[arc]
+        columns[:], found[:], left[:] = 0.0, 0.0, duration
         for i in range(LANES):
-            h[i] = durations[arc, i] / steps
             columns[i] = columns[STATE + THETA_DOT + i] = columns[2 * STATE + PSI_DOT + i] = 1.0
-        for node in range(1, steps + 1):
+        for node in range(1, _MOST_NODES + 1):
+            quick[:] = np.inf
+            if share < np.inf:
+                for i in range(LANES):
+                    w, v = state[THETA_DOT + i], state[PSI_DOT + i]
+                    quick[i] = share * quick_time(k, state[i], w, v)
+            longest = 0.0
+            for i in range(LANES):
+                step = min(quick[i], duration[i] / fewest[arc])
+                some = 0.0 < step < _ALL * left[i] and node < _MOST_NODES
+                h[i] = step if some else left[i]
+                left[i] -= h[i]
+                longest = max(left[i], longest)
             _step_lanes(k, state, h, torque, columns)
-            _remember_peaks(state, columns, node, found)
+            _remember_peaks(state, columns, left, found)
+            if not longest > 0.0:
+                break
         for p in range(arc):
             _carry(derivatives[p], columns, found, peak_slopes[arc, p])
         peak, slope, rates = peaks[arc], peak_slopes[arc, arc], derivatives[arc]
         for i in range(LANES):
             # Within the arc, from its beginning: tau / d of the whole change by its duration.
-            peak[i], slope[i] = found[i], found[LANES + i] / steps * found[2 * LANES + i]
+            part = 1.0 - found[LANES + i] / duration[i] if duration[i] > 0.0 else 1.0
+            peak[i], slope[i] = found[i], part * found[2 * LANES + i]
             w, v = state[THETA_DOT + i], state[PSI_DOT + i]
             rates[i], rates[PSI + i] = w, v
             rates[THETA_DOT + i], rates[PSI_DOT + i] = quick_accelerations(
                 k, state[i], w, v, torque[i]
             )
-
-
-@inlined
-def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
-    """
-    Time scale of the motion about a state [s], which steps are to be a share of.
-
-    With D the determinant of the mass matrix: that of small swings where the disk turns at psi'
-    and with them, and the time in which D, by which everything is divided, changes.
-    """
-    sine, cosine = sine_and_cosine(theta)
-    j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
-    bend = k.pendulum * (k.disk_sine - k.disk_cosine) + k.arm * k.arm
-    determinant = k.pendulum * j - k.arm * k.arm * cosine * cosine
-    pull = j * (k.gravity + abs(k.coupling) * v * v) + abs(bend) * w * w
-    return math.sqrt(determinant / pull)
 
 
 @compiled

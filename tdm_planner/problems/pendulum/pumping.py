@@ -31,6 +31,7 @@ from tdm_planner.plants.pendulum_kernels import (
     PSI_DOT,
     quick_accelerations,
     quick_time,
+    roll_ends,
     STEP,
     step_lanes,
     THETA_DOT,
@@ -38,11 +39,11 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
-    COARSE_STEPS,
+    COMING,
     FEWEST_ARCS,
     land,
     landed_finely,
-    STEERED_STEPS,
+    stacked,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
@@ -65,11 +66,13 @@ _VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the
 _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
-_PUMPED = 0.3  # share of the time after which a lane each that came near will do
+_PUMPED = 0.1  # share of the time after which a lane each that came near will do
 _MANY, _AT_LEISURE = 3, 0.2  # a lane that are gathered first, up to that share of the time
-_LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
+# Variants, the most promising, that are landed; arrivals that do; share of the time after which
+# one does.
+_LANDED, _ENOUGH, _ONE_DOES = 48, 5, 0.3
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
-_PATIENCE, _RANK = 30.0, 6.0  # times that weight: at most, and where variants are compared
+_PATIENCE, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
 _EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
@@ -329,14 +332,26 @@ def pumped(
     while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS), most, until)
-    steps = min(task.steps(COARSE_STEPS), STEERED_STEPS)
-    landed: list[Candidate] = []
+    swings, landed = _nearest(task, swings), list[Candidate]()
     for first in range(0, len(swings), LANES):
-        if until.spent or len(landed) >= _ENOUGH:
+        late = until.elapsed > _ONE_DOES * until.seconds
+        if until.spent or len(landed) >= (1 if late else _ENOUGH):
             break
         some = slice(first, first + LANES)
-        landed += land(task, swings[some], steps, until)
+        landed += land(task, swings[some], COMING, until)
     return landed_finely(task, landed, until), tried
+
+
+def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
+    """Sort by what they promise, integrated again: near upright an error grows quickly."""
+    w0 = task.plant.natural_frequency
+    given = stacked([(each.durations, each.torques) for each in swings])
+    ends, _ = roll_ends(task.plant.coefficients, task.start, *given, COMING.share, np.inf)
+    goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
+    distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
+    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
+    promises = [w0 * each.total for each in swings] + weight * distances
+    return [swings[i] for i in np.argsort(promises)]
 
 
 def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list[Candidate]:

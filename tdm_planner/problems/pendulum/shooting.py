@@ -34,6 +34,17 @@ EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squar
 TRIES = 6  # ever more damped steps tried from one point
 
 
+class Steps(NamedTuple):
+    """RK4 steps of that share of the motion's time scale, so many an arc at least."""
+
+    fewest: int
+    share: float = math.inf
+
+    def finer(self, times: int) -> Steps:
+        """Return so many times as many steps."""
+        return Steps(times * self.fewest, self.share / times)
+
+
 class Effort(NamedTuple):
     """
     What is spent on a start: `iterations`, none of which changes an arc by more than `reach` / w0.
@@ -214,7 +225,7 @@ def shoot_arcs(
     batch: ArcBatch,
     psi_max: float,
     w0: float,
-    steps: int,
+    steps: Steps,
     effort: Effort,
 ) -> int:
     """
@@ -234,7 +245,7 @@ def shoot_arcs(
     wrong, scale = np.empty((LANES, 4 + most)), np.empty((LANES, most))
     count, damping, longest = np.zeros(LANES, np.intp), np.empty(LANES), np.empty(LANES)
     accepted, rejected = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
-    residual, trial = np.empty(4 + most), np.empty(most)
+    residual, trial, fewest = np.empty(4 + most), np.empty(most), np.full(most, steps.fewest)
     queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
     in_lane = np.full(LANES, -1, np.intp)
     taken, rollouts = 0, 0
@@ -256,7 +267,9 @@ def shoot_arcs(
             return rollouts
         rollouts += busy
         state[:] = begins
-        roll_lanes(k, trials, held, rolled, steps, state, derivatives, peaks, peak_slopes)
+        roll_lanes(
+            k, trials, held, rolled, fewest, steps.share, state, derivatives, peaks, peak_slopes
+        )  # fmt: skip
         for lane in range(LANES):
             b = in_lane[lane]
             if b < 0:
@@ -301,7 +314,7 @@ def shoot(
     start: Array,
     batch: ArcBatch,
     psi_max: float,
-    steps: int,
+    steps: Steps,
     until: Budget,
     effort: Effort = THOROUGH,
 ) -> None:

@@ -27,12 +27,13 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.pumping import pumped
-from tdm_planner.problems.pendulum.shooting import ARRIVED
+from tdm_planner.problems.pendulum.shooting import ARRIVED, Steps
 from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.switching_motion import evaluate_arcs, lagrangian_slopes
 from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
+    COMING,
     corrected,
     distinct,
     FINE_STEPS,
@@ -54,7 +55,7 @@ from tdm_planner.problems.solution import Solution
 Array = NDArray[np.float64]
 
 # Of random starts: rounds before pumping is tried, rounds for strong motors where it did not help.
-_ROUNDS, _MORE_ROUNDS, _STARTS = 2, 30, 100
+_ROUNDS, _MORE_ROUNDS, _STARTS = 3, 30, 100
 _POLISHED, _POLISHED_PUMPED = 5, 2  # candidates
 _PUMPED_FIRST, _ALWAYS_PUMPED = 0.25, 0.1  # drives below which random starts hardly ever arrive
 # Shares of the deadline after which shooting tries no more starts once there are arrivals, none
@@ -65,9 +66,10 @@ _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _MOST_SHORTENED, _TURNS, _LEAST_GAIN, _SHORTENED = 40, 6, 1e-3, 0.3
 # Fewest arcs of a swing-up by a strong motor that collocation starts from; shares of the deadline
 # after which it does not begin, and ends.
-_FEWEST_COLLOCATED, _COLLOCATED = 12, (0.3, 0.5)
+_FEWEST_COLLOCATED, _COLLOCATED = 12, (0.4, 0.55)
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
+_GUESSED = Steps(8), Steps(8, 0.4)  # of random starts, and where a light disk makes swings quick
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 # s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely;
@@ -117,10 +119,12 @@ class SwitchingMethod(Search[Candidate]):
         self._tolerance = tolerance
         self._previous = previous
         self._replans = previous is not None  # soon matters more than short
-        self._steps = task.steps(COARSE_STEPS)
+        self._finer = 1  # times as many steps, of all but the final polish
         w0 = task.plant.natural_frequency
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
+        # A strong motor that the disk's range makes weak: random starts find shorter swing-ups.
+        self._narrow = self._pumping and task.drive >= _WEAK
         self._rounds = self._starts = 0
         # Sum of squares, durations and torques of the start that missed by least.
         self._closest: tuple[float, Array, Array] | None = None
@@ -130,8 +134,10 @@ class SwitchingMethod(Search[Candidate]):
         """Shoot from initial guesses and minimise the times of the quickest arrivals."""
         if self._previous is not None:
             return self._warm(self._previous)
-        found = self._polished(self._pumped() if self._pumping else self._arrivals())
-        return sorted(found, key=lambda c: c.total)[:_CHECKED]
+        found = self._pumped() if self._pumping else []
+        if not self._pumping or self._narrow:
+            found += self._arrivals()
+        return sorted(self._polished(distinct(found)), key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """
@@ -154,9 +160,7 @@ class SwitchingMethod(Search[Candidate]):
                 if self._short_of_time(arcs):
                     return
                 until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-                fine, violation = polish(
-                    self._task, arcs, self._task.steps(FINE_STEPS), self._tolerance, until
-                )
+                fine, violation = polish(self._task, arcs, FINE_STEPS, self._tolerance, until)
             if not violation < self._lost:
                 self.rejected = 'integrated finely none ends upright any more'
                 return
@@ -175,7 +179,7 @@ class SwitchingMethod(Search[Candidate]):
             for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
         ]
         until = self._part(_WARM_UNTIL)
-        found = land(self._task, guesses, self._steps, until, _WARM_ENOUGH)
+        found = land(self._task, guesses, COMING, until, _WARM_ENOUGH)
         self._starts += len(guesses)
         self._arrived += len(found)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
@@ -202,7 +206,7 @@ class SwitchingMethod(Search[Candidate]):
         return left <= self.budget.charged(_INTEGRATION_TIME * scale)
 
     def _corrected(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
-        return corrected(self._task, candidate, self._task.steps(steps), self.budget)
+        return corrected(self._task, candidate, steps, self.budget)
 
     def widen(self) -> bool:
         """
@@ -216,12 +220,12 @@ class SwitchingMethod(Search[Candidate]):
             self._task = replace(self._task, whole_range=False)
             return True
         if self.rejected:
-            self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
+            self._finer = min(2 * self._finer, FINE_STEPS // COARSE_STEPS)
         if self._pumping:
             self._task = replace(self._task, whole_range=True)
         # From near upright random starts arrive, however weak the motor: they get one turn.
         tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
-        self._pumping = tried or not self._pumping
+        self._pumping = tried or self._narrow or not self._pumping
         return self.budget.elapsed < _STEERED * self.budget.seconds
 
     def failure(self) -> Infeasible:
@@ -246,13 +250,14 @@ class SwitchingMethod(Search[Candidate]):
 
     def _arrivals(self) -> list[Candidate]:
         """
-        Shoot from rounds of random starts; all distinct arrivals, quickest first.
+        Shoot from rounds of random starts; return all arrivals.
 
         Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
         """
         budget, found = self.budget, list[Candidate]()
         again = self._rounds > 0
         strong = self._task.swing_drive >= _PUMPED_FIRST
+        steps = _GUESSED[self._task.plant.quickness > 1.0].finer(self._finer)
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
@@ -260,7 +265,7 @@ class SwitchingMethod(Search[Candidate]):
             if late or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
-            found += shot(self._task, batch, 2 * self._steps // 3, self._part(_STEERED))
+            found += shot(self._task, batch, steps, self._part(_STEERED))
             index = int(np.argmin(batch.costs))
             if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
                 row = batch.rows(np.array([index]))
@@ -268,7 +273,7 @@ class SwitchingMethod(Search[Candidate]):
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
-        return distinct(found)
+        return found
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
         """Minimise the times of the quickest candidates."""
@@ -288,7 +293,8 @@ class SwitchingMethod(Search[Candidate]):
         if not done or self._replans:
             return done
         shorter, left = done[0], self._part(_SHORTENED).seconds
-        if self._task.drive >= _WEAK and shorter.durations.size >= _FEWEST_COLLOCATED:
+        many = shorter.durations.size >= _FEWEST_COLLOCATED
+        if self._narrow or (many and self._task.drive >= _WEAK):
             shorter = self._collocated(shorter)
         if shorter.durations.size <= _MOST_SHORTENED:
             shorter = self._shortened(shorter, budget.part(left))
@@ -297,7 +303,7 @@ class SwitchingMethod(Search[Candidate]):
     @property
     def _coarse_steps(self) -> int:
         """Steps an arc of a coarse polish."""
-        return 2 * self._steps if self._pumping else self._steps
+        return (2 if self._pumping else 1) * self._finer * COARSE_STEPS
 
     def _polish(
         self, candidate: Candidate, until: Budget, cutoff: float = math.inf
@@ -383,7 +389,7 @@ def with_new_arcs(
     torques[:-1:2], torques[-1] = -torques[1::2], -candidate.torques[-1]
     split = replace(candidate, durations=durations, torques=torques)
     xi = task.plant.natural_frequency * durations
-    point = evaluate_arcs(program_of(task, split, -(-steps // _PARTS)), xi)
+    point = evaluate_arcs(program_of(task, split, steps, _PARTS), xi)
     if not point.ends < np.inf:  # the motion runs away, integrated so coarsely
         return None
     there = xi > _EMPTY

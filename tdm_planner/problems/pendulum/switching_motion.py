@@ -13,6 +13,7 @@ states follow by integration and the terminal conditions become equalities,
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, ro
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
 DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
 SMALLEST_CURVATURE = 2e-2
@@ -41,7 +43,7 @@ class ArcProgram(NamedTuple):
     The program for one sequence of torques.
 
     `k` the plant's coefficients, `start` (4,), `torques` (K,) [N m], `goal` 2 pi n,
-    `disk_angle` the limit of |psi| [rad], `steps` the number of RK4 steps an arc.
+    `disk_angle` the limit of |psi| [rad], `steps` (K,) the numbers of RK4 steps of the arcs.
     """
 
     k: Coefficients
@@ -50,7 +52,7 @@ class ArcProgram(NamedTuple):
     goal: float
     disk_angle: float
     w0: float
-    steps: int
+    steps: Integers
 
 
 class ArcPoint(NamedTuple):
@@ -84,10 +86,12 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     ends, highest = np.abs(residual).max(), np.abs(states[1:, 1]).max()
     margins, slopes, beyond = np.full(arcs, np.inf), np.zeros((arcs, arcs)), 0.0
     if not highest < program.disk_angle - NEAR_LIMIT:
+        first = 0
         for arc in range(arcs):
-            height = _peak(states, within, begins, arc, durations[arc], steps, w0, slopes[arc])
+            span = arc, first, steps[arc]
+            height = _peak(states, within, begins, span, durations[arc], w0, slopes[arc])
             margins[arc] = program.disk_angle - height
-            beyond = max(beyond, -margins[arc])
+            beyond, first = max(beyond, -margins[arc]), first + steps[arc]
     if not ends + highest < np.inf:
         ends = beyond = np.inf
     return ArcPoint(xi, xi.sum(), ends, beyond, residual, jacobian, margins, slopes)
@@ -98,14 +102,17 @@ def _peak(
     states: Array,
     within: Array,
     begins: Array,
-    arc: int,
+    span: tuple[int, int, int],
     duration: float,
-    steps: int,
     w0: float,
     slope: Array,
 ) -> float:
-    """Largest |psi| of an arc, of a parabola between nodes; `slope` receives the margin's."""
-    first = arc * steps
+    """
+    Largest |psi| of an arc, of a parabola between nodes; `slope` receives the margin's.
+
+    `span`: the arc, its first node and its number of steps.
+    """
+    arc, first, steps = span
     node = first + 1
     for other in range(first + 2, first + steps + 1):
         if abs(states[other, 1]) > abs(states[node, 1]):
@@ -162,8 +169,8 @@ def _changes_side_by_side(program: ArcProgram, xi: Array, along: Array, duals: A
         for m in range(4):
             parts[m] = program.start[m]
         roll_lanes(
-            program.k, durations, torques, arcs, program.steps, state, derivatives, peaks,
-            peak_slopes,
+            program.k, durations, torques, arcs, program.steps, math.inf, state, derivatives,
+            peaks, peak_slopes,
         )  # fmt: skip
         for p in range(arcs):
             for lane in range(count):

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
-from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states, steps_of_arcs
+from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot, Steps
 from tdm_planner.problems.pendulum.switching_motion import (
     ArcProgram,
     evaluate_arcs,
@@ -33,7 +33,8 @@ Integers = NDArray[np.intp]
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-STEERED_STEPS = 32  # RK4 steps an arc once a sequence has landed
+COMING, _LANDED = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)  # of sequences that come near
+_QUICK = 10.0  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
 _STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
@@ -43,7 +44,8 @@ _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _POLISHED = 16  # last arcs whose time is minimised
-_PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
+_PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small,
+_WEAK = 0.25  # as it always is below that drive
 _CORRECTIONS = 10  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
@@ -152,7 +154,7 @@ def warm_starts(
     return found
 
 
-def shot(task: SwingUpTask, batch: ArcBatch, steps: int, until: Budget) -> list[Candidate]:
+def shot(task: SwingUpTask, batch: ArcBatch, steps: Steps, until: Budget) -> list[Candidate]:
     """Shoot upright in time; return those that arrived."""
     shoot(task.plant, task.start, batch, task.planned_disk_angle, steps, until)
     found: list[Candidate] = []
@@ -167,19 +169,19 @@ def shot(task: SwingUpTask, batch: ArcBatch, steps: int, until: Budget) -> list[
 def land(
     task: SwingUpTask,
     candidates: list[Candidate],
-    steps: int,
+    steps: Steps,
     until: Budget,
     enough: float = math.inf,
 ) -> list[Candidate]:
     """Shoot upright with the arcs that are not fixed, in time, until `enough` have arrived."""
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
-    durations, torques, fixed = _stacked([each.head for each in candidates])
-    k, share = task.plant.coefficients, task.plant.quickness / steps
-    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, share, limit)
+    durations, torques, fixed = stacked([each.head for each in candidates])
+    k = task.plant.coefficients
+    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _LANDED.share, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    durations, torques, counts = _stacked([each.tail for each in left])
+    durations, torques, counts = stacked([each.tail for each in left])
     turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
     batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
     rows, found = np.arange(len(left)), []
@@ -197,7 +199,7 @@ def land(
     return found
 
 
-def _stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
+def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
     """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
     counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
     stacked = np.zeros((2, counts.size, int(counts.max(initial=0))))
@@ -209,9 +211,8 @@ def _stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
 def landed_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    last, steps = list(map(_with_last_varied, quickest)), task.steps(STEERED_STEPS)
-    found = land(task, last, steps, until)
-    return found or list(map(_with_last_varied, land(task, quickest, steps, until)))
+    found = land(task, list(map(_with_last_varied, quickest)), _LANDED, until)
+    return found or list(map(_with_last_varied, land(task, quickest, _LANDED, until)))
 
 
 def _with_last_varied(candidate: Candidate) -> Candidate:
@@ -244,7 +245,7 @@ def polish(
     program = SwitchingTimes(program_of(task, candidate, steps))
     feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
     first = best = program.evaluate(candidate.tail[0] * w0)
-    for penalty in _PENALTIES:
+    for penalty in _PENALTIES[1:] if task.swing_drive < _WEAK else _PENALTIES:
         options = TrustRegionOptions(
             penalties=(penalty / task.distance, penalty / task.distance),
             radius=0.5,
@@ -258,7 +259,7 @@ def polish(
             found = minimise(program, first.xi, options, budget).point
         if found.violation <= max(feasibility, best.violation):
             best = found
-        if best.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
+        if found.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
             break
     return candidate.with_tail(best.xi / w0), best.violation
 
@@ -289,17 +290,19 @@ def corrected(
     return candidate.with_tail(xi / w0), violation
 
 
-def program_of(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
-    """Return the program over the arcs that are not fixed."""
-    plant = task.plant
+def program_of(task: SwingUpTask, candidate: Candidate, steps: int, parts: int = 1) -> ArcProgram:
+    """Return the program over the arcs that are not fixed, each one of `parts` of an arc."""
+    plant, (durations, torques) = task.plant, candidate.tail
+    start = roll_states(plant, task.start, *candidate.head)[-1]
+    fewest, share = -(-steps // parts), _QUICK / steps
     return ArcProgram(
         plant.coefficients,
-        roll_states(plant, task.start, *candidate.head)[-1],
-        candidate.tail[1],
+        start,
+        torques,
         2.0 * math.pi * candidate.turns,
         task.planned_disk_angle,
         plant.natural_frequency,
-        steps,
+        steps_of_arcs(plant.coefficients, start, durations, torques, fewest, share),
     )
 
 
@@ -330,14 +333,12 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
     # The rest of a plan could not tell the ends of a shorter arc apart.
     there = np.diff(switches) > 1.5 * NANOSECOND
-    times, torques = [np.zeros(1)], []
-    for start, end, torque in zip(
-        switches[:-1][there], switches[1:][there], candidate.torques[there], strict=True
-    ):
-        count = max(1, math.ceil((end - start) / spacing))
-        times.append(to_nanoseconds(np.linspace(start, end, count + 1)[1:]))
-        torques.append(np.full(count, torque))
-    instants, held = np.concatenate(times), np.concatenate(torques)
+    begins, lengths = switches[:-1][there], np.diff(switches)[there]
+    counts = np.maximum(np.ceil(lengths / spacing), 1.0).astype(np.intp)
+    part = np.arange(1, counts.sum() + 1) - np.repeat(np.cumsum(counts) - counts, counts)
+    begun, steps = (np.repeat(each, counts) for each in (begins, lengths / counts))
+    instants = np.append(0.0, to_nanoseconds(begun + part * steps))
+    held = np.repeat(candidate.torques[there], counts)
     states = roll_states(task.plant, task.start, np.diff(instants), held)
     controls = np.append(held, held[-1])[:, None]
     return task.trajectory(instants, states, controls)

@@ -73,10 +73,6 @@ class SwingUpTask:
         k = self.plant.coefficients
         return min(self.drive, self.planned_disk_angle * k.arm / k.pendulum)
 
-    def steps(self, usual: int) -> int:
-        """Return the RK4 steps an arc: more than usual where a light disk makes swings quick."""
-        return math.ceil(usual * self.plant.quickness)
-
     def fine_time(self, share: float) -> float:
         """Return that share of the time scale of the quickest swings [s]."""
         return share / self.plant.natural_frequency / self.plant.quickness

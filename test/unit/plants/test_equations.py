@@ -27,10 +27,17 @@ from tdm_planner.plants import (
 )
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_lanes, roll_states
+from tdm_planner.plants.pendulum_kernels import (
+    LANES,
+    roll_arcs,
+    roll_ends,
+    roll_lanes,
+    roll_states,
+    steps_of_arcs,
+)
 from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
-from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot
+from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
@@ -62,7 +69,9 @@ def alternating(count: int, torque: float = 0.05) -> np.ndarray:
 def roll(start, durations, torques, steps):
     arcs, k = durations.size, PLANT.coefficients
     derivatives = np.zeros((arcs * steps + 1, 4, arcs))
-    states, within, begins = pendulum_kernels.roll_arcs(k, start, durations, torques, steps)
+    states, within, begins = pendulum_kernels.roll_arcs(
+        k, start, durations, torques, np.full(arcs, steps)
+    )
     for node, m, p in np.ndindex(arcs * steps, 4, arcs):
         at = node + 1, node // steps, m, p
         derivatives[node + 1, m, p] = pendulum_kernels.derivative(within, begins, *at)
@@ -90,7 +99,19 @@ def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
     given = durations[None], torques[None], arcs, 1.0 / 12.0, np.inf
     ends, _ = roll_ends(plant.coefficients, fall, *given)
     exact = roll_states(plant, fall, durations, torques)[-1]
-    for found, allowed in ((ends[0], 1e-3), (exact, 1e-8)):
+    steps = steps_of_arcs(plant.coefficients, fall, durations, torques, 4, 1.0 / 12.0)
+    assert steps.max() > 2 * steps.min() > 8  # many where it passes upright or hangs
+    states, _, _ = roll_arcs(plant.coefficients, fall, durations, torques, steps)
+    state, other = np.repeat(fall, LANES), np.empty((8, LANES))
+    lanes = np.tile(durations[:, None], LANES), np.zeros((8, LANES))
+    given = 8, np.full(8, 4), 1.0 / 12.0, state, np.empty((8, 4 * LANES)), other
+    roll_lanes(plant.coefficients, *lanes, *given, np.empty((8, 8, LANES)))
+    for found, allowed in (
+        (ends[0], 1e-3),
+        (states[-1], 1e-3),
+        (state[::LANES], 1e-3),
+        (exact, 1e-8),
+    ):
         np.testing.assert_allclose(found / [1, 1, w0, w0], fine / [1, 1, w0, w0], 0, allowed)
 
 
@@ -102,7 +123,18 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     torques = np.tile(alternating(arcs)[:, None], LANES)
     state, derivatives = np.repeat(start, LANES), np.empty((arcs, 4 * LANES))
     peaks, peak_slopes = np.empty((arcs, LANES)), np.zeros((arcs, arcs, LANES))
-    roll_lanes(k, durations, torques, arcs, steps, state, derivatives, peaks, peak_slopes)
+    roll_lanes(
+        k,
+        durations,
+        torques,
+        arcs,
+        np.full(arcs, steps),
+        np.inf,
+        state,
+        derivatives,
+        peaks,
+        peak_slopes,
+    )
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
         states, exact = roll(start, *one, steps)
@@ -146,7 +178,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(shooting, '_cores', lambda: 1)
     alone, together = Budget(math.inf), Budget(math.inf)
-    shoot(PLANT, START, one, 2.0, 12, alone)
+    shoot(PLANT, START, one, 2.0, Steps(12), alone)
     monkeypatch.setattr(shooting, '_cores', lambda: cores)
     shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
@@ -157,7 +189,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
         return shoot_arcs(*arguments)
 
     monkeypatch.setattr(shooting, 'shoot_arcs', noted)
-    shoot(PLANT, START, many, 2.0, 12, together)
+    shoot(PLANT, START, many, 2.0, Steps(12), together)
     assert together.evaluations == alone.evaluations
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)

@@ -27,7 +27,7 @@ from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_motion
-from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
+from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
 from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.switching_method import with_new_arcs
 from tdm_planner.problems.pendulum.switching_motion import (
@@ -201,6 +201,15 @@ def test_foreign_rigs_need_no_settings(made, fewest):
     assert solution.trajectory.times.size < 30_000
 
 
+@pytest.mark.parametrize(('seed', 'longest'), [(9226, 0.92), (9261, 2.7), (9347, 5.3)])
+def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
+    # Integrated in too few steps none of the short swing-ups comes upright.
+    made = random_rig(seed)
+    for start in range(3):
+        solver = dataclasses.replace(made.solver, seed=start)
+        assert checked(dataclasses.replace(made, solver=solver)).duration < longest
+
+
 def test_motions_of_thousands_of_arcs_are_replayed():
     task = random_rig(1070).task
     times = np.arange(7001) * 2.2 / task.plant.natural_frequency
@@ -279,7 +288,7 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
 
 def program(arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None) -> ArcProgram:
     torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
-    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, 12)
+    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, np.full(arcs, 12))
 
 
 @given(DURATIONS, st.integers(0, 100))
@@ -312,7 +321,7 @@ def arrivals(disk_angle: float) -> Iterator[tuple[ArcProgram, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
     batch = starts(task, np.random.default_rng(0), 200, 6)
-    shoot(PLANT, START, batch, disk_angle, 12, Budget(ENOUGH))
+    shoot(PLANT, START, batch, disk_angle, Steps(12), Budget(ENOUGH))
     totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
     for index in np.argsort(totals)[:5]:
         assert batch.costs[index] < ARRIVED
@@ -352,7 +361,7 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     scaled, collocation = [0.61, 1.798, 2.336, 2.498, 2.689, 2.019, 0.681], 8.699
     task = dataclasses.replace(random_rig(1079).task, whole_range=True)
     budget = Budget(ENOUGH)
-    w0, steps = task.plant.natural_frequency, task.steps(24)
+    w0, steps = task.plant.natural_frequency, 24
     torques = task.torque * (-1.0) ** np.arange(len(scaled))
     first = Candidate(np.array(scaled) / w0, torques, 1)
     best, violation = polish(task, first, steps, 1e-8, budget)
@@ -386,7 +395,7 @@ def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
     assert read[0].durations.size > read[1].durations.size
     torques = [float(arcs.durations @ arcs.torques) for arcs in read]
     assert torques[0] == pytest.approx(torques[1], abs=0.05 * read[0].total * task.torque)
-    polished = [polish(task, arcs, task.steps(96), 1e-8, budget) for arcs in read]
+    polished = [polish(task, arcs, 96, 1e-8, budget) for arcs in read]
     best, violation = min(polished, key=lambda found: found[1])
     assert violation < 1e-8
     assert task.plan(trajectory(task, best), best.durations, violation).verification.ok
