@@ -324,9 +324,7 @@ def pumped(
     """
 
     def few(near: int) -> bool:
-        return near < LANES or (
-            near < _MANY * LANES and until.elapsed < _AT_LEISURE * until.seconds
-        )
+        return near < (_MANY if until.elapsed < _AT_LEISURE * until.seconds else 1) * LANES
 
     swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):

@@ -68,9 +68,8 @@ _MOST_SHORTENED, _TURNS, _LEAST_GAIN, _SHORTENED = 40, 6, 1e-3, 0.3
 # after which it does not begin, and ends.
 _FEWEST_COLLOCATED, _COLLOCATED = 12, (0.4, 0.55)
 _WEAK = 0.3  # drive below which a failure is put down to the torque
-_FEWEST_STARTS = 8
 _GUESSED = Steps(8), Steps(8, 0.4)  # of random starts, and where a light disk makes swings quick
-_START_TIME = 1e-3  # s of the deadline for one start of a round
+_FEWEST_STARTS, _START_TIME = 8, 1e-3  # of a round; s of the deadline for one of more
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 # s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely;
 # share of a check's time that its replay may take
@@ -88,8 +87,7 @@ _WARM_UNTIL, _WARM_ENOUGH, _WARM_TRIED, _WARM_POLISHED = 0.6, 2, 3, 12
 _PARTS = 4  # of an arc, before each of which an empty arc is tried
 _MOST_NEW = 2  # arcs at a time: they change the multipliers
 _PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
-_STATIONARY = 0.1  # largest derivative by an arc that is there, at a minimum
-_EMPTY = 1e-7  # w0 d of an arc that may only grow
+_STATIONARY, _EMPTY = 0.1, 1e-7  # largest derivative by arcs at a minimum; w0 d of an empty one
 
 
 class SwitchingMethod(Search[Candidate]):
@@ -146,29 +144,31 @@ class SwitchingMethod(Search[Candidate]):
         Arcs too short to matter are omitted. Of very many arcs the last digits of the time do not
         matter: their ends are corrected only.
         """
+        task, budget = self._task, self.budget
         with suppress(DeadlineExceeded):  # while one was checked
-            shorter = without_short_arcs(self._task, candidate)
+            shorter = without_short_arcs(task, candidate)
             fine, violation = shorter, math.inf
             warm = self._previous is not None
             many = candidate.durations.size > _WARM_POLISHED if warm else self._pumping
             if many and not self._short_of_time(shorter):
-                fine, violation = self._corrected(shorter, FINE_STEPS)
+                fine, violation = corrected(task, shorter, FINE_STEPS, budget)
             omitted = shorter.durations.size < candidate.durations.size
             for arcs in [shorter, candidate] if omitted else [shorter]:
                 if violation < _FEASIBLE:
                     break
                 if self._short_of_time(arcs):
                     return
-                until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-                fine, violation = polish(self._task, arcs, FINE_STEPS, self._tolerance, until)
+                until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+                fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
             if not violation < self._lost:
-                self.rejected = 'integrated finely none ends upright any more'
+                if not budget.spent:  # or else there was no time to correct it
+                    self.rejected = 'integrated finely none ends upright any more'
                 return
             yield self._checked(fine, violation)
             for more in _FINER:
                 if violation > _FEASIBLE or self._short_of_time(fine):
                     return
-                fine, violation = self._corrected(fine, more * FINE_STEPS)
+                fine, violation = corrected(task, fine, more * FINE_STEPS, budget)
                 yield self._checked(fine, violation)
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
@@ -204,9 +204,6 @@ class SwitchingMethod(Search[Candidate]):
         scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
         left = self.budget.remaining + overtime
         return left <= self.budget.charged(_INTEGRATION_TIME * scale)
-
-    def _corrected(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
-        return corrected(self._task, candidate, steps, self.budget)
 
     def widen(self) -> bool:
         """
@@ -338,8 +335,8 @@ class SwitchingMethod(Search[Candidate]):
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for other in collocated(self._task, candidate, until):
                     better, violation = self._polish(other, until, candidate.total)
-                    few = better.durations.size <= self._arcs
-                    if few and violation < _FEASIBLE and better.total < candidate.total:
+                    quicker = violation < _FEASIBLE and better.total < candidate.total
+                    if quicker and better.durations.size <= self._arcs:
                         return better
         return candidate
 
@@ -357,10 +354,8 @@ class SwitchingMethod(Search[Candidate]):
                 f'; a drive this weak ({task.swing_drive:.2g}) takes many swings: a longer '
                 'solver.deadline, more limits.torque or limits.disk_angle may help'
             )
-        if self._closest is None:
-            return search
-        states = roll_states(task.plant, task.start, *self._closest[1:])
-        if not np.isfinite(states).all():
+        states = roll_states(task.plant, task.start, *self._closest[1:]) if self._closest else None
+        if states is None or not np.isfinite(states).all():
             return search
         w0 = task.plant.natural_frequency
         error = np.abs(states[-1] - task.goal_nearest(states[-1]))

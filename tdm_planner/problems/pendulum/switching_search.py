@@ -34,6 +34,7 @@ FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 COMING, _LANDED = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)  # of sequences that come near
+_KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 10.0  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
@@ -178,7 +179,7 @@ def land(
     limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
     durations, torques, fixed = stacked([each.head for each in candidates])
     k = task.plant.coefficients
-    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _LANDED.share, limit)
+    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _KEPT, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     durations, torques, counts = stacked([each.tail for each in left])
