@@ -36,8 +36,7 @@ _STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
-# Of an arc; share of what is left that counts as all of it; of `quick_time`, to look at it.
-_MOST_NODES, _ALL, _LOOK = 1000, 1.0 - 1e-9, 0.2
+MOST_STEPS, ALL = 1000, 1.0 - 1e-9  # of an arc; share of what is left that counts as all of it
 
 
 @inlined
@@ -76,47 +75,26 @@ def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
 
 
 @compiled
-def steps_of_arcs(
-    k: Coefficients, start: Array, durations: Array, torques: Array, fewest: int, share: float
-) -> Integers:
-    """Return the numbers (K,) of equal steps, none longer than that share of `quick_time`."""
-    steps = np.empty(durations.size, np.intp)
-    theta, w, v = start[0], start[2], start[3]
-    for arc in range(durations.size):
-        left, least = durations[arc], np.inf
-        for node in range(1, _MOST_NODES + 1):
-            quick = quick_time(k, theta, w, v)
-            least = min(least, quick)
-            h = _LOOK * quick if _LOOK * quick < left and node < _MOST_NODES else left
-            theta, _, w, v = runge_kutta(k, theta, w, v, torques[arc], h)
-            left -= h
-            if not left > 0.0:
-                break
-        wanted = durations[arc] / (share * least)
-        steps[arc] = max(fewest, math.ceil(min(wanted, _MOST_NODES)) if wanted > 0.0 else 0)
-    return steps
-
-
-@compiled
 def roll_arcs(
-    k: Coefficients, start: Array, durations: Array, torques: Array, steps: Integers
+    k: Coefficients, start: Array, durations: Array, torques: Array, counts: Integers, mesh: Array
 ) -> tuple[Array, Array, Array]:
     """
-    Integrate K arcs by RK4, in `steps` (K,) each; the exact derivatives of the discrete states.
+    Integrate K arcs by RK4 on a mesh, with the exact derivatives of the discrete states.
 
-    Returns the states (n, 4), one more than steps; `within` (n, 4, 4), their derivatives by theta,
-    theta', psi' at the beginning of the arc that ends there or goes on, and by its duration; and
-    `begins` (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
+    An arc has `counts` (K,) steps, which are the shares `mesh` (n,) of its duration. Returns the
+    states (n + 1, 4); `within` (n + 1, 4, 4), their derivatives by theta, theta', psi' at the
+    beginning of the arc that ends there or goes on, and by its duration; and `begins`
+    (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
     """
-    arcs, node, nodes = durations.size, 0, steps.sum() + 1
+    arcs, node, nodes = durations.size, 0, mesh.size + 1
     states, within = np.empty((nodes, 4)), np.zeros((nodes, 4, 4))
     begins = np.zeros((arcs + 1, 4, arcs))
     states[0] = start
     for arc in range(arcs):
-        h, x = durations[arc] / steps[arc], np.zeros((4, 4))
+        x = np.zeros((4, 4))
         x[0, 0] = x[2, 1] = x[3, 2] = 1.0
-        for _ in range(steps[arc]):
-            theta, psi, w, v = states[node]
+        for _ in range(counts[arc]):
+            (theta, psi, w, v), h = states[node], mesh[node] * durations[arc]
             (
                 theta, change, w, v,
                 a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, d3, a4, b4, c4, d4,
@@ -124,7 +102,7 @@ def roll_arcs(
             for c in range(4):
                 by_theta, by_w, by_v = x[0, c], x[2, c], x[3, c]
                 # By the duration the step itself grows.
-                longer = 1.0 / steps[arc] if c == 3 else 0.0
+                longer = mesh[node] if c == 3 else 0.0
                 x[0, c] = a1 * by_theta + a2 * by_w + a3 * by_v + a4 * longer
                 x[1, c] += b1 * by_theta + b2 * by_w + b3 * by_v + b4 * longer
                 x[2, c] = c1 * by_theta + c2 * by_w + c3 * by_v + c4 * longer
@@ -206,7 +184,8 @@ def roll_lanes(
     durations: Array,
     torques: Array,
     arcs: int,
-    fewest: Integers,
+    counts: Integers,
+    mesh: Array,
     share: float,
     state: Array,
     derivatives: Array,
@@ -216,11 +195,12 @@ def roll_lanes(
     """
     Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs by RK4.
 
-    The steps are that `share` of `quick_time`; an arc has `fewest` (K,) at least, or one if its
-    duration is negative. `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs.
-    `state` becomes the final one. Filled are its `derivatives` (K, 4 LANES) by the durations; the
-    psi of every arc that is largest in size, `peaks` (K, LANES); and its derivatives by the
-    durations up to the arc's own, `peak_slopes` (K, K, LANES).
+    An arc has `counts` (K,) steps, which are the shares `mesh` (n,) of its duration; more where
+    they are longer than that `share` of `quick_time`, one if its duration is negative.
+    `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. `state` becomes the final
+    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every arc that is
+    largest in size, `peaks` (K, LANES); and its derivatives by the durations up to the arc's own,
+    `peak_slopes` (K, K, LANES).
 
     The derivative by an arc's duration begins at its end with the rate of the states there. That
     is exact for the motion itself; of the discrete motion it is off by the error of RK4. Later
@@ -228,13 +208,14 @@ def roll_lanes(
     three columns (by theta, theta', psi'; the motion does not depend on psi).
     """
     h, columns, found = np.empty(LANES), np.empty(3 * STATE), np.empty(6 * LANES)
-    left, quick = np.empty(LANES), np.empty(LANES)
+    left, quick, first = np.empty(LANES), np.empty(LANES), 0
     for arc in range(arcs):
         duration, torque = durations[arc], torques[arc]
         columns[:], found[:], left[:] = 0.0, 0.0, duration
         for i in range(LANES):
             columns[i] = columns[STATE + THETA_DOT + i] = columns[2 * STATE + PSI_DOT + i] = 1.0
-        for node in range(1, _MOST_NODES + 1):
+        for node in range(MOST_STEPS):
+            part = mesh[first + min(node, counts[arc] - 1)]
             quick[:] = np.inf
             if share < np.inf:
                 for i in range(LANES):
@@ -242,8 +223,8 @@ def roll_lanes(
                     quick[i] = share * quick_time(k, state[i], w, v)
             longest = 0.0
             for i in range(LANES):
-                step = min(quick[i], duration[i] / fewest[arc])
-                some = 0.0 < step < _ALL * left[i] and node < _MOST_NODES
+                step = min(quick[i], part * duration[i])
+                some = 0.0 < step < ALL * left[i] and node < MOST_STEPS - 1
                 h[i] = step if some else left[i]
                 left[i] -= h[i]
                 longest = max(left[i], longest)
@@ -251,6 +232,7 @@ def roll_lanes(
             _remember_peaks(state, columns, left, found)
             if not longest > 0.0:
                 break
+        first += counts[arc]
         for p in range(arc):
             _carry(derivatives[p], columns, found, peak_slopes[arc, p])
         peak, slope, rates = peaks[arc], peak_slopes[arc, arc], derivatives[arc]

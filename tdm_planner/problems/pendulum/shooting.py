@@ -245,7 +245,8 @@ def shoot_arcs(
     wrong, scale = np.empty((LANES, 4 + most)), np.empty((LANES, most))
     count, damping, longest = np.zeros(LANES, np.intp), np.empty(LANES), np.empty(LANES)
     accepted, rejected = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
-    residual, trial, fewest = np.empty(4 + most), np.empty(most), np.full(most, steps.fewest)
+    residual, trial = np.empty(4 + most), np.empty(most)
+    counts, mesh = np.full(most, steps.fewest), np.full(most * steps.fewest, 1.0 / steps.fewest)
     queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
     in_lane = np.full(LANES, -1, np.intp)
     taken, rollouts = 0, 0
@@ -268,7 +269,8 @@ def shoot_arcs(
         rollouts += busy
         state[:] = begins
         roll_lanes(
-            k, trials, held, rolled, fewest, steps.share, state, derivatives, peaks, peak_slopes
+            k, trials, held, rolled, counts, mesh, steps.share, state, derivatives, peaks,
+            peak_slopes,
         )  # fmt: skip
         for lane in range(LANES):
             b = in_lane[lane]

@@ -25,12 +25,22 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import derivative, LANES, roll_arcs, roll_lanes
+from tdm_planner.plants.pendulum_kernels import (
+    ALL,
+    derivative,
+    LANES,
+    MOST_STEPS,
+    quick_time,
+    roll_arcs,
+    roll_lanes,
+    runge_kutta,
+)
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
+_LOOK = 0.2  # of `quick_time`: steps in which a motion is looked at for a mesh
 DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
 SMALLEST_CURVATURE = 2e-2
 _SIDE_BY_SIDE = 4  # directions from which it takes less time to look at them together
@@ -43,7 +53,7 @@ class ArcProgram(NamedTuple):
     The program for one sequence of torques.
 
     `k` the plant's coefficients, `start` (4,), `torques` (K,) [N m], `goal` 2 pi n,
-    `disk_angle` the limit of |psi| [rad], `steps` (K,) the numbers of RK4 steps of the arcs.
+    `disk_angle` the limit of |psi| [rad], `counts` (K,) and `mesh` (n,) the RK4 steps of the arcs.
     """
 
     k: Coefficients
@@ -52,7 +62,8 @@ class ArcProgram(NamedTuple):
     goal: float
     disk_angle: float
     w0: float
-    steps: Integers
+    counts: Integers
+    mesh: Array
 
 
 class ArcPoint(NamedTuple):
@@ -74,11 +85,52 @@ class ArcPoint(NamedTuple):
 
 
 @compiled
+def mesh_of_arcs(
+    k: Coefficients, start: Array, durations: Array, torques: Array, fewest: int, share: float
+) -> tuple[Integers, Array]:
+    """
+    Return where to step in arcs: the numbers of steps (K,), and (n,) shares of arcs' durations.
+
+    A step is no longer than that share of `quick_time`, nor than a `fewest`-th of its arc.
+    """
+    counts, mesh = np.full(durations.size, fewest), np.empty(durations.size * MOST_STEPS)
+    times, steps = np.zeros(MOST_STEPS + 1), np.zeros(MOST_STEPS + 1)  # from the arc's beginning
+    theta, w, v, filled = start[0], start[2], start[3], 0
+    for arc in range(durations.size):
+        duration, last = durations[arc], 0
+        quick, longest = quick_time(k, theta, w, v), duration / fewest
+        while times[last] < duration:
+            left, h = duration - times[last], min(_LOOK * quick, longest)
+            h = h if h < ALL * left and last < MOST_STEPS - 1 else left
+            theta, _, w, v = runge_kutta(k, theta, w, v, torques[arc], h)
+            before, quick = quick, quick_time(k, theta, w, v)
+            steps[last + 1] = steps[last] + h / min(share * min(before, quick), longest)
+            last += 1
+            times[last] = times[last - 1] + h if h < left else duration
+        if last > 0 and steps[last] < np.inf:
+            counts[arc] = min(math.ceil(ALL * steps[last]), MOST_STEPS)
+        n, node, reached = counts[arc], 0, 0.0
+        for step in range(1, n + 1):
+            time = step / n
+            if last > 0 and steps[last] < np.inf and step < n:
+                wanted = time * steps[last]
+                while steps[node + 1] < wanted:
+                    node += 1
+                part = (wanted - steps[node]) / (steps[node + 1] - steps[node])
+                time = (times[node] + part * (times[node + 1] - times[node])) / duration
+            mesh[filled], reached = time - reached, time
+            filled += 1
+    return counts, mesh[:filled]
+
+
+@compiled
 def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     """Integrate the motion, with derivatives; infinitely bad where it runs away."""
-    arcs, w0, steps = xi.size, program.w0, program.steps
+    arcs, w0, counts, mesh = xi.size, program.w0, program.counts, program.mesh
     durations = xi / w0
-    states, within, begins = roll_arcs(program.k, program.start, durations, program.torques, steps)
+    states, within, begins = roll_arcs(
+        program.k, program.start, durations, program.torques, counts, mesh
+    )
     residual, jacobian = states[-1].copy(), begins[-1] / w0
     residual[0] -= program.goal
     residual[2:] /= w0
@@ -88,10 +140,12 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     if not highest < program.disk_angle - NEAR_LIMIT:
         first = 0
         for arc in range(arcs):
-            span = arc, first, steps[arc]
-            height = _peak(states, within, begins, span, durations[arc], w0, slopes[arc])
+            nodes = first, first + counts[arc]
+            height = _peak(
+                states, within, begins, arc, nodes, durations[arc], mesh, w0, slopes[arc]
+            )
             margins[arc] = program.disk_angle - height
-            beyond, first = max(beyond, -margins[arc]), first + steps[arc]
+            beyond, first = max(beyond, -margins[arc]), nodes[1]
     if not ends + highest < np.inf:
         ends = beyond = np.inf
     return ArcPoint(xi, xi.sum(), ends, beyond, residual, jacobian, margins, slopes)
@@ -102,31 +156,29 @@ def _peak(
     states: Array,
     within: Array,
     begins: Array,
-    span: tuple[int, int, int],
+    arc: int,
+    nodes: tuple[int, int],
     duration: float,
+    mesh: Array,
     w0: float,
     slope: Array,
 ) -> float:
-    """
-    Largest |psi| of an arc, of a parabola between nodes; `slope` receives the margin's.
-
-    `span`: the arc, its first node and its number of steps.
-    """
-    arc, first, steps = span
+    """Largest |psi| of an arc, of a parabola between nodes; `slope` receives the margin's."""
+    first, last = nodes
     node = first + 1
-    for other in range(first + 2, first + steps + 1):
+    for other in range(first + 2, last + 1):
         if abs(states[other, 1]) > abs(states[node, 1]):
             node = other
     sign = -1.0 if states[node, 1] < 0.0 else 1.0
     height = sign * states[node, 1]
     left = node if sign * states[node, 3] > 0.0 else node - 1
-    right = min(left + 1, first + steps)
+    right = min(left + 1, last)
     rising, falling = sign * states[left, 3], sign * states[right, 3]
     if not (right > left and rising > 0.0 and falling < 0.0):
         for p in range(arc + 1):
             slope[p] = -sign / w0 * derivative(within, begins, node, arc, 1, p)
         return float(height)
-    h, bend = duration / steps, rising - falling
+    h, bend = mesh[left] * duration, rising - falling
     height = sign * states[left, 1] + 0.5 * h * rising**2 / bend
     by_rising = 0.5 * h * (2.0 * rising * bend - rising**2) / bend**2
     by_falling = 0.5 * h * rising**2 / bend**2
@@ -136,7 +188,7 @@ def _peak(
         slope[p] += by_rising * derivative(within, begins, left, own, 3, p)
         slope[p] += by_falling * derivative(within, begins, right, arc, 3, p)
         slope[p] *= -sign / w0
-    slope[arc] -= 0.5 * rising**2 / bend / (steps * w0)
+    slope[arc] -= 0.5 * rising**2 / bend * mesh[left] / w0
     return float(height)
 
 
@@ -169,8 +221,8 @@ def _changes_side_by_side(program: ArcProgram, xi: Array, along: Array, duals: A
         for m in range(4):
             parts[m] = program.start[m]
         roll_lanes(
-            program.k, durations, torques, arcs, program.steps, math.inf, state, derivatives,
-            peaks, peak_slopes,
+            program.k, durations, torques, arcs, program.counts, program.mesh, math.inf, state,
+            derivatives, peaks, peak_slopes,
         )  # fmt: skip
         for p in range(arcs):
             for lane in range(count):

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states, steps_of_arcs
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot, Steps
 from tdm_planner.problems.pendulum.switching_motion import (
     ArcProgram,
     evaluate_arcs,
+    mesh_of_arcs,
     SwitchingTimes,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
@@ -35,7 +36,7 @@ COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 COMING, _LANDED = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)  # of sequences that come near
 _KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
-_QUICK = 10.0  # a step is no longer than that share of `quick_time`, divided by the steps an arc
+_QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
 _STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
@@ -303,7 +304,7 @@ def program_of(task: SwingUpTask, candidate: Candidate, steps: int, parts: int =
         2.0 * math.pi * candidate.turns,
         task.planned_disk_angle,
         plant.natural_frequency,
-        steps_of_arcs(plant.coefficients, start, durations, torques, fewest, share),
+        *mesh_of_arcs(plant.coefficients, start, durations, torques, fewest, share),
     )
 
 

@@ -33,11 +33,11 @@ from tdm_planner.plants.pendulum_kernels import (
     roll_ends,
     roll_lanes,
     roll_states,
-    steps_of_arcs,
 )
 from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
+from tdm_planner.problems.pendulum.switching_motion import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
@@ -66,11 +66,15 @@ def alternating(count: int, torque: float = 0.05) -> np.ndarray:
     return torque * (-1.0) ** np.arange(count)
 
 
+def even(arcs: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.full(arcs, steps), np.full(arcs * steps, 1.0 / steps)
+
+
 def roll(start, durations, torques, steps):
     arcs, k = durations.size, PLANT.coefficients
     derivatives = np.zeros((arcs * steps + 1, 4, arcs))
     states, within, begins = pendulum_kernels.roll_arcs(
-        k, start, durations, torques, np.full(arcs, steps)
+        k, start, durations, torques, *even(arcs, steps)
     )
     for node, m, p in np.ndindex(arcs * steps, 4, arcs):
         at = node + 1, node // steps, m, p
@@ -99,12 +103,14 @@ def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
     given = durations[None], torques[None], arcs, 1.0 / 12.0, np.inf
     ends, _ = roll_ends(plant.coefficients, fall, *given)
     exact = roll_states(plant, fall, durations, torques)[-1]
-    steps = steps_of_arcs(plant.coefficients, fall, durations, torques, 4, 1.0 / 12.0)
-    assert steps.max() > 2 * steps.min() > 8  # many where it passes upright or hangs
-    states, _, _ = roll_arcs(plant.coefficients, fall, durations, torques, steps)
+    counts, mesh = mesh_of_arcs(plant.coefficients, fall, durations, torques, 4, 1.0 / 12.0)
+    assert counts.max() > 2 * counts.min()  # many where it passes upright or hangs
+    assert mesh.max() > 3.0 * mesh.min() > 0.0
+    np.testing.assert_allclose(np.add.reduceat(mesh, np.cumsum(counts) - counts), 1.0)
+    states, _, _ = roll_arcs(plant.coefficients, fall, durations, torques, counts, mesh)
     state, other = np.repeat(fall, LANES), np.empty((8, LANES))
     lanes = np.tile(durations[:, None], LANES), np.zeros((8, LANES))
-    given = 8, np.full(8, 4), 1.0 / 12.0, state, np.empty((8, 4 * LANES)), other
+    given = 8, *even(8, 4), 1.0 / 12.0, state, np.empty((8, 4 * LANES)), other
     roll_lanes(plant.coefficients, *lanes, *given, np.empty((8, 8, LANES)))
     for found, allowed in (
         (ends[0], 1e-3),
@@ -128,7 +134,7 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
         durations,
         torques,
         arcs,
-        np.full(arcs, steps),
+        *even(arcs, steps),
         np.inf,
         state,
         derivatives,

@@ -288,7 +288,8 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
 
 def program(arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None) -> ArcProgram:
     torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
-    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, np.full(arcs, 12))
+    mesh = np.full(arcs, 12), np.full(12 * arcs, 1.0 / 12.0)
+    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)
 
 
 @given(DURATIONS, st.integers(0, 100))
