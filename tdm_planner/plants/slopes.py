@@ -68,56 +68,37 @@ def with_slopes(
     by: tuple[str, ...],
     sin: Callable[[Any], Any] = np.sin,
     cos: Callable[[Any], Any] = np.cos,
+    weighted: int = 0,
     **parts: Any,
-) -> Callable[..., tuple[Any, ...]]:
+) -> Callable[..., Any]:
     """
     Return a function of the same arguments: all values, all derived by the first of `by`, ...
 
     `function`, one of this package, calls numpy's functions on numbers and returns a tuple of
     them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
     sequences: their length, or the type of a named tuple.
+
+    Where so many of the first values are `weighted`, the new one takes their weights and an array
+    as well. That it fills: with what it returns else, then the Hessian of the weighted sum.
     """
-    return _written(function, by, parts, {'sin': sin, 'cos': cos}, False)
-
-
-@cache
-def with_curvature(
-    function: Callable[..., tuple[Any, ...]], by: tuple[str, ...], **parts: Any
-) -> Callable[..., None]:
-    """
-    Return a function of the same arguments, `weights` and an array `result`, which it fills.
-
-    It holds what `with_slopes` returns, then the Hessian of the first values' sum with as many
-    `weights` as `parts` tells.
-    """
-    return _written(function, by, parts, {}, True)
-
-
-def _written(
-    function: Callable[..., Any],
-    by: tuple[str, ...],
-    parts: dict[str, Any],
-    named: dict[str, Any],
-    curved: bool,
-) -> Callable[..., Any]:
-    kind = 'curvature' if curved else 'slopes'
+    kind = 'curvature' if weighted else 'slopes'
     file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.{kind}.py'
     try:
         text = file.read_text()
     except OSError:
-        text = _text(function, by, parts, curved)
+        text = _text(function, by, weighted, parts)
         with suppress(OSError):  # another user has set the environment up
             part = file.with_suffix(f'.{os.getpid()}')
             part.write_text(text)
             part.replace(file)
-    made = {name: getattr(np, name) for name in ('sin', 'cos', 'sqrt', 'sign')} | named
+    made: dict[str, Any] = {'sin': sin, 'cos': cos, 'sqrt': np.sqrt, 'sign': np.sign}
     exec(compile(text, __file__, 'exec'), made)  # noqa: S102 - what CasADi wrote of a function
     written: Callable[..., Any] = made['written']
     return written
 
 
 def _text(
-    function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, Any], curved: bool
+    function: Callable[..., Any], by: tuple[str, ...], weighted: int, parts: dict[str, Any]
 ) -> str:
     import casadi
 
@@ -136,16 +117,16 @@ def _text(
     values = casadi.vertcat(*function(*arguments.values()))
     varied = casadi.vertcat(*(part for name in by for part in symbols[name]))
     results = [values, casadi.jacobian(values, varied)]
-    if curved:
-        weights = [casadi.SX.sym(f'weights[{i}]') for i in range(parts['weights'])]
-        weighted = casadi.dot(casadi.vertcat(*weights), values[: len(weights)])
-        results.append(casadi.hessian(weighted, varied)[0])
+    if weighted:
+        weights = [casadi.SX.sym(f'weights[{i}]') for i in range(weighted)]
+        total = casadi.dot(casadi.vertcat(*weights), values[:weighted])
+        results.append(casadi.hessian(total, varied)[0])
         symbols['weights'], symbols['result'] = weights, []
     inputs = [symbol for several in symbols.values() for symbol in several]
     results = casadi.cse(casadi.densify(casadi.veccat(*results)))
     graph = casadi.Function('graph', inputs, [results])
     templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
-    lines, place = [], 'result[{}]' if curved else 'r{}'
+    lines, place = [], 'result[{}]' if weighted else 'r{}'
     for i in range(graph.n_instructions()):
         operation, to = graph.instruction_id(i), graph.instruction_output(i)
         operands = graph.instruction_input(i)
@@ -158,6 +139,6 @@ def _text(
         else:
             terms = templates[operation].format(*(f'w{operand}' for operand in operands))
             lines.append(f'w{to[0]} = {terms}')
-    if not curved:
+    if not weighted:
         lines.append(f'return {" ".join(f"r{i}," for i in range(graph.numel_out(0)))}')
     return '\n    '.join([f'def written({", ".join(symbols)}):', *lines]) + '\n'

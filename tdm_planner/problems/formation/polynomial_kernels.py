@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled, inlined
-from tdm_planner.plants.slopes import with_curvature, with_slopes
+from tdm_planner.plants.slopes import with_slopes
 from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
 from tdm_planner.problems.formation.reference_motion import acceleration, arc_at, Grid, powers_at
 
@@ -46,7 +46,7 @@ def push(local: Numbers, thrust: Any, torque: Any) -> tuple[Any, ...]:
 
 _LOCAL, _VALUES, _WEIGHTED = 8, 3, 2  # local variables, values, those of which curvature is wanted
 _push = inlined(with_slopes(push, (), local=_LOCAL))
-_push_with_curvature = inlined(with_curvature(push, ('local',), local=_LOCAL, weights=_WEIGHTED))
+_push_with_curvature = inlined(with_slopes(push, ('local',), weighted=_WEIGHTED, local=_LOCAL))
 _CURVATURE = _VALUES * (1 + _LOCAL)  # where it begins among the results
 
 
