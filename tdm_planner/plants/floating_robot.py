@@ -102,15 +102,6 @@ class FloatingRobot(Validated, StatedPlant):
         ratio = 1.0 + self.inertia / self.wheel_inertia
         return np.asarray(initial - ratio * (np.asarray(omega) - initial_omega))
 
-    def angular_momentum(self, omega: Array, wheel_speed: Array) -> Array:
-        """
-        Angular momentum of robot and wheel about the vertical [N m s].
-
-        Only torques from outside change it.
-        """
-        spin = np.asarray(omega) + np.asarray(wheel_speed)
-        return np.asarray(self.inertia * np.asarray(omega) + self.wheel_inertia * spin)
-
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
         """
         Forward integration of (17) by quadrature: the states at `times` (n,), which rise, (n, 7).

@@ -94,7 +94,7 @@ def test_a_robots_plan_is_one_message() -> None:
     expected = [*plan.rates[3, 0, [2, 3, 5]], 0.0, 0.0]
     np.testing.assert_allclose(point.accelerations, expected)
     speeds = np.array([p.velocities[4] for p in made.points])
-    momentum = robot.angular_momentum(omega, speeds)
+    momentum = robot.inertia * omega + robot.wheel_inertia * (omega + speeds)
     np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
     path = messages.path_message(ROBOT, plan, START)
     assert path.header.frame_id == 'arena'
