@@ -233,7 +233,7 @@ class RobotView(PlantView):
         if task is None:
             return {}
         half = task.separation / 2
-        sides = {'x': (half, task.length - half), 'y': (half, task.width - half)}
+        sides = {axis: (half, side - half) for axis, side in zip('xy', task.sides.tolist())}
         names = ('thruster_rate', 'torque')
         both = {name: (-self._most(name), self._most(name)) for name in names}
         return {**sides, THRUST: (0.0, self._most(THRUST)), **both}
@@ -247,7 +247,7 @@ class RobotView(PlantView):
         task = self._task
         if task is None:
             return ()
-        return arena_drawing(task.length, task.width, task.separation, task.obstacles.tolist())
+        return arena_drawing(*task.sides.tolist(), task.separation, task.obstacles.tolist())
 
 
 class StatedView(PlantView):

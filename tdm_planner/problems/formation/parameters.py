@@ -37,8 +37,8 @@ DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
 _DEFAULT_STARTS: Mapping[str, tuple[float | None, float | None, float]] = MappingProxyType(
     {'robot1': (0.6, 0.7, 0.0), 'robot2': (3.4, 0.8, 2.4), 'robot3': (2.1, 3.4, -1.6)}
 )
-_DEFAULT_OFFSETS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {'robot1': (0.45, 0.0, 0.0), 'robot2': (-0.225, 0.39, 0.0), 'robot3': (-0.225, -0.39, 0.0)}
+DEFAULT_OFFSETS: Mapping[str, list[float]] = MappingProxyType(
+    {'robot1': [0.45, 0.0, 0.0], 'robot2': [-0.225, 0.39, 0.0], 'robot3': [-0.225, -0.39, 0.0]}
 )
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _RESERVED = frozenset({'anchor', 'start', 'replan', 'problem', 'solver', 'plan', 'markers'})
@@ -262,22 +262,16 @@ def default_start(name: str) -> RobotStart:
     return RobotStart(*_DEFAULT_STARTS.get(name, (None, None, 0.0)))
 
 
-def default_offset(name: str) -> tuple[float, ...] | None:
-    """Pose in the formation of a robot that none is given for."""
-    return _DEFAULT_OFFSETS.get(name)
-
-
 def formation_specifications(values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
     """Every parameter by dotted name, for the robots named in ``values['robots']``."""
     general = specifications(FormationParameters)
     names = robot_names(general['robots'].check(values.get('robots', list(DEFAULT_ROBOTS))))
     found = dict(general)
     for name in names:
-        offset = default_offset(name)
         found[f'formation.{name}'] = ParameterSpec(
             name=f'formation.{name}',
             kind=list[float],
-            default=None if offset is None else list(offset),
+            default=DEFAULT_OFFSETS.get(name),
             description=f"pose x [m], y [m], yaw [rad] of {name} in the anchor's frame",
             range=_COORDINATE,
             optional=True,

@@ -23,8 +23,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.problems.formation.parameters import (
-    default_offset,
     default_start,
+    DEFAULT_OFFSETS,
     formation_specifications,
     FormationParameters,
     robot_names,
@@ -68,18 +68,21 @@ class RobotFormation(FormationParameters, Problem):
     name: ClassVar[str] = 'robot_formation'
 
     starts: Mapping[str, RobotStart] = field(default_factory=dict)
-    offsets: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    offsets: Mapping[str, Sequence[float] | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the values, alone and together."""
         super().__post_init__()
         names = robot_names(self.robots)
-        for given in (self.starts, self.offsets):
+        for kind, default in (('starts', default_start), ('offsets', DEFAULT_OFFSETS.get)):
+            given = getattr(self, kind)
             for name in given:
                 if name not in names:
                     raise InvalidProblem(
                         f"robot '{name}' is not among parameter 'robots': {', '.join(names)}"
                     )
+            every = {name: given[name] if name in given else default(name) for name in names}
+            object.__setattr__(self, kind, every)
         for parameter in ('polynomial_order', 'yaw_order'):
             if getattr(self, parameter) % 2 == 0:
                 raise InvalidProblem(
@@ -107,24 +110,22 @@ class RobotFormation(FormationParameters, Problem):
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> RobotFormation:
         """Make a problem from checked values by dotted name."""
-        general = build(FormationParameters, values)
-        starts, offsets = {}, {}
-        for name in general.robots:
-            default = to_mapping(default_start(name), f'{name}.start.')
-            starts[name] = build(RobotStart, default | dict(values), f'{name}.start.')
-            offset = values.get(f'formation.{name}', default_offset(name))
-            if offset is not None:
-                offsets[name] = offset
-        shared = {item.name: getattr(general, item.name) for item in fields(FormationParameters)}
-        return cls(**shared, starts=starts, offsets=offsets)
+        specs = formation_specifications(values)
+        every = {name: values.get(name, spec.default) for name, spec in specs.items()}
+        names = every['robots']
+        general = build(FormationParameters, every)
+        return cls(
+            **{item.name: getattr(general, item.name) for item in fields(FormationParameters)},
+            starts={name: build(RobotStart, every, f'{name}.start.') for name in names},
+            offsets={name: every[f'formation.{name}'] for name in names},
+        )
 
     def to_parameters(self) -> dict[str, Any]:
         """Return every parameter's value by dotted name, those of every robot included."""
         values = super().to_parameters()
         for name in self.robots:
-            start = self.starts.get(name, default_start(name))
-            values.update(to_mapping(start, f'{name}.start.'))
-            values[f'formation.{name}'] = self.offsets.get(name, default_offset(name))
+            values.update(to_mapping(self.starts[name], f'{name}.start.'))
+            values[f'formation.{name}'] = self.offsets[name]
         return values
 
     @property
@@ -169,8 +170,7 @@ class RobotFormation(FormationParameters, Problem):
             thrust=self.limits.thrust / self.plant.mass,
             torque=torque,
             thruster_rate=self.limits.thruster_rate,
-            length=arena.length,
-            width=arena.width,
+            sides=np.array([arena.length, arena.width]),
             separation=arena.minimum_separation,
             margin=arena.tracking_margin,
             obstacles=np.array(arena.obstacles, dtype=float).reshape(-1, 3),
@@ -182,7 +182,7 @@ class RobotFormation(FormationParameters, Problem):
         )
 
     def _start(self, name: str) -> RobotStart:
-        start = self.starts[name] if name in self.starts else default_start(name)
+        start = self.starts[name]
         for axis in ('x', 'y'):
             if getattr(start, axis) is None:
                 raise InvalidProblem(
@@ -191,14 +191,14 @@ class RobotFormation(FormationParameters, Problem):
                 )
         return start
 
-    def _offset(self, name: str) -> tuple[float, ...]:
-        offset = self.offsets.get(name, default_offset(name))
+    def _offset(self, name: str) -> Sequence[float]:
+        offset = self.offsets[name]
         if offset is None:
             raise InvalidProblem(
                 f"the place of robot '{name}' is missing: parameter 'formation.{name}' is unset, "
                 'must be [x, y, yaw] relative to formation.anchor'
             )
-        return tuple(offset)
+        return offset
 
     @property
     def evaluations_per_second(self) -> float:

@@ -213,8 +213,8 @@ def screened(
     clearances of one another, and the signs of `bows` (c,).
     """
     n, count = single.shape
-    centres, reach = program.task.circles()
-    apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
+    reach = program.clearances[:n, n:]
+    apart = np.linalg.norm(paths[:, :, None] - program.centres[:, None], axis=-1).min(axis=-1)
     single = single + price * np.maximum(reach[:, None] - apart, 0.0).sum(axis=-1)
     pair, sides = np.zeros((2, n, n, count, count))
     couples = list(itertools.combinations(range(n), 2))

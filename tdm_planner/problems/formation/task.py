@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True, eq=False)
 class FormationTask:
     """
-    The manoeuvre of n robots; positions in the arena's frame, [0, length] x [0, width].
+    The manoeuvre of n robots; positions are between 0 and the arena's `sides` (2,), by axis.
 
     `start`, `velocity`, `acceleration`, `goal` (n, 2); `yaw`, `yaw_rate`, `yaw_acceleration`,
     `goal_yaw` (n,), the goal's on the turn that is to be made; `alpha` (n,) the angle of the
@@ -57,8 +57,7 @@ class FormationTask:
     thrust: float
     torque: float
     thruster_rate: float
-    length: float
-    width: float
+    sides: Array
     separation: float
     margin: float
     obstacles: Array
@@ -72,11 +71,6 @@ class FormationTask:
     def n(self) -> int:
         """Return the number of robots."""
         return len(self.names)
-
-    @property
-    def sides(self) -> Array:
-        """Length and width of the arena (2,)."""
-        return np.array([self.length, self.width])
 
     @property
     def staying(self) -> NDArray[np.bool_]:
@@ -155,16 +149,7 @@ def check_task(task: FormationTask) -> None:
 
     Raise InvalidProblem if one is not allowed, naming robot or parameter, and what is allowed.
     """
-    for name, inertia, acceleration in (
-        ('thrust', 'mass', task.thrust),
-        ('torque', 'inertia', task.torque),
-    ):
-        if not acceleration > 0.0:
-            raise InvalidProblem(
-                f"parameter 'limits.{name}' is too small beside 'plant.{inertia}': the "
-                'acceleration it gives must be above 0'
-            )
-    for name, side in (('length', task.length), ('width', task.width)):
+    for name, side in zip(('length', 'width'), task.sides, strict=True):
         if side < task.separation:
             raise InvalidProblem(
                 f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "

@@ -158,12 +158,6 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
     plant, rate, half = task.plant, task.thruster_rate, task.separation / 2
     thrust, torque = task.thrust * plant.mass, task.torque * plant.inertia
 
-    def pushed(times: Array, states: Array, controls: Array) -> Array:
-        return np.asarray(np.minimum(thrust - controls[:, 0], controls[:, 0]))
-
-    def turned(times: Array, states: Array, controls: Array) -> Array:
-        return np.asarray(rate - np.abs(controls[:, 1]))
-
     def walls(times: Array, states: Array, controls: Array) -> Array:
         nearest = np.minimum(states[:, :2], task.sides - states[:, :2])
         return np.asarray(nearest.min(axis=1) - half)
@@ -173,8 +167,13 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
         return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
 
     constraints = [
-        Constraint('thrust', pushed, _ROUNDING * thrust, 'N'),
-        Constraint('thruster_rate', turned, _ROUNDING * rate, 'rad/s'),
+        Constraint(
+            'thrust',
+            lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]),
+            _ROUNDING * thrust,
+            'N',
+        ),
+        Constraint('thruster_rate', lambda t, x, u: rate - abs(u[:, 1]), _ROUNDING * rate, 'rad/s'),
         Constraint('torque', lambda t, x, u: torque - abs(u[:, 2]), _ROUNDING * torque, 'N m'),
         Constraint('walls', walls, _ROUNDING, 'm'),
         Constraint('keep_out', keep_out, _ROUNDING, 'm'),
