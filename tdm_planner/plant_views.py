@@ -233,7 +233,8 @@ class RobotView(PlantView):
         if task is None:
             return {}
         half = task.separation / 2
-        sides = {axis: (half, side - half) for axis, side in zip('xy', task.sides.tolist())}
+        length, width = task.sides.tolist()
+        sides = {'x': (half, length - half), 'y': (half, width - half)}
         names = ('thruster_rate', 'torque')
         both = {name: (-self._most(name), self._most(name)) for name in names}
         return {**sides, THRUST: (0.0, self._most(THRUST)), **both}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_slopes
-from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
+from tdm_planner.problems.formation.program import approach_rows, approaches
 from tdm_planner.problems.formation.reference_motion import acceleration, arc_at, Grid, powers_at
 
 Array = NDArray[np.float64]
@@ -26,7 +26,6 @@ Numbers = Sequence[Any]
 _GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
 _THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
 _ROUNDED = 1e-6  # of F_max, by which the margin of thrust is rounded off at zero
-ACTIVE_THRUST, _ACTIVE_TORQUE, _ACTIVE_WALL = 0.35, 0.5, 1.0
 _IRRELEVANT = 2.0  # a margin that makes no row
 
 
@@ -81,18 +80,16 @@ class Values(NamedTuple):
     """
     What is known at one x (n, P); margins are relative to their limits, negative if violated.
 
-    All `gas` [m/s] and the `worst` margin; `thrust`, `torque` (n, K) at the nodes, `walls`
-    (n, 2, 2, W) [robot, axis, side, arc]; `approaches` (r, 6); `ends` (n, 3, m), the
-    end derivatives; powers of s in the time `times` (n, q + 2), Taylor coefficients about both
-    ends (n, 2, 2, m).
+    All `gas` [m/s] and the `worst` margin; `own` margins (n, 2 K + 4 W) of every robot: of thrust
+    at the nodes, of torque there, and of walls at the arcs, by axis and side; `approaches` (r, 6);
+    `ends` (n, 3, m), the end derivatives; powers of s in the time `times` (n, q + 2), Taylor
+    coefficients about both ends (n, 2, 2, m).
     """
 
     x: Array
     gas: float
     worst: float
-    thrust: Array
-    torque: Array
-    walls: Array
+    own: Array
     approaches: Array
     ends: Array
     times: Array
@@ -141,8 +138,7 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
     """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
     g, n, nb = t.grid, len(x), t.grid.slope.size
     ends, count, gas = unpacked(t, x), g.weights.size, 0.0
-    thrust, torque = np.full((n, count), _IRRELEVANT), np.full((n, count), _IRRELEVANT)
-    walls = np.full((n, 2, 2, len(g.places)), _IRRELEVANT)
+    own, arcs = np.full((n, g.active.size), _IRRELEVANT), len(g.places)
     times, expansions, last = np.zeros((n, nb + 1)), np.zeros((n, 2, 2, ends.shape[2])), 0.0
     for i in range(n):
         times[i] = x[i, :nb] @ g.passing
@@ -154,20 +150,16 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
             continue
         at = _locals(g, x[i], ends[i])
         for k in range(count):
-            used, thrust[i, k], torque[i, k] = _push(at[k], t.thrust, t.torque)
+            used, own[i, k], own[i, count + k] = _push(at[k], t.thrust, t.torque)
             gas += g.weights[k] * used
         for axis in range(2):
-            places = g.places @ ends[i, axis]
-            walls[i, axis, 0] = (places - t.low[i, axis]) / t.separation
-            walls[i, axis, 1] = (t.high[i, axis] - places) / t.separation
+            places, first = g.places @ ends[i, axis], 2 * count + 2 * axis * arcs
+            own[i, first : first + arcs] = (places - t.low[i, axis]) / t.separation
+            first += arcs
+            own[i, first : first + arcs] = (t.high[i, axis] - places) / t.separation
     motion = t, times, expansions
-    near = approaches(_place, motion, t.clearances, last, t.interval, found)
-    worst = min(1.0, thrust.min(), torque.min(), walls.min())
-    for r in range(near):
-        worst = min(worst, found[r, CLOSENESS])
-    return Values(
-        x, gas, worst, thrust, torque, walls, found[:near], ends, times, expansions
-    )  # fmt: skip
+    near, worst = approaches(_place, motion, t.clearances, last, t.interval, found)
+    return Values(x, gas, min(worst, own.min()), own, near, ends, times, expansions)
 
 
 @compiled
@@ -225,11 +217,10 @@ def derivatives(
     (r, n, P).
     """
     g, (n, size), count, near = t.grid, at.x.shape, t.grid.weights.size, at.approaches
-    most = (at.thrust < ACTIVE_THRUST).sum() + (at.torque < _ACTIVE_TORQUE).sum()
-    most += (at.walls < _ACTIVE_WALL).sum() + len(near)
-    margins, rows, r = np.empty(most), np.zeros((most, n, size)), 0
+    most, arcs, r = (at.own < g.active).sum() + len(near), len(g.places), 0
+    margins, rows = np.empty(most), np.zeros((most, n, size))
     gradient, hessian = np.zeros((n, size)), np.zeros((n, size, size))
-    turns, places = np.zeros((n, count, size)), np.zeros((n, 2, len(g.places), size))
+    slopes_of = np.zeros((n, g.active.size, size))
     by, weights = np.zeros((_LOCAL, count, size)), np.empty(_WEIGHTED)
     found = np.empty(_CURVATURE + _LOCAL**2)
     for i in range(n):
@@ -238,7 +229,9 @@ def derivatives(
         local, ends_by = _locals(g, at.x[i], at.ends[i]), _by_parameters(t, at.x[i], i)
         for d in range(2):
             by[d, :, : g.slope.size] = g.rates[d]
-            places[i, d] = g.places @ ends_by[d] / t.separation
+            places, first = g.places @ ends_by[d] / t.separation, 2 * count + 2 * d * arcs
+            slopes_of[i, first : first + arcs] = places
+            slopes_of[i, first + arcs : first + 2 * arcs] = -places
             for axis in range(3):
                 by[2 + 2 * axis + d] = g.paths[axis, d] @ ends_by[axis]
         for k in range(count):
@@ -250,27 +243,18 @@ def derivatives(
             steep = slopes.T @ here
             gradient[i] += weights[0] * steep[0]
             hessian[i] += here.T @ (bend @ here)
-            turns[i, k] = steep[2]
+            slopes_of[i, k], slopes_of[i, count + k] = steep[1], steep[2]
             for axis in range(2):  # the start's acceleration comes with the square of mu
                 a = 2.0 * g.given[axis] * t.acceleration[i, axis]
                 for d in range(2):
                     one, other, _ = slopes[2 + 2 * axis + d]
                     both = weights[0] * one + weights[1] * other
                     hessian[i, 0, 0] += a * both * g.paths[axis, d, k, 2]
-            if at.thrust[i, k] < ACTIVE_THRUST:
-                margins[r], rows[r, i] = at.thrust[i, k], steep[1]
-                r += 1
-    for i in range(n):
-        for k in range(count):
-            if at.torque[i, k] < _ACTIVE_TORQUE:
-                margins[r], rows[r, i] = at.torque[i, k], turns[i, k]
-                r += 1
-        for axis in range(2):
-            for side in range(2):
-                for k in range(len(g.places)):
-                    if at.walls[i, axis, side, k] < _ACTIVE_WALL:
-                        margins[r] = at.walls[i, axis, side, k]
-                        rows[r, i] = (1.0 - 2.0 * side) * places[i, axis, k]
-                        r += 1
+    for first, last in ((0, count), (count, g.active.size)):
+        for i in range(n):
+            for c in range(first, last):
+                if at.own[i, c] < g.active[c]:
+                    margins[r], rows[r, i] = at.own[i, c], slopes_of[i, c]
+                    r += 1
     approach_rows(_add_slope, (t, at), t.varied, t.clearances, near, rows[r:], margins[r:])
     return gradient, hessian, margins, rows

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 import itertools
 import math
 from typing import TYPE_CHECKING, TypeAlias
@@ -19,7 +19,6 @@ from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.formation.polynomial_kernels import (
-    ACTIVE_THRUST,
     derivatives,
     evaluate,
     Manoeuvre,
@@ -147,19 +146,22 @@ class PolynomialProgram(FormationProgram):
         self, flown: Values, multipliers: Multipliers | None
     ) -> tuple[Array, Array, Array, Array, tuple[NDArray[np.intp], ...]]:
         """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
-        dual = np.zeros(flown.thrust.shape)
+        thrust = flown.own[:, : self.manoeuvre.grid.weights.size]
+        dual = np.zeros(thrust.shape)
         if multipliers is not None:
             robots, nodes = multipliers.tags
             dual[robots, nodes] = multipliers.inequalities[: robots.size]
         found = derivatives(self.manoeuvre, flown, self.weights[2], dual)
-        return *found, np.nonzero(flown.thrust < ACTIVE_THRUST)
+        return *found, np.nonzero(thrust < self.manoeuvre.grid.active[0])
 
     def own_margins(self, flown: Values) -> dict[str, Array]:
         """Margins of thrust, torque and walls."""
+        count = self.manoeuvre.grid.weights.size
+        thrust, torque, walls = np.split(flown.own, [count, 2 * count], axis=1)
         return {
-            "limits.thrust of '{}'": flown.thrust,
-            "limits.torque of '{}'": flown.torque,
-            "the distance of '{}' from the walls": flown.walls,
+            "limits.thrust of '{}'": thrust,
+            "limits.torque of '{}'": torque,
+            "the distance of '{}' from the walls": walls,
         }
 
     def fit(self, b: Array, bend: Callable[[Array], Array]) -> Array:
@@ -234,7 +236,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         self.form = form = problem.form
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
-        self._guesses: tuple[FormationTask, PolynomialProgram, Iterator[Array]] | None = None
+        self._guesses = lru_cache(maxsize=1)(self._simple_guesses)  # go on in the next round
         self._options = TrustRegionOptions((3.0 if self.task.n >= _MANY else 1.0,))._replace(
             feasibility=(self.feasible,), radius=_RADIUS, iterations=_ITERATIONS
         )
@@ -247,12 +249,13 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             self.rounds = [partial(self._resumed, each) for each in (form, higher)]
         self.rounds += [self._minima] * _ROUNDS
 
+    def _simple_guesses(self, task: FormationTask) -> tuple[PolynomialProgram, Iterator[Array]]:
+        program = PolynomialProgram(task, self._simple)
+        return program, guesses(program, self.rng)
+
     def _minima(self) -> Iterator[Polynomials]:
         """Yield minima from further guesses; then with more distance kept."""
-        if self._guesses is None or self._guesses[0] is not self.task:
-            program = PolynomialProgram(self.task, self._simple)
-            self._guesses = self.task, program, guesses(program, self.rng)
-        _, program, further = self._guesses
+        program, further = self._guesses(self.task)
         first = map(program.reduce, itertools.islice(further, self.starts))
         found = self.minima(program, first, self._options, _WORSE)
         return self._completed(map(self._raised, found))

@@ -23,8 +23,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.problems.formation.parameters import (
-    default_start,
     DEFAULT_OFFSETS,
+    default_start,
     formation_specifications,
     FormationParameters,
     robot_names,

@@ -46,12 +46,13 @@ _NEWTON_STEPS = 24
 @inlined
 def approaches(
     place: Any, motion: Any, clearances: Array, last: float, interval: float, found: Array
-) -> int:
+) -> tuple[Array, float]:
     """
-    Fill in the local minima in time, until `last` [s], of distances that are near `clearances`.
+    Return the local minima in time, until `last` [s], of distances that are near `clearances`.
 
     Those are (N, N), zero for what does not count; minima are looked for between instants
-    `interval` s apart. `found` (r, 6) has a row for each; returns how many.
+    `interval` s apart. They are rows of `found` (r, 6); the least closeness comes with them, 1
+    where there is none.
     """
     every = len(clearances)
     # A motion far longer than its time scale keeps the number of instants, not the interval.
@@ -62,8 +63,7 @@ def approaches(
         for k in range(steps + 1):
             place(motion, i, k * step, at)
             path[i, k, 0], path[i, k, 1] = at[0], at[1]
-    squares = np.zeros(steps + 1)
-    count = 0
+    squares, count, least = np.zeros(steps + 1), 0, 1.0
     for i in range(every):
         for j in range(i + 1, every):
             clearance = clearances[i, j]
@@ -83,8 +83,9 @@ def approaches(
                 distance = math.hypot(found[count, WAY], found[count, WAY + 1])
                 found[count, CLOSENESS] = distance / clearance - 1.0
                 if found[count, CLOSENESS] < _REACH - 1.0:
+                    least = min(least, found[count, CLOSENESS])
                     count += 1
-    return count
+    return found[:count], least
 
 
 @inlined

@@ -38,6 +38,7 @@ from tdm_planner.plants.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
 
+_ACTIVE = 0.35, 0.5, 1.0  # margins of thrust, torque and walls that make a row
 _NEWTON_STEPS, _MOST_STEPS = 12, 80  # of the inversion of time
 
 
@@ -144,7 +145,8 @@ class Grid(NamedTuple):
     b, `slope` (q + 1,) is mu_s at the start; `paths` (3, 2, K, m) the first two derivatives and
     `places` (W, m) by the end derivatives. `taylor` (2, m, m): expansions of x or y about s = 0
     and 1; `passing` (q + 1, q + 2): powers of s in the time at s, by b. `weights` (K,) of the
-    quadrature.
+    quadrature. `active` (2 K + 4 W,): below them margins make a row, those of thrust and torque at
+    the nodes, and of the walls.
     """
 
     weights: Array
@@ -156,6 +158,7 @@ class Grid(NamedTuple):
     places: Array
     taylor: Array
     passing: Array
+    active: Array
 
 
 @lru_cache(maxsize=32)
@@ -188,4 +191,5 @@ def grid_of(form: MotionForm) -> Grid:
         places=places,
         taylor=taylor,
         passing=passing,
+        active=np.repeat(_ACTIVE, [s.size, s.size, 4 * arcs]),
     )

@@ -62,8 +62,8 @@ _TRIES = 30  # random combinations to begin with, where they are more
 _SWEEPS = 6  # of a coordinate descent, at most
 _SAME = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
 _MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
-_MOMENTS = 400  # of a plan, at which it is compared with where the robots are
 _LEAST = 1e-3  # s that is left of a motion that has ended
+_MOMENTS = 400  # of a plan, at which it is compared with where the robots are
 
 
 @dataclass(frozen=True)
@@ -314,8 +314,7 @@ def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
     now = float(times[np.argmin(distance)])
     if now == 0.0:
         return plans
-    left = {name: max(plan.duration - _LEAST, 0.0) for name, plan in plans.items()}
-    return {name: plan.after(min(now, left[name])) for name, plan in plans.items()}
+    return {name: plan.after(min(now, plan.duration - _LEAST)) for name, plan in plans.items()}
 
 
 def kept_motions(

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_slopes
-from tdm_planner.problems.formation.program import approach_rows, approaches, CLOSENESS
+from tdm_planner.problems.formation.program import approach_rows, approaches
 
 Array = NDArray[np.float64]
 
@@ -321,7 +321,7 @@ def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
     """Burns, own margins and approaches at the parameters x (n, v); `found` (r, 6) for those."""
     (n, v), m = x.shape, fleet.held.shape[1]
     burns, slopes, margins = fleet.held.copy(), np.zeros((n, m, 4, v)), np.ones((n, m + 2))
-    last, gas, worst = 0.0, 0.0, 1.0
+    last, gas = 0.0, 0.0
     for i in range(n):
         last = max(last, x[i, v - 1])
         if not fleet.varied[i]:
@@ -331,11 +331,9 @@ def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
             e = _smoothing(fleet, i, k, m)
             gas += math.sqrt(burns[i, k, X] ** 2 + burns[i, k, Y] ** 2 + e * e) - e
         own_margins(x[i], fleet, i, burns[i], margins[i])
-        worst = min(worst, margins[i].min())
-    near = approaches(_place, (fleet, burns), fleet.clearances, last, fleet.interval, found)
-    for r in range(near):
-        worst = min(worst, found[r, CLOSENESS])
-    return ArcValues(x, burns, slopes, margins, found[:near], gas, worst)
+    motion = fleet, burns
+    near, worst = approaches(_place, motion, fleet.clearances, last, fleet.interval, found)
+    return ArcValues(x, burns, slopes, margins, near, gas, min(worst, margins.min()))
 
 
 @compiled

@@ -11,7 +11,7 @@ guess that looks best is tried, the most promising first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, partial
 import itertools
@@ -241,12 +241,13 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         if task.n >= MANY and not self.rest:
             self.starts *= _MORE_STARTS
         directly = [self._minima] if task.n <= FEW else []
-        first = [self._resumed, *directly] if self.rest else [*directly, self._again]
-        self.rounds = [*first, self._near_polynomials, self._by_polynomials]
-
-    def _again(self) -> Iterable[Arcs]:
-        """Minima with more distance kept, where plans failed the check."""
-        return self._minima() if self.rejected else ()
+        # With more distance kept, where plans failed the check.
+        again = [lambda: self._minima() if self.rejected else []]
+        self.rounds = [
+            *([self._resumed, *directly] if self.rest else [*directly, *again]),
+            self._near_polynomials,
+            lambda: [self._polynomials().run()],
+        ]
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
@@ -256,10 +257,6 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             near = fitted(program, {**motions, **search.kept})
             yield from self._polished(program, program.reduce(near))
             yield search.assessed(motions, polynomials.point.xi)
-
-    def _by_polynomials(self) -> Iterator[Solution]:
-        """Yield the plan by the other method from further guesses."""
-        yield self._polynomials().run()
 
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""

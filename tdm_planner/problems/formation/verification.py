@@ -166,19 +166,15 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
         apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
         return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
 
-    constraints = [
-        Constraint(
-            'thrust',
-            lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]),
-            _ROUNDING * thrust,
-            'N',
-        ),
-        Constraint('thruster_rate', lambda t, x, u: rate - abs(u[:, 1]), _ROUNDING * rate, 'rad/s'),
-        Constraint('torque', lambda t, x, u: torque - abs(u[:, 2]), _ROUNDING * torque, 'N m'),
-        Constraint('walls', walls, _ROUNDING, 'm'),
-        Constraint('keep_out', keep_out, _ROUNDING, 'm'),
+    limits: list[tuple[str, Callable[[Array, Array, Array], Array], float, str]] = [
+        ('thrust', lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]), thrust, 'N'),
+        ('thruster_rate', lambda t, x, u: rate - abs(u[:, 1]), rate, 'rad/s'),
+        ('torque', lambda t, x, u: torque - abs(u[:, 2]), torque, 'N m'),
+        ('walls', walls, 1.0, 'm'),
     ]
-    return constraints if len(task.obstacles) else constraints[:-1]
+    if len(task.obstacles):
+        limits.append(('keep_out', keep_out, 1.0, 'm'))
+    return [Constraint(name, of, _ROUNDING * size, unit) for name, of, size, unit in limits]
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:

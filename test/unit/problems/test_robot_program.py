@@ -102,24 +102,30 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
         assert second[:, given_axes] == pytest.approx(rates[1][:, given_axes], abs=1e-9)
 
 
+def own_margins(program, xi):
+    """Margins of thrust, torque and walls, (n, ...) each."""
+    return [*program.own_margins(program.evaluate(xi).cache).values()]
+
+
 def test_gradient_and_rows_against_differences(made):
     program, xi = made
-    at, values = program.linearise(program.evaluate(xi), None), program.evaluate(xi).cache
+    at = program.linearise(program.evaluate(xi), None)
     gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
     numeric = central(lambda x: program.evaluate(x).cost, xi)
     assert gradient == pytest.approx(numeric, abs=1e-6)
-    near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
+    thrust, torque, walls = own_margins(program, xi)
+    near = [thrust < 0.35, torque < 0.5, walls < 1.0]
     assert near[0].any()
     assert near[2].any()
 
     def margins(x):
-        here = program.evaluate(x).cache
+        thrust, *others = own_margins(program, x)
         rest = [
             row[i][mask[i]]
             for i in range(program.task.n)
-            for row, mask in zip((here.torque, here.walls), near[1:], strict=True)
+            for row, mask in zip(others, near[1:], strict=True)
         ]
-        return np.concatenate([here.thrust[near[0]], *rest])
+        return np.concatenate([thrust[near[0]], *rest])
 
     count, slopes = margins(xi).size, central(margins, xi)
     assert at.inequalities[:count] == pytest.approx(margins(xi))
@@ -169,10 +175,10 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
     """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
     program, xi = made
     at = program.linearise(program.evaluate(xi), None)
-    tags, values = at.tags, program.evaluate(xi).cache
-    dual = np.zeros(values.thrust.shape)
+    tags, thrust = at.tags, own_margins(program, xi)[0]
+    dual = np.zeros(thrust.shape)
     if with_multipliers:
-        dual = np.random.default_rng(0).uniform(0, 1, dual.shape) * (values.thrust < 0.34)
+        dual = np.random.default_rng(0).uniform(0, 1, dual.shape) * (thrust < 0.34)
     inequalities = np.zeros(at.inequalities.size)
     inequalities[: tags[0].size] = dual[tags]
     multipliers = Multipliers(np.zeros(0), inequalities, tags)
@@ -213,8 +219,8 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     np.testing.assert_allclose(program.full(xi), x)
     with_it, without = (p.evaluate(p.reduce(x)).cache for p in (program, every))
     np.testing.assert_allclose(with_it.approaches, without.approaches)
-    assert (with_it.thrust[1] > 1.0).all()
-    np.testing.assert_array_equal(with_it.thrust[[0, 2]], without.thrust[[0, 2]])
+    assert (with_it.own[1] > 1.0).all()
+    np.testing.assert_array_equal(with_it.own[[0, 2]], without.own[[0, 2]])
     rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
     assert rows.shape[1] == xi.size
     held[0] = x[0]  # two kept robots leave the third all the room there is
