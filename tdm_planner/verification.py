@@ -82,14 +82,6 @@ class Verification:
 
 
 @runtime_checkable
-class SelfReplaying(Protocol):
-    """A plant whose motion under given controls is a matter of quadrature."""
-
-    def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
-        """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
-
-
-@runtime_checkable
 class SelfFlying(Protocol):
     """A plant whose equations of motion are compiled, and integrated as exactly or more so."""
 
@@ -102,13 +94,8 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
     Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
 
     The integration restarts wherever a held control jumps, so that no step spans a switch; where
-    it cannot go on, the remaining states are NaN, which no check passes. A plant
-    that can integrate itself exactly, by quadrature, does so (`SelfReplaying`).
+    it cannot go on, the remaining states are NaN, which no check passes.
     """
-    if isinstance(plant, SelfReplaying):
-        exact = plant.replay(trajectory, times)
-        if exact is not None:
-            return exact
     return fly(plant, trajectory).states(times)
 
 

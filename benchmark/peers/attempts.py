@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
+from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import (
     gas_used,
@@ -24,7 +25,7 @@ from tdm_planner.problems.formation.verification import (
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, replay, verify
+from tdm_planner.verification import check, Constraint, verify
 
 Array = NDArray[np.float64]
 # rad, rad/s: from there a linear feedback holds the pendulum.

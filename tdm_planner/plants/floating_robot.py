@@ -18,15 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, TYPE_CHECKING
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.parameters import parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
-
-if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need
-    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -101,21 +98,3 @@ class FloatingRobot(Validated, StatedPlant):
         """
         ratio = 1.0 + self.inertia / self.wheel_inertia
         return np.asarray(initial - ratio * (np.asarray(omega) - initial_omega))
-
-    def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
-        """
-        Forward integration of (17) by quadrature: the states at `times` (n,), which rise, (n, 7).
-
-        Attitude and thrust direction are integrals of the controls alone, and velocity and
-        position follow by Gauss-Legendre quadrature; no time stepping is needed. Starts from the
-        first state of `trajectory`. None for controls that run by splines between samples.
-        """
-        if trajectory.interpolation == 'cubic':
-            return None
-        # A simulated robot does not replay, and has no use for what compiles kernels.
-        from tdm_planner.plants.robot_replay import replayed
-
-        linear = trajectory.interpolation == 'linear'
-        given = trajectory.times, trajectory.controls, trajectory.states[0], linear
-        # Copied, as numba would compile another kernel for instants that are read-only.
-        return replayed(*given, self.mass, self.inertia, np.array(times))

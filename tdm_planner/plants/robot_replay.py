@@ -1,7 +1,12 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The floating robot's states by quadrature, one interval after the other, compiled."""
+"""
+The replay of plans of the floating robot, by quadrature of (17).
+
+Attitude and thrust direction are integrals of the controls alone, and velocity and position follow
+by Gauss-Legendre quadrature; no time stepping is needed.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -17,6 +25,20 @@ Array = NDArray[np.float64]
 # gained is off by d^4 / 4320 or d^6 / 2e6 of itself: by 1e-10 at these angles [rad].
 _TWO, _THREE = ((x / 2.0 + 0.5, w / 2.0) for x, w in map(np.polynomial.legendre.leggauss, (2, 3)))
 _LITTLE, _MOST = 0.02, 0.2
+
+
+def replay(robot: FloatingRobot, trajectory: Trajectory, times: Array) -> Array:
+    """
+    Return the states (n, 7) at `times` (n,) s, which rise, from the trajectory's first state on.
+
+    Raise InvalidProblem for controls that run by splines between samples.
+    """
+    if trajectory.interpolation == 'cubic':
+        raise InvalidProblem("a robot's controls must be held or linear between samples")
+    linear = trajectory.interpolation == 'linear'
+    given = trajectory.times, trajectory.controls, trajectory.states[0], linear
+    # Copied, as numba would compile another kernel for instants that are read-only.
+    return replayed(*given, robot.mass, robot.inertia, np.array(times))
 
 
 @compiled
@@ -29,11 +51,7 @@ def replayed(
     inertia: float,
     times: Array,
 ) -> Array:
-    """
-    Return the states (n, 7) at `times` (n,) s, which rise, from the `first` (7,) on.
-
-    Controls (N, 3) are those at the instants `samples` (N,), and run on linearly or are held.
-    """
+    """Return what `replay` does, for controls (N, 3) at the `samples` (N,) s."""
     x, y, u, v, yaw, omega, alpha = first
     states = np.empty((times.size, 7))
     now, k, last = samples[0], 0, samples.size - 1

@@ -29,9 +29,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_kernels import Values
 from tdm_planner.problems.formation.reference_motion import (
-    acceleration as in_time,
-)
-from tdm_planner.problems.formation.reference_motion import (
+    acceleration,
     arcs_at,
     end_derivatives,
     MotionForm,
@@ -74,11 +72,11 @@ def trajectory(
     given = task.thruster_rate, task.thrust, float(task.alpha[robot])
     direction = ThrustDirection(times, wanted, yaw, *given)
 
-    def fly(acceleration: Array) -> Trajectory:
-        """Project the acceleration on the thruster's direction and integrate (17)."""
-        alpha, rate = direction.follow(acceleration)
+    def fly(aim: Array) -> Trajectory:
+        """Project accelerations on the thruster's direction and integrate (17)."""
+        alpha, rate = direction.follow(aim)
         heading = alpha + yaw
-        along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
+        along = aim[:, 0] * np.cos(heading) + aim[:, 1] * np.sin(heading)
         push = task.plant.mass * np.clip(along, 0.0, task.thrust)
         controls = np.stack([push, rate, task.plant.inertia * torque], axis=1)
         return flown(task, robot, times, controls, alpha[0], 'linear')
@@ -111,10 +109,10 @@ def _wanted(
     position, yaw = values.ends[robot, :2, : form.order + 1], values.ends[robot, 2]
     path = [position @ basis.values(s, d).T for d in (1, 2)]
     turn = [yaw[: form.yaw_order + 1] @ yaw_basis.values(s, d).T for d in (1, 2)]
-    acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn)
-    acceleration[:, times < coast] = 0.0
+    wanted, yaw_acceleration = acceleration(*speed, *path), acceleration(*speed, *turn)
+    wanted[:, times < coast] = 0.0
     yaw_acceleration[times < coast] = 0.0
-    return times, acceleration.T, yaw_acceleration
+    return times, wanted.T, yaw_acceleration
 
 
 def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.program import CLOSENESS, FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import (
@@ -40,7 +41,6 @@ from tdm_planner.problems.formation.verification import (
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import replay
 
 if TYPE_CHECKING:
     from tdm_planner.problems.formation.problem import RobotFormation

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, Trajectory
-from tdm_planner.verification import check, Constraint, even_times, judge, replay, Verification
+from tdm_planner.verification import check, Constraint, even_times, judge, Verification
 
 Array = NDArray[np.float64]
 

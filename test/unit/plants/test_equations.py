@@ -17,6 +17,7 @@ import pytest
 from replays import central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants import (
     FloatingRobot,
@@ -41,7 +42,6 @@ from tdm_planner.problems.pendulum.switching_motion import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import replay
 
 PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
@@ -275,25 +275,23 @@ def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
     document['controls'] = {name: plan.control(name).tolist() for name in plan.control_names}
     rates = robot_rates({'plant.mass': ROBOT.mass, 'plant.inertia': ROBOT.inertia})
     at, states, _ = zip(*replayed(document, rates, 2e-3), strict=True)
-    assert ROBOT.replay(plan, np.array(at)) == pytest.approx(np.array(states), abs=2e-7)
+    assert robot_replay.replay(ROBOT, plan, np.array(at)) == pytest.approx(
+        np.array(states), abs=2e-7
+    )
 
 
 def test_one_kernel_replays_read_only_instants_and_others():
     plan = trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros(7))
     assert not plan.times.flags.writeable
     for times in (plan.times, np.array(plan.times)):
-        ROBOT.replay(plan, times)
+        robot_replay.replay(ROBOT, plan, times)
     assert len(robot_replay.replayed.signatures) == 1
 
 
-def test_verification_replays_splines_by_integration():
-    times = np.linspace(0.0, 2.0, 9)
-    controls = np.stack([1 + np.sin(times), np.cos(times), 0.01 * times], axis=1)
-    plan = trajectory(times, controls, np.zeros(7), 'cubic')
-    assert ROBOT.replay(plan, times) is None
-    states, often = replay(ROBOT, plan, times), np.linspace(0.0, 2.0, 2001)
-    fine = trajectory(often, plan.sample(often).control, np.zeros(7))
-    assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)
+def test_splines_are_no_controls_of_a_robot():
+    plan = trajectory(np.linspace(0.0, 2.0, 9), np.zeros((9, 3)), np.zeros(7), 'cubic')
+    with pytest.raises(InvalidProblem, match='held or linear'):
+        robot_replay.replay(ROBOT, plan, plan.times)
 
 
 def test_kernels_are_recompiled_where_the_sources_of_this_version_change_only(tmp_path):

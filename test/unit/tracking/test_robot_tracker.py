@@ -10,6 +10,7 @@ from closed_loop import Loop, robot
 import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.robot_replay import replay
 from tdm_planner.tracking import Phase, robot_tracking, TrajectoryRejected
 from tdm_planner.tracking.motion import Motion
 from tdm_planner.trajectory import Trajectory
@@ -23,7 +24,7 @@ SLOW = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque':
 def trajectory(times: np.ndarray, controls: np.ndarray, interpolation: str) -> Trajectory:
     plant = FloatingRobot()
     draft = Trajectory.of(plant, times, np.zeros((times.size, 7)), controls, interpolation)
-    return replace(draft, states=plant.replay(draft, times))
+    return replace(draft, states=replay(plant, draft, times))
 
 
 def there_and_stop(turn: float = 1.0) -> Trajectory:
