@@ -233,7 +233,13 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         previous: Solution | None,
     ) -> None:
         super().__init__(problem, rng, budget, previous)
-        self.form = form = problem.form
+        self.form = form = MotionForm(
+            problem.polynomial_order,
+            problem.yaw_order,
+            problem.speed_factor_order,
+            problem.end_accelerations == 'varied',
+            problem.nodes,
+        )
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
         self._guesses = lru_cache(maxsize=1)(self._simple_guesses)  # go on in the next round

@@ -31,7 +31,6 @@ from tdm_planner.problems.formation.parameters import (
     RobotStart,
 )
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.reference_motion import MotionForm
 from tdm_planner.problems.formation.task import check_task, FormationTask
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
@@ -100,6 +99,7 @@ class RobotFormation(FormationParameters, Problem):
                 f"parameter 'arena.obstacles' holds {len(self.arena.obstacles)} numbers: must be "
                 'x, y, radius of every zone'
             )
+        self._check_given()
         check_task(self.task)
 
     @classmethod
@@ -110,15 +110,15 @@ class RobotFormation(FormationParameters, Problem):
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> RobotFormation:
         """Make a problem from checked values by dotted name."""
-        specs = formation_specifications(values)
-        every = {name: values.get(name, spec.default) for name, spec in specs.items()}
-        names = every['robots']
-        general = build(FormationParameters, every)
-        return cls(
-            **{item.name: getattr(general, item.name) for item in fields(FormationParameters)},
-            starts={name: build(RobotStart, every, f'{name}.start.') for name in names},
-            offsets={name: every[f'formation.{name}'] for name in names},
-        )
+        general = build(FormationParameters, values)
+        starts, offsets = {}, {}
+        for name in general.robots:
+            default = to_mapping(default_start(name), f'{name}.start.')
+            starts[name] = build(RobotStart, default | dict(values), f'{name}.start.')
+            if values.get(f'formation.{name}') is not None:
+                offsets[name] = values[f'formation.{name}']
+        shared = {item.name: getattr(general, item.name) for item in fields(FormationParameters)}
+        return cls(**shared, starts=starts, offsets=offsets)
 
     def to_parameters(self) -> dict[str, Any]:
         """Return every parameter's value by dotted name, those of every robot included."""
@@ -128,28 +128,17 @@ class RobotFormation(FormationParameters, Problem):
             values[f'formation.{name}'] = self.offsets[name]
         return values
 
-    @property
-    def form(self) -> MotionForm:
-        """Return the form of the reference functions asked for."""
-        return MotionForm(
-            self.polynomial_order,
-            self.yaw_order,
-            self.speed_factor_order,
-            self.end_accelerations == 'varied',
-            self.nodes,
-        )
-
     @cached_property
     def task(self) -> FormationTask:
         """Boundary conditions and limits as arrays."""
-        starts = [self._start(name) for name in self.robots]
+        starts = list(self.starts.values())
         state = np.array([[s.x, s.y, s.u, s.v, s.yaw, s.omega] for s in starts], dtype=float)
         alpha = np.array([math.nan if s.alpha is None else s.alpha for s in starts])
         thrust = np.array([s.thrust for s in starts]) / self.plant.mass
         heading = state[:, 4] + np.nan_to_num(alpha)
         x, y, turn = self.formation.anchor
         rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        offset = np.array([self._offset(name) for name in self.robots], dtype=float)
+        offset = np.array(list(self.offsets.values()), dtype=float)
         torque = self.limits.torque / self.plant.inertia
         # The attitude is reached on the turn nearest to where braking alone would end.
         resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
@@ -181,24 +170,20 @@ class RobotFormation(FormationParameters, Problem):
             arrived=np.array([s.arrived for s in starts]),
         )
 
-    def _start(self, name: str) -> RobotStart:
-        start = self.starts[name]
-        for axis in ('x', 'y'):
-            if getattr(start, axis) is None:
+    def _check_given(self) -> None:
+        """Check that no robot is without start or place."""
+        for name in self.robots:
+            for axis in ('x', 'y'):
+                if getattr(self.starts[name], axis) is None:
+                    raise InvalidProblem(
+                        f"the state of robot '{name}' is missing: parameter "
+                        f"'{name}.start.{axis}' is unset"
+                    )
+            if self.offsets[name] is None:
                 raise InvalidProblem(
-                    f"the state of robot '{name}' is missing: parameter '{name}.start.{axis}' is "
-                    'unset'
+                    f"the place of robot '{name}' is missing: parameter 'formation.{name}' is "
+                    'unset, must be [x, y, yaw] relative to formation.anchor'
                 )
-        return start
-
-    def _offset(self, name: str) -> Sequence[float]:
-        offset = self.offsets[name]
-        if offset is None:
-            raise InvalidProblem(
-                f"the place of robot '{name}' is missing: parameter 'formation.{name}' is unset, "
-                'must be [x, y, yaw] relative to formation.anchor'
-            )
-        return offset
 
     @property
     def evaluations_per_second(self) -> float:

@@ -74,11 +74,6 @@ class Candidate(Generic[P]):
     point: Point
     converged: bool = True
 
-    @property
-    def cost(self) -> float:
-        """Return the performance index."""
-        return self.point.cost * self.program.scale
-
 
 class FormationSearch(Search[C]):
     """
@@ -168,7 +163,7 @@ class FormationSearch(Search[C]):
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break
-        return sorted(found, key=lambda each: each.cost)
+        return sorted(found, key=lambda each: each.point.cost)
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""

@@ -240,14 +240,10 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             self.rest = {}
         if task.n >= MANY and not self.rest:
             self.starts *= _MORE_STARTS
+        resumed = [self._resumed] if self.rest else []
         directly = [self._minima] if task.n <= FEW else []
-        # With more distance kept, where plans failed the check.
-        again = [lambda: self._minima() if self.rejected else []]
-        self.rounds = [
-            *([self._resumed, *directly] if self.rest else [*directly, *again]),
-            self._near_polynomials,
-            lambda: [self._polynomials().run()],
-        ]
+        last = [self._near_polynomials, lambda: [self._polynomials().run()]]
+        self.rounds = [*resumed, *directly, *last]
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
@@ -267,9 +263,9 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
         found = self.minima(program, map(program.reduce, guesses), self._options, _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
-            if candidate.cost < _PROMISING * found[0].cost and not self.budget.spent:
+            if candidate.point.cost < _PROMISING * found[0].point.cost and not self.budget.spent:
                 found[k] = self._seated(candidate)
-        return sorted(found, key=lambda each: each.cost)
+        return sorted(found, key=lambda each: each.point.cost)
 
     def _resumed(self) -> Iterator[Arcs]:
         """Yield the minimum that the rest of the plan before leads to."""
@@ -297,7 +293,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             x = reseated(candidate.program, candidate.point.cache)
             xi = candidate.point.xi if x is None else candidate.program.reduce(x)
             better = self._polished(candidate.program, xi, _FINE)
-            if not better or not better[0].cost < candidate.cost:
+            if not better or not better[0].point.cost < candidate.point.cost:
                 break
             candidate = better[0]
             if x is None:
@@ -319,7 +315,3 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
                 burns = cleaned(self.task, i, values.burns[i], duration, weakest)
             motions[name] = arc_trajectory(self.task, i, burns, duration)
         yield self.assessed(motions, candidate.point.xi)
-
-    def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
-        """Whether a candidate is cheaper than one that is verified."""
-        return candidate.cost < than.cost
