@@ -24,12 +24,7 @@ from typing import Any
 
 import numpy as np
 
-_MARKS = (
-    b'@compiled',
-    b'StatedPlant',
-    b'def equations(',
-    b'with_slopes',
-)  # of the sources that matter
+_MARK = re.compile(rb'@compiled|StatedPlant|def equations\(|with_slopes')  # of what matters
 _NAMED = re.compile(rb'tdm_planner((?:\.\w+)+)')
 
 
@@ -45,7 +40,7 @@ def _sources(package: Path) -> list[bytes]:
             path / '__init__.py' for path in modules
         }
         found = {path for path in paths if path not in read and path.is_file()}
-    return [read[path] for path in sorted(read) if any(mark in read[path] for mark in _MARKS)]
+    return [read[path] for path in sorted(read) if _MARK.search(read[path])]
 
 
 DIGEST = sha256(b''.join(_sources(Path(__file__).parents[1]))).hexdigest()[:16]

@@ -268,16 +268,13 @@ def formation_specifications(values: Mapping[str, Any]) -> dict[str, ParameterSp
     names = robot_names(general['robots'].check(values.get('robots', list(DEFAULT_ROBOTS))))
     found = dict(general)
     for name in names:
-        found[f'formation.{name}'] = ParameterSpec(
+        found[f'formation.{name}'] = replace(
+            general['formation.anchor'],
             name=f'formation.{name}',
-            kind=list[float],
             default=DEFAULT_OFFSETS.get(name),
             description=f"pose x [m], y [m], yaw [rad] of {name} in the anchor's frame",
-            range=_COORDINATE,
             optional=True,
-            length=3,
         )
-    for name in names:
         start = default_start(name)
         for key, spec in specifications(RobotStart).items():
             found[f'{name}.start.{key}'] = replace(

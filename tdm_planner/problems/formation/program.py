@@ -200,7 +200,6 @@ class FormationProgram(NonlinearProgram):
         self.weights = task.weights / self.scale
         free = np.where(task.staying[:, None], turning, True) & ~kept[:, None]
         self.free = np.flatnonzero(free.ravel())
-        self.all_free = bool(free.all())
         self._scales = units * free
         (self.low, self.high), (self.centres, apart) = task.wall_bounds(), task.circles()
         self.clearances = self._clearances(apart)
@@ -294,14 +293,11 @@ class FormationProgram(NonlinearProgram):
         """Exact first derivatives; Hessian of the gas, made positive definite."""
         gradient, blocks, margins, rows, tags = self.derive(point.cache, multipliers)
         curvature = scaled(self._scales, blocks, *self.curvature, rows)
-        jacobian = rows.reshape(margins.size, gradient.size)
-        gradient = (self._scales * gradient).ravel()
-        if not self.all_free:
-            curvature = curvature[np.ix_(self.free, self.free)]
-            gradient, jacobian = gradient[self.free], jacobian[:, self.free]
+        jacobian = rows.reshape(margins.size, gradient.size).take(self.free, axis=1)
+        gradient = (self._scales * gradient).ravel()[self.free]
         return Linearisation(
             gradient=gradient + self._first,
-            hessian=curvature,
+            hessian=curvature[np.ix_(self.free, self.free)],
             equalities=np.zeros(0),
             equality_jacobian=np.zeros((0, self.free.size)),
             inequalities=margins,
