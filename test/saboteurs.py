@@ -76,8 +76,8 @@ def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
 def _formations(patch: Patch, change: Callable[[Any], Any]) -> None:
     check = formation_search.assessed
 
-    def assessed(task: Any, motions: Any, *others: Any) -> Solution:
-        return check(task, change(motions), *others)
+    def assessed(problem: Any, motions: Any, *others: Any) -> Solution:
+        return check(problem, change(motions), *others)
 
     patch.setattr(formation_search, 'assessed', assessed)
 

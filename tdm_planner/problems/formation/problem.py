@@ -196,8 +196,7 @@ class RobotFormation(FormationParameters, Problem):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier manoeuvre, with its check and cost recomputed."""
-        weights, tolerance = np.array(self.weights.penalty), self.solver.tolerance
-        return assessed(self.task, trajectories, weights, tolerance, np.zeros(0))
+        return assessed(self, trajectories, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

@@ -161,11 +161,8 @@ def scaled(units: Array, blocks: Array, least: float, share: float, rows: Array)
         sizes, vectors = np.linalg.eigh(blocks[i] * units[i] * units[i].reshape(-1, 1))
         for q in range(v):
             size = max(sizes[q], least, share * sizes[v - 1])
-            for r in range(v):
-                for c in range(v):
-                    hessian[i, r, i, c] += size * vectors[r, q] * vectors[c, q]
-    for r in range(len(rows)):
-        rows[r] *= units
+            hessian[i, :, i] += size * vectors[:, q].copy().reshape(-1, 1) * vectors[:, q]
+    rows *= units
     return hessian.reshape(n * v, n * v)
 
 

@@ -167,9 +167,7 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        weights = np.array(self.problem.weights.penalty)
-        given = self.problem.task, {**motions, **self.kept}
-        return assessed(*given, weights, self.problem.solver.tolerance, parameters)
+        return assessed(self.problem, {**motions, **self.kept}, parameters)
 
     def satisfied_with(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""

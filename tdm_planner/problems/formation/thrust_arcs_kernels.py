@@ -367,14 +367,9 @@ def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Arra
                 _gas_slopes(fleet, i, burns, slopes, first[side])
                 own_margins(x, fleet, i, burns, second[side])
             x[q] = at.x[i, q]
-            for r in range(v):
-                hessian[i, r, q] = 0.5 * (first[1, r] - first[0, r]) / step
-            for r in range(m + 2):
-                by[r, q] = 0.5 * (second[1, r] - second[0, r]) / step
-        for r in range(v):
-            for q in range(r):
-                mean = 0.5 * (hessian[i, r, q] + hessian[i, q, r])
-                hessian[i, r, q] = hessian[i, q, r] = mean
+            hessian[i, :, q] = 0.5 * (first[1] - first[0]) / step
+            by[:, q] = 0.5 * (second[1] - second[0]) / step
+        hessian[i] = 0.5 * (hessian[i] + hessian[i].T)
         for k in range(m + 2):
             if at.margins[i, k] < _NEAR:
                 margins[count], rows[count, i] = at.margins[i, k], by[k]

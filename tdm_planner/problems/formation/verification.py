@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 import itertools
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, even_times, judge, Verification
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 
@@ -40,18 +43,14 @@ def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
 
 
 def assessed(
-    task: FormationTask,
-    motions: Mapping[str, Trajectory],
-    penalty_weights: Array,
-    tolerance: float,
-    parameters: Array,
+    problem: RobotFormation, motions: Mapping[str, Trajectory], parameters: Array
 ) -> Solution:
     """
     Return the robots' motions with their check and cost; `parameters` are Xi (m,).
 
     Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
-    `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` the largest penalty that passes.
     """
+    task, tolerance = problem.task, problem.solver.tolerance
     motions = {name: motions[name] for name in task.names}
     for name, motion in motions.items():
         if motion.rates is None:
@@ -79,7 +78,8 @@ def assessed(
     pairs, pair_times, violated = check(
         separations, times, np.concatenate(every_state, axis=1), np.zeros((times.size, 0))
     )
-    left = penalty(task, [each.worst for each in robots.values()], pairs, penalty_weights)
+    worst = [each.worst for each in robots.values()]
+    left = penalty(task, worst, pairs, np.array(problem.weights.penalty))
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
     if left > tolerance:
         reasons.append(f'the penalty {left:.3g} is above solver.tolerance = {tolerance:g}')

@@ -16,7 +16,6 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.parameters import resized
-from tdm_planner.problems.formation.verification import assessed
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -180,8 +179,7 @@ def test_verification_catches_collisions_with_robots_that_have_arrived():
     alongside = formation(**apart, **first, **pose('second', (3.5, 1.0, 0.0), (0.5, 1.0, 0.0)))
     other = formation(**alone(*second, name='second'))
     plans = {**alongside.solve().trajectories, **other.solve().trajectories}
-    task = formation(**apart, **first, **pose('second', *second)).task
-    plan = assessed(task, plans, np.full(4, 0.25), 1e-6, np.zeros(0))
+    plan = formation(**apart, **first, **pose('second', *second)).assess(plans)
     assert not plan.verification.ok
     assert plan.verification.worst['separation first-second'] < -0.3
     assert plan.penalty > 1e-3
