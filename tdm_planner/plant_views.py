@@ -248,7 +248,8 @@ class RobotView(PlantView):
         task = self._task
         if task is None:
             return ()
-        return arena_drawing(*task.sides.tolist(), task.separation, task.obstacles.tolist())
+        length, width = task.sides.tolist()
+        return arena_drawing(length, width, task.separation, task.obstacles.tolist())
 
 
 class StatedView(PlantView):

@@ -138,7 +138,7 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
     """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
     g, n, nb = t.grid, len(x), t.grid.slope.size
     ends, count, gas = unpacked(t, x), g.weights.size, 0.0
-    own, arcs = np.full((n, g.active.size), _IRRELEVANT), len(g.places)
+    own, at_nodes = np.full((n, g.active.size), _IRRELEVANT), 2 * count
     times, expansions, last = np.zeros((n, nb + 1)), np.zeros((n, 2, 2, ends.shape[2])), 0.0
     for i in range(n):
         times[i] = x[i, :nb] @ g.passing
@@ -152,11 +152,11 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
         for k in range(count):
             used, own[i, k], own[i, count + k] = _push(at[k], t.thrust, t.torque)
             gas += g.weights[k] * used
+        walls = own[i, at_nodes:].reshape(2, 2, len(g.places))
         for axis in range(2):
-            places, first = g.places @ ends[i, axis], 2 * count + 2 * axis * arcs
-            own[i, first : first + arcs] = (places - t.low[i, axis]) / t.separation
-            first += arcs
-            own[i, first : first + arcs] = (t.high[i, axis] - places) / t.separation
+            places = g.places @ ends[i, axis]
+            walls[axis, 0] = (places - t.low[i, axis]) / t.separation
+            walls[axis, 1] = (t.high[i, axis] - places) / t.separation
     motion = t, times, expansions
     near, worst = approaches(_place, motion, t.clearances, last, t.interval, found)
     return Values(x, gas, min(worst, own.min()), own, near, ends, times, expansions)
@@ -217,7 +217,7 @@ def derivatives(
     (r, n, P).
     """
     g, (n, size), count, near = t.grid, at.x.shape, t.grid.weights.size, at.approaches
-    most, arcs, r = (at.own < g.active).sum() + len(near), len(g.places), 0
+    most, at_nodes, r = (at.own < g.active).sum() + len(near), 2 * count, 0
     margins, rows = np.empty(most), np.zeros((most, n, size))
     gradient, hessian = np.zeros((n, size)), np.zeros((n, size, size))
     slopes_of = np.zeros((n, g.active.size, size))
@@ -227,11 +227,11 @@ def derivatives(
         if t.kept[i]:
             continue
         local, ends_by = _locals(g, at.x[i], at.ends[i]), _by_parameters(t, at.x[i], i)
+        walls = slopes_of[i, at_nodes:].reshape(2, 2, len(g.places), size)
         for d in range(2):
             by[d, :, : g.slope.size] = g.rates[d]
-            places, first = g.places @ ends_by[d] / t.separation, 2 * count + 2 * d * arcs
-            slopes_of[i, first : first + arcs] = places
-            slopes_of[i, first + arcs : first + 2 * arcs] = -places
+            walls[d, 0] = g.places @ ends_by[d] / t.separation
+            walls[d, 1] = -walls[d, 0]
             for axis in range(3):
                 by[2 + 2 * axis + d] = g.paths[axis, d] @ ends_by[axis]
         for k in range(count):

@@ -132,7 +132,7 @@ _leg_slopes = inlined(with_slopes(end_leg, ('leg',), leg=3, at=3))
 @inlined
 def _end_leg(x: float, y: float, sigma: float, fleet: Fleet) -> tuple[float, ...]:
     """Values of `end_leg`, then their slopes by x, by y and by sigma; velocities stay finite."""
-    found = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, 0.0))
+    found: tuple[float, ...] = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, 0.0))
     short = 2.5 * fleet.pause - (sigma - found[2])
     if short > 0.0:
         found = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, short))
