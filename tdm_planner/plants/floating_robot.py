@@ -89,12 +89,10 @@ class FloatingRobot(Validated, StatedPlant):
         along, across = push * np.cos(heading), push * np.sin(heading)
         return u, v, along, across, omega, torque / k.inertia, rate
 
-    def wheel_speed(self, omega: Array, initial: float = 0.0, initial_omega: float = 0.0) -> Array:
+    def wheel_speed(self, omega: Array) -> Array:
         """
-        Speed of the wheel relative to the robot [rad/s] at yaw rates `omega` [rad/s].
+        Speed that the wheel gains relative to the robot as the yaw rate gains `omega` [rad/s].
 
-        The angular momentum of robot and wheel together is conserved from the initial speed of the
-        wheel, `initial` [rad/s], and the initial yaw rate.
+        The angular momentum of both together is conserved.
         """
-        ratio = 1.0 + self.inertia / self.wheel_inertia
-        return np.asarray(initial - ratio * (np.asarray(omega) - initial_omega))
+        return np.asarray(-(1.0 + self.inertia / self.wheel_inertia) * np.asarray(omega))

@@ -198,7 +198,7 @@ class PlannedRobots(PlannedPlant):
     def besides(self, problem: RobotFormation, trajectory: Trajectory) -> Mapping[str, Array]:
         """Return the change of the wheel's speed since the start."""
         omega = trajectory.state('omega')
-        return {'wheel_speed': problem.plant.wheel_speed(omega, initial_omega=float(omega[0]))}
+        return {'wheel_speed': problem.plant.wheel_speed(omega - omega[0])}
 
     def drawn(self, values: Values) -> Drawn:
         """Return a robot with these parameters."""

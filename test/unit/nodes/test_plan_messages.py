@@ -82,7 +82,7 @@ def test_a_robots_plan_is_one_message() -> None:
     robot = FloatingRobot()
     plan = switched(ROBOT).with_rates(robot.derivative)
     omega = plan.state('omega')
-    wheel = robot.wheel_speed(omega, initial_omega=float(omega[0]))
+    wheel = robot.wheel_speed(omega - omega[0])
     made = messages.plan_message(ROBOT, plan, STAMP, {'wheel_speed': wheel})
     assert list(made.joint_names) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
     x, y, u, v, yaw, _, alpha = plan.states[3].tolist()
