@@ -161,7 +161,9 @@ def scaled(units: Array, blocks: Array, least: float, share: float, rows: Array)
         sizes, vectors = np.linalg.eigh(blocks[i] * units[i] * units[i].reshape(-1, 1))
         for q in range(v):
             size = max(sizes[q], least, share * sizes[v - 1])
-            hessian[i, :, i] += size * vectors[:, q].copy().reshape(-1, 1) * vectors[:, q]
+            for r in range(v):
+                for c in range(v):
+                    hessian[i, r, i, c] += size * vectors[r, q] * vectors[c, q]
     rows *= units
     return hessian.reshape(n * v, n * v)
 
@@ -290,11 +292,14 @@ class FormationProgram(NonlinearProgram):
         """Exact first derivatives; Hessian of the gas, made positive definite."""
         gradient, blocks, margins, rows, tags = self.derive(point.cache, multipliers)
         curvature = scaled(self._scales, blocks, *self.curvature, rows)
-        jacobian = rows.reshape(margins.size, gradient.size).take(self.free, axis=1)
-        gradient = (self._scales * gradient).ravel()[self.free]
+        jacobian = rows.reshape(margins.size, gradient.size)
+        gradient = (self._scales * gradient).ravel()
+        if self.free.size < gradient.size:
+            curvature = curvature[np.ix_(self.free, self.free)]
+            gradient, jacobian = gradient[self.free], jacobian[:, self.free]
         return Linearisation(
             gradient=gradient + self._first,
-            hessian=curvature[np.ix_(self.free, self.free)],
+            hessian=curvature,
             equalities=np.zeros(0),
             equality_jacobian=np.zeros((0, self.free.size)),
             inequalities=margins,
