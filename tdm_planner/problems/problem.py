@@ -42,7 +42,7 @@ class Search(ABC, Generic[C]):
     """
     The direct method's outer loop (section 3 of Yakimenko 2006); `run` carries it out.
 
-    First guesses are minimised to candidates; the most promising are refined with more nodes and
+    Initial guesses are minimised to candidates; the most promising are refined with more nodes and
     written out as trajectories until one passes the check; where none does, it begins anew, wider.
     What a problem brings is how its candidates come about and how they are refined.
 
@@ -56,7 +56,7 @@ class Search(ABC, Generic[C]):
 
     @abstractmethod
     def candidates(self) -> Iterable[C]:
-        """Minimise from a round of first guesses; feasible results, the most promising first."""
+        """Minimise from a round of initial guesses; feasible results, the most promising first."""
 
     @abstractmethod
     def plans(self, candidate: C) -> Iterator[Solution]:
@@ -217,8 +217,8 @@ class Problem(ABC):
         """
         Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
-        `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
-        of a problem of the same kind, with other boundary conditions or limits, to start from.
+        `seed` (default: `solver.seed`) is that of the random initial guesses. `warm_start` is a
+        plan of a problem of the same kind, with other ends or limits, to start from.
         With `counted` the search does not look at the clock: every second of the deadline is
         `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
         the same to the last bit however slow or busy the machine.

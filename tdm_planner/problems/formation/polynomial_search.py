@@ -66,7 +66,7 @@ _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, before giving up
-_SIMPLE = 7  # order of the polynomials with which first guesses are minimised
+_SIMPLE = 7  # order of the polynomials with which initial guesses are minimised
 _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
@@ -216,7 +216,7 @@ class PolynomialProgram(FormationProgram):
 
 class PolynomialSearch(FormationSearch[Polynomials]):
     """
-    Local minima of one manoeuvre from several first guesses, and their plans.
+    Local minima of one manoeuvre from several initial guesses, and their plans.
 
     Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
     Of a `previous` plan the remaining motion is the initial guess, with polynomials of higher
@@ -358,7 +358,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
 def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Array]:
     """
-    Yield first guesses x (n, P): quintic motions bowed to either side by shares of their ways.
+    Yield initial guesses x (n, P): quintic motions bowed to either side by shares of their ways.
 
     Screened ones come first, best first, then random bows without end.
     """

@@ -4,9 +4,9 @@
 """
 The search for formations' plans, whatever form their motions have.
 
-First guesses are what every robot may choose, combined so that none comes too near another. Which
-robot passes on which side of another decides which local minimum is found: of every set of sides
-the combination that looks best is tried, the most promising first. The shared minimiser leads to
+Initial guesses are what every robot may choose, combined so that none comes too near another.
+Which robot passes on which side of another decides which local minimum is found: of every set of
+sides the combination that looks best is tried, the most promising first. The shared minimiser leads to
 local minima; plans of them, with check and cost, are looked at cheapest first.
 
 What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
@@ -85,7 +85,7 @@ class FormationSearch(Search[C]):
     What the searches for a plan of a problem share.
 
     They make candidates in `rounds`, one after the other until there is a plan: first from what is
-    left of the `previous` plan, then from `starts` first guesses. `closest` is the point of the
+    left of the `previous` plan, then from `starts` initial guesses. `closest` is the point of the
     least violation seen, for the reason of a failure.
     """
 
@@ -188,10 +188,12 @@ class FormationSearch(Search[C]):
         binding = '' if closest is None else closest.program.binding(closest.point)
         if self.budget.spent:
             return DeadlineExceeded(
-                f'no plan within {self.budget.seconds:g} s from {self.tried} starts; nearest to '
-                f'one, {binding} was violated'
+                f'no feasible plan within {self.budget.seconds:g} s from {self.tried} initial '
+                f'guesses; the best one violates {binding}'
             )
-        return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
+        return Infeasible(
+            f'no feasible plan from {self.tried} initial guesses; the best one violates {binding}'
+        )
 
 
 def screened(

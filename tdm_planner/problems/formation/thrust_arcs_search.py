@@ -4,7 +4,7 @@
 """
 The search for formations' plans by thrust arcs: rounded polylines, the shared minimiser.
 
-First guesses have one corner each, bowed to either side, and are screened together. Which robot
+Initial guesses have one corner each, bowed to either side, and are screened together. Which robot
 passes on which side of another decides which local minimum is found: of every set of sides the
 guess that looks best is tried, the most promising first.
 """
@@ -127,7 +127,7 @@ def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
 
 
 class ArcSeeds:
-    """First guesses x (n, 5) for a program with three burns a robot."""
+    """Initial guesses x (n, 5) for a program with three burns a robot."""
 
     def __init__(self, program: ArcProgram, rng: np.random.Generator) -> None:
         self.program, self.task, self.rng = program, program.task, rng

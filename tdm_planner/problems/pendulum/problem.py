@@ -95,8 +95,8 @@ class PendulumSwingUp(Problem, Validated):
     limits: PendulumLimits = group(PendulumLimits)
     torque_reserve: float = parameter(
         0.3,
-        'share of limits.torque that plans leave to the feedback, a tenth of it of '
-        'limits.disk_angle',
+        'share of limits.torque that plans leave to the feedback; method switching also leaves a '
+        'tenth of this share of limits.disk_angle, unless it replans',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
     start: PendulumStart = group(PendulumStart)
@@ -198,7 +198,7 @@ class PendulumSwingUp(Problem, Validated):
         """Return when the pendulum is upright, by what torque, and how weak that is."""
         motion = plan.trajectories[VEHICLE]
         torques = motion.control('torque')
-        kind = 'a smooth torque'
+        kind = 'a continuous torque'
         if motion.interpolation == 'zero_order_hold':
             kind = f'{motion.switches.size} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
@@ -208,7 +208,7 @@ class PendulumSwingUp(Problem, Validated):
             f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
             f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
             f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
-            f'{swings} swings'
+            f'{swings} swing{"" if swings == 1 else "s"}'
         )
 
 

@@ -206,16 +206,16 @@ class StatedMethod(Search[Solution]):
                 f'starts with theta_dot = {task.start[2]:g} rad/s away from goal.turns = '
                 f"{task.turns}; method 'switching' has no such restriction"
             )
-        how = 'theta going one way all along' if self._one_way else 'a continuous torque'
+        way = ', theta going one way all along,' if self._one_way else ''
         what = (
-            f'gave no swing-up with {how} of at most {task.torque:.3g} N m (limits.torque less '
-            'torque_reserve)'
+            f'no swing-up with a continuous torque of at most {task.torque:.3g} N m '
+            f'(limits.torque less torque_reserve){way} was found'
         )
-        remedy = "weak torque needs method 'switching'"
+        remedy = "method 'switching' may find one"
         if self._refusal is None or isinstance(self._refusal, DeadlineExceeded):
-            return DeadlineExceeded(f'in {self.budget.seconds:g} s, the search {what}; {remedy}')
+            return DeadlineExceeded(f'{what} in {self.budget.seconds:g} s; {remedy}')
         reason = self.rejected or str(self._refusal)
-        return type(self._refusal)(f'the search {what}: {reason}; {remedy}')
+        return type(self._refusal)(f'{what}: {reason}; {remedy}')
 
     def _goals(self) -> Sequence[int]:
         """Numbers n of theta = 2 pi n, the nearest first."""

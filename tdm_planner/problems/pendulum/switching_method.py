@@ -162,7 +162,10 @@ class SwitchingMethod(Search[Candidate]):
                 fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
             if not violation < self._lost:
                 if not budget.spent:  # or else there was no time to correct it
-                    self.rejected = 'integrated finely none ends upright any more'
+                    self.rejected = (
+                        'a coarsely integrated swing-up misses upright by '
+                        f'{violation:.2g} rad (rates times 1/w0) when it is integrated finely'
+                    )
                 return
             yield self._checked(fine, violation)
             for more in _FINER:
@@ -343,16 +346,21 @@ class SwitchingMethod(Search[Candidate]):
     def _reason(self) -> str:
         task = self._task
         search = (
-            f'in {self.budget.seconds:g} s, {self._starts} first guesses of up to {self._arcs} '
-            f'arcs of {task.torque:.3g} N m (limits.torque less torque_reserve) '
+            f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
+            f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:
-            return search + f'gave swing-ups ({self._arrived}), but left no time to check one'
+            return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
         search += 'gave no swing-up'
-        if task.swing_drive < _WEAK:
+        if task.drive < _WEAK:
             search += (
-                f'; a drive this weak ({task.swing_drive:.2g}) takes many swings: a longer '
-                'solver.deadline, more limits.torque or limits.disk_angle may help'
+                f'; with a drive of {task.drive:.2g} it takes many swings: a longer '
+                'solver.deadline or more limits.torque may help'
+            )
+        elif task.swing_drive < _WEAK:
+            search += (
+                "; the disk's range limits what a swing gains: a longer solver.deadline or more "
+                'limits.disk_angle may help'
             )
         states = roll_states(task.plant, task.start, *self._closest[1:]) if self._closest else None
         if states is None or not np.isfinite(states).all():

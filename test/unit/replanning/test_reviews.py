@@ -151,7 +151,7 @@ def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkey
 @dataclass(frozen=True)
 class Cart(DoubleIntegrator):
     name: ClassVar[str] = 'test_cart'
-    nodes, starts = 101, 1  # one first guess, and no refinement: quick even on a busy machine
+    nodes, starts = 101, 1  # one initial guess, and no refinement: quick even on a busy machine
     free: int = parameter(3, 'varied parameters')
     weight: float = parameter(0.0, 'of the force')
 
