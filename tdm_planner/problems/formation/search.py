@@ -6,8 +6,8 @@ The search for formations' plans, whatever form their motions have.
 
 Initial guesses are what every robot may choose, combined so that none comes too near another.
 Which robot passes on which side of another decides which local minimum is found: of every set of
-sides the combination that looks best is tried, the most promising first. The shared minimiser leads to
-local minima; plans of them, with check and cost, are looked at cheapest first.
+sides the combination that looks best is tried, the most promising first. The shared minimiser leads
+to local minima; plans of them, with check and cost, are looked at cheapest first.
 
 What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
 is corrected by turning the thruster away and back; where there is no time left for that the rest
