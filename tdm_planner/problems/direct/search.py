@@ -107,7 +107,7 @@ class DirectSearch(Search[Candidate]):
         if not self._planned_for:
             yield from self._direct()
 
-    def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
+    def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
         costs = [
             c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
@@ -115,7 +115,7 @@ class DirectSearch(Search[Candidate]):
         ]
         return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
         self._planned_for = True
         return self._warm

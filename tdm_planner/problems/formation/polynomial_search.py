@@ -61,7 +61,7 @@ _LONGER = 0.75  # what a bow costs, in separations
 _WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
-_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
+_WEAK_THRUST = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
@@ -300,7 +300,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         begun = acceleration(x[:, :1], slope[:, None], ends[..., 1], ends[..., 2])
         away = np.arctan2(begun[:, 1], begun[:, 0]) - task.departure_yaw - task.alpha
         angle = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-        weak = np.linalg.norm(begun, axis=1) < _WEAK * task.thrust
+        weak = np.linalg.norm(begun, axis=1) < _WEAK_THRUST * task.thrust
         needed = angle / (_TURNING_SHARE * task.thruster_rate) + 0.01 * program.durations(x)
         idle = task.staying | weak | np.isnan(task.alpha) | (angle <= _ALIGNED)
         return np.where(idle, 0.0, needed)

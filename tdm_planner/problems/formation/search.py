@@ -6,7 +6,7 @@ The search for formations' plans, whatever form their motions have.
 
 Initial guesses are what every robot may choose, combined so that none comes too near another.
 Which robot passes on which side of another decides which local minimum is found: of every set of
-sides the combination that looks best is tried, the most promising first. The shared minimiser leads
+sides the combination that looks best is tried, the most promising first. The minimiser leads
 to local minima; plans of them, with check and cost, are looked at cheapest first.
 
 What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
@@ -176,7 +176,7 @@ class FormationSearch(Search[C]):
         given = self.problem.task, {**motions, **self.kept}
         return assessed(*given, weights, self.problem.solver.tolerance, parameters)
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
         return keeps_reserve(self.problem.task, plan.verification)
 

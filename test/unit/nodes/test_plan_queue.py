@@ -18,7 +18,7 @@ from tdm_planner.nodes.planning import PlanQueue, Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Outlook, Review
 from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.trajectory import TimedTrajectory

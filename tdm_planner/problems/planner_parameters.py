@@ -82,7 +82,7 @@ class ReplanParameters(Validated):
 
 
 @dataclass(frozen=True)
-class RequestParameters(Validated):
+class PlannerParameters(Validated):
     """What the planner node knows beside the problem's own parameters."""
 
     problem: str = parameter(
