@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Candidates of the search for switching times: initial guesses, arrivals, polish, trajectory.
+Candidates of the search for switching times, and what happens to them in turn.
 
-Initial guesses are random, or the arcs of an earlier plan; torques of random ones alternate
-between their extremes from arc to arc, either sign may come first.
+1. Initial guesses: `starts` at random, `warm_starts` from an earlier plan, or `pumping.pumped`.
+2. `shot` brings random ones upright; `land` does so where the first arcs stay as they are.
+3. `polish` minimises the time, `with_new_arcs` adds arcs, `corrected` integrates more finely.
+4. `trajectory` writes the motion out.
 """
 
 from __future__ import annotations
