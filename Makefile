@@ -7,7 +7,7 @@
 # make nightly    run what takes longer: bad input, sabotaged solvers, faults of nodes, packages
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
-# make benchmark  measure everything and write docs/benchmarks.md (25 minutes); OPTIONS=--quick to try it
+# make benchmark  measure everything and write docs/benchmarks.md (half an hour); OPTIONS=--quick to try it
 # make config     bring what is generated from the code up to date: parameter files, tables
 # make clean      remove all that was made
 # Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;

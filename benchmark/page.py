@@ -36,7 +36,7 @@ _PEERS = """\
   MUMPS. Variables are scaled, expressions expanded to scalars and built once; only Ipopt's own
   time is counted, not that of building, guessing or checking. Barrier strategy, tolerances and
   guesses were chosen for the most and quickest solutions.
-  First guesses of the swing-up: the straight line to upright; a simulated swing under energy
+  Initial guesses of the swing-up: the straight line to upright; a simulated swing under energy
   control (Astrom and Furuta 2000), full or slow. Of the robots: straight ways with a quintic law
   of time, or all bowed to one side. *Best of 3* tries all three.
 - **warm**: from the plan of a neighbouring state (up to .05 rad and .25 rad/s, or 5 cm for every

@@ -21,8 +21,7 @@ from benchmark.peers.pendulum_collocation import PendulumCollocation
 from benchmark.pendulum import BEST_KNOWN, problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.problems.pendulum.shooting import Steps
-from tdm_planner.problems.pendulum.switching_search import (
+from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     COARSE_STEPS,
     distinct,
@@ -33,7 +32,8 @@ from tdm_planner.problems.pendulum.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
+from tdm_planner.problems.pendulum.shooting import Steps
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import Trajectory
 
 STARTS = 3000
@@ -61,7 +61,11 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
 def collocate(collocation: PendulumCollocation, task: SwingUpTask, guess: Trajectory) -> float:
     """Return the minimum time by collocation started from a trajectory, inf if it fails."""
     outcome = collocation.solve(task, guess)
-    return collocation.motions(task, outcome)[VEHICLE].duration if outcome.converged else math.inf
+    return (
+        collocation.motions(task, outcome)[PENDULUM_NAME].duration
+        if outcome.converged
+        else math.inf
+    )
 
 
 def main() -> None:

@@ -43,9 +43,9 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.pendulum.task import VEHICLE
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import PendulumTracker, Phase
@@ -99,7 +99,7 @@ def swing_up(
     assert isinstance(tracker, PendulumTracker)
     replanner = Replanner(SwingUpExecution(problem, tracker.parameters), REVIEWS)
     loop = loop_of(problem, solution, PENDULUM_INTERVAL, seed, replanner)
-    tracker, plant = loop.vehicles[VEHICLE]
+    tracker, plant = loop.vehicles[PENDULUM_NAME]
     true_plant = mismatched(problem.plant, MISMATCH, seed)
     impulse = push * np.random.default_rng([seed, 7]).choice([-1.0, 1.0])
     states, phases = [], []

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
-MOST_INSTANTS = 200_000  # of a check, beside those of its replay: 200 s at intervals of 1 ms
+MOST_INSTANTS = 200_000  # of a check, beside those of its replay
 _FEW = 2  # intervals between samples that a step of the replay may span
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
 _PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided

@@ -31,9 +31,9 @@ from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_files import config_file, read_parameters
 from tdm_planner.parameters import specifications
 from tdm_planner.plant_views import view_of
+from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.problems.request import RequestParameters
 from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES, uninterrupted
 from tdm_sim.plant_node import SimulationParameters
@@ -290,7 +290,7 @@ def speed_settings(
     if kind == 'tracker':
         declared = tracker_specifications('pendulum')
     else:
-        declared = specifications(RequestParameters if kind == 'planner' else SimulationParameters)
+        declared = specifications(PlannerParameters if kind == 'planner' else SimulationParameters)
     given = read_parameters(file, node=part.executable, namespace=part.namespace, required=False)
     settings: dict[str, Any] = {'use_sim_time': True}
     if followers:

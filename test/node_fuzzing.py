@@ -29,12 +29,12 @@ from tdm_planner.exceptions import ERRORS
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameters import ParameterSpec, specifications
-from tdm_planner.problems.request import RequestParameters
+from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 
 START = {'start.source': 'parameters', 'solver.deadline': 0.1, 'replan.rate': 1.0}
-REQUEST = specifications(RequestParameters)
+REQUEST = specifications(PlannerParameters)
 # Their parameters, and the declarations of all.
 NODES: dict[str, tuple[dict[str, Any], dict[str, ParameterSpec]]] = {
     '/pendulum/planner': (START, {**REQUEST, **SPECIFICATIONS['pendulum_swing_up']}),

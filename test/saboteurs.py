@@ -24,7 +24,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.problems.direct import minima as direct_minima
 from tdm_planner.problems.formation import search as formation_search
-from tdm_planner.problems.pendulum import switching_search
+from tdm_planner.problems.pendulum import candidates
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
@@ -35,7 +35,7 @@ Generator = np.random.Generator
 
 def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
     """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
-    for module in (switching_search, direct_minima, formation_search):
+    for module in (candidates, direct_minima, formation_search):
 
         def minimise(
             program: Any, xi: Any, options: Any = None, budget: Any = None,

@@ -82,9 +82,9 @@ JSON_KEYS: Mapping[str, str] = {
     'duration': 'from the start to the (last) arrival [s]',
     'cost': 'performance index J',
     'cost_terms.*': 'weighted terms that make up the cost',
-    'penalty': 'aggregate penalty Delta of (10); at most `solver.tolerance`',
+    'penalty': 'largest violation left by the search, Delta of (10); `verification` is the check',
     'solve_time': 'time spent searching [s]',
-    'evaluations': 'evaluations of the nonlinear programmes',
+    'evaluations': 'motions computed during the search',
     'summary': 'one sentence for people',
     'warnings': (
         'sentences about what is not connected, or that the plan came late; absent if none'

@@ -16,7 +16,7 @@ from typing import Any
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.request import RequestParameters
+from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
@@ -46,6 +46,11 @@ FACE: Mapping[str, tuple[str, tuple[str, ...]]] = {
             'Infeasible',
             'DeadlineExceeded',
             'VerificationFailed',
+            'NoState',
+            'Busy',
+            'Inactive',
+            'PlannerFault',
+            'NoAnswer',
         ),
     ),
     'tdm_sim.study': ('studies', ('run', 'ClosedLoop')),
@@ -54,7 +59,7 @@ FACE: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 def parameters_by_node() -> dict[str, Specifications]:
     """Return all parameters of every node as declared, by the node's name and plant."""
-    request = specifications(RequestParameters)
+    request = specifications(PlannerParameters)
     return {
         'planner pendulum': {**request, **PendulumSwingUp.parameter_specifications({})},
         'planner robots': {**request, **RobotFormation.parameter_specifications({})},

@@ -18,7 +18,7 @@ from benchmark.peers.pendulum_collocation import (
 from benchmark.pendulum import problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
@@ -54,4 +54,4 @@ class PendulumCases(Cases):
         self, task: SwingUpTask, motions: Mapping[str, Trajectory]
     ) -> tuple[tuple[str, ...], float]:
         """Return the reasons why a motion is no swing-up, and how long it takes [s]."""
-        return judge_pendulum(task, motions[VEHICLE]), motions[VEHICLE].duration
+        return judge_pendulum(task, motions[PENDULUM_NAME]), motions[PENDULUM_NAME].duration

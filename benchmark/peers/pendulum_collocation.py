@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import accelerations
-from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 _PUMPED, _STEP = 3.0, 2e-3  # s
@@ -113,7 +113,7 @@ class PendulumCollocation:
 
     def solve(self, task: SwingUpTask, guess: Trajectory | Outcome, warm: bool = False) -> Outcome:
         """Solve from the start of `task` to the upright turn where the guess ends."""
-        last = self.motions(task, guess)[VEHICLE] if isinstance(guess, Outcome) else guess
+        last = self.motions(task, guess)[PENDULUM_NAME] if isinstance(guess, Outcome) else guess
         n = self.intervals
         upper = np.full((n + 1, 4), np.inf)
         upper[:, 1] = self.disk_angle
@@ -144,4 +144,4 @@ class PendulumCollocation:
         _, shares, _ = np.split(outcome.x, [4 * (n + 1), 5 * (n + 1)])
         torques = np.clip(shares, -1.0, 1.0) * self.torque
         times = to_nanoseconds(np.linspace(0.0, outcome.x[-1] / self.unit[2], n + 1))
-        return {VEHICLE: _motion(task, times, states, torques)}
+        return {PENDULUM_NAME: _motion(task, times, states, torques)}

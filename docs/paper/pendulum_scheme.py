@@ -94,7 +94,7 @@ def printed(count: int, switches: Array, completed: bool = False) -> End:
 
 
 def mended(count: int, switch: float) -> End:
-    """Return what ``method: virtual_arc`` makes of one switch, with `count` nodes or so."""
+    """Return what the mended scheme makes of one switch, with `count` nodes or so."""
     task = problem(START, TORQUE).task
     program = VirtualArcProgram(task, TORQUE * np.array([-1.0, 1.0]), 0, count // 2)
     share = (START - switch) / (START - GOAL)

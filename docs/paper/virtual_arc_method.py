@@ -22,8 +22,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.problems import Solution
+from tdm_planner.problems.pendulum.candidates import FINE_STEPS, shot, trajectory
 from tdm_planner.problems.pendulum.shooting import ArcBatch, Steps
-from tdm_planner.problems.pendulum.switching_search import FINE_STEPS, shot, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.problem import Search
 from tdm_planner.trajectory import Trajectory

@@ -32,7 +32,7 @@ class Optimum(NamedTuple):
 
 
 def collocation(problem: Landing, guess: Trajectory, intervals: int = 40) -> Optimum:
-    """Return the optimum by collocation, from a first guess."""
+    """Return the optimum by collocation, from a initial guess."""
     opti = casadi.Opti()
     t_f = opti.variable()
     step = t_f / intervals

@@ -330,17 +330,19 @@ class Adapter:
         for vehicle in self.vehicles.values():
             vehicle.tracker.forget_plans()
 
-    def recognised(
+    def recovered(
         self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int
     ) -> ActivePlan:
         """
-        Return the plan for parameters `values` that trajectories from the instant [ns] on are.
+        Rebuild the active plan from the trajectories that trackers report.
+
+        They begin at `stamp` [ns]; `values` are the parameters of the problem.
 
         Called in the worker's thread. Raise TdmError if they are no plan of such a problem.
         """
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})
-        solution = problem.recognised(trajectories)
+        solution = problem.recovered(trajectories)
         return ActivePlan(problem, solution, self._clock.instant(stamp))
 
     # Trackers.

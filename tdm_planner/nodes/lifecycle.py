@@ -25,9 +25,9 @@ from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameters import ParameterSpec, specifications
-from tdm_planner.problems.request import RequestParameters
+from tdm_planner.problems.planner_parameters import PlannerParameters
 
-AUTOSTART = specifications(RequestParameters)['autostart']
+AUTOSTART = specifications(PlannerParameters)['autostart']
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 

@@ -31,14 +31,14 @@ from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.problems.request import RequestParameters
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
 from tdm_planner.trajectory import SECOND, Trajectory
 
-_REQUEST = specifications(RequestParameters)
+_REQUEST = specifications(PlannerParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
 _REMEMBERED = 64  # plans
@@ -297,7 +297,7 @@ class Planner(ManagedNode):
             if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
-        self._queue.task(partial(adapter.recognised, values, trajectories, stamp), done)
+        self._queue.task(partial(adapter.recovered, values, trajectories, stamp), done)
 
     # Time.
 

@@ -28,8 +28,8 @@ from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.parameters import build
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
         PendulumStart,
         PendulumSwingUp,
     )
+    from tdm_planner.problems.planner_parameters import SolverParameters
     from tdm_planner.problems.problem import Problem, Search
-    from tdm_planner.problems.request import SolverParameters
     from tdm_planner.problems.solution import Solution
 
 __all__ = [
@@ -49,7 +49,7 @@ _MODULES = {
     'tdm_planner.problems.direct.problem': ('DirectProblem', 'DirectSolverParameters'),
     'tdm_planner.problems.formation.parameters': ('RobotStart',),
     'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
-    'tdm_planner.problems.request': ('SolverParameters',),
+    'tdm_planner.problems.planner_parameters': ('SolverParameters',),
     'tdm_planner.problems.formation.problem': ('RobotFormation',),
     'tdm_planner.problems.solution': ('Solution',),
 }

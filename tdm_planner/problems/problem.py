@@ -27,7 +27,7 @@ from tdm_planner.parameters import (
     specifications,
     to_mapping,
 )
-from tdm_planner.problems.request import RequestParameters, SolverParameters
+from tdm_planner.problems.planner_parameters import PlannerParameters, SolverParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -42,7 +42,7 @@ class Search(ABC, Generic[C]):
     """
     The direct method's outer loop (section 3 of Yakimenko 2006); `run` carries it out.
 
-    First guesses are minimised to candidates; the most promising are refined with more nodes and
+    Initial guesses are minimised to candidates; the most promising are refined with more nodes and
     written out as trajectories until one passes the check; where none does, it begins anew, wider.
     What a problem brings is how its candidates come about and how they are refined.
 
@@ -56,7 +56,7 @@ class Search(ABC, Generic[C]):
 
     @abstractmethod
     def candidates(self) -> Iterable[C]:
-        """Minimise from a round of first guesses; feasible results, the most promising first."""
+        """Minimise from a round of initial guesses; feasible results, the most promising first."""
 
     @abstractmethod
     def plans(self, candidate: C) -> Iterator[Solution]:
@@ -70,11 +70,11 @@ class Search(ABC, Generic[C]):
     def failure(self) -> Infeasible:
         """Return the reason why there is no plan."""
 
-    def promises_more(self, candidate: C, than: C) -> bool:
+    def is_worth_checking(self, candidate: C, than: C) -> bool:
         """Whether a candidate is worth a check though another has given a plan."""
         return True
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether a verified plan ends the search at once."""
         return True
 
@@ -95,9 +95,9 @@ class Search(ABC, Generic[C]):
         while True:
             best: tuple[C, Solution] | None = None
             for candidate in self.candidates():
-                if best is None or self.promises_more(candidate, best[0]):
+                if best is None or self.is_worth_checking(candidate, best[0]):
                     plan = self._verified(candidate)
-                    if plan is not None and self.satisfied_with(plan):
+                    if plan is not None and self.is_good_enough(plan):
                         return plan
                     if plan is not None and (best is None or plan.cost < best[1].cost):
                         best = candidate, plan
@@ -217,8 +217,8 @@ class Problem(ABC):
         """
         Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
-        `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
-        of a problem of the same kind, with other boundary conditions or limits, to start from.
+        `seed` (default: `solver.seed`) is that of the random initial guesses. `warm_start` is a
+        plan of a problem of the same kind, with other ends or limits, to start from.
         With `counted` the search does not look at the clock: every second of the deadline is
         `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
         the same to the last bit however slow or busy the machine.
@@ -251,9 +251,9 @@ class Problem(ABC):
         del trajectories
         return None
 
-    def recognised(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+    def recovered(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """
-        Return motions planned before, by vehicle, as the plan of this problem they are.
+        Rebuild a plan of this problem from its trajectories, by vehicle.
 
         Raises
         ------
@@ -353,4 +353,4 @@ def _similar(name: str, specs: Mapping[str, ParameterSpec]) -> str:
 
 
 def _belongs_to_node(name: str) -> bool:
-    return name in specifications(RequestParameters) or name == 'use_sim_time'
+    return name in specifications(PlannerParameters) or name == 'use_sim_time'

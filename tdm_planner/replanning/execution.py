@@ -28,7 +28,7 @@ from tdm_planner.verification import replay
 
 Array = NDArray[np.float64]
 
-VEHICLE: Final = 'plant'  # the name of the only observation
+PLANT_NAME: Final = 'plant'  # the name of the only observation
 START: Final = 'start.'
 _SHORTEST = 1e-3  # s; a shorter rest gives no initial guess
 
@@ -188,7 +188,7 @@ class GenericExecution(Execution):
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Predicted]:
         """Fly on under the planned controls, or carry the deviation from the plan along."""
-        seen = observations[VEHICLE]
+        seen = observations[PLANT_NAME]
         motion = plan.solution.trajectory
         flown = self._flown(plan, seen, at)
         if flown is None:
@@ -197,7 +197,7 @@ class GenericExecution(Execution):
             for number, state in self._compared(motion):
                 flown[number] += then[state] - now[state]
         control = motion.sample(plan.elapsed(at)).control
-        return {VEHICLE: Predicted(flown, control, seen.mode)}
+        return {PLANT_NAME: Predicted(flown, control, seen.mode)}
 
     def _flown(self, plan: ActivePlan, seen: Observation, at: float) -> Array | None:
         """Measured numbers at the instant `at` by the equations of motion, where all are known."""
@@ -219,7 +219,7 @@ class GenericExecution(Execution):
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Compare the state with the plan; its cost to go is the problem's to say."""
-        motion, now = plan.solution.trajectory, predicted[VEHICLE]
+        motion, now = plan.solution.trajectory, predicted[PLANT_NAME]
         elapsed = plan.elapsed(at)
         cost = plan.problem.cost_to_go(plan.solution, elapsed)
         # Where it is not known, no plan can be said to be cheaper.
@@ -241,7 +241,7 @@ class GenericExecution(Execution):
 
     def problem_from(self, problem: Problem, predicted: Mapping[str, Predicted]) -> Problem:
         """Return the same problem, with the predicted state as its start."""
-        numbers = zip(self._names, predicted[VEHICLE].state.tolist(), strict=True)
+        numbers = zip(self._names, predicted[PLANT_NAME].state.tolist(), strict=True)
         starts = {START + name: value for name, value in numbers}
         return type(problem).from_parameters({**problem.to_parameters(), **starts})
 

@@ -33,7 +33,7 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.formation.parameters import Arena, place_in_arena
-from tdm_planner.problems.pendulum.task import VEHICLE as SWING_UP
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import (
     Execution,
@@ -41,7 +41,7 @@ from tdm_planner.replanning import (
     GenericExecution,
     SwingUpExecution,
 )
-from tdm_planner.replanning.execution import ranges_of, START, VEHICLE
+from tdm_planner.replanning.execution import PLANT_NAME, ranges_of, START
 from tdm_planner.tracking import (
     PendulumTrackerParameters,
     RobotTrackerParameters,
@@ -72,7 +72,7 @@ class PlannedPlant:
     largest deviations (nx,) of a plant that follows its plan, None if they depend on that.
     """
 
-    vehicle: ClassVar[str] = VEHICLE
+    vehicle: ClassVar[str] = PLANT_NAME
     trail: ClassVar[float] = 2.0
     near: ClassVar[Array | None] = None
     stays: ClassVar[bool] = True  # until a plan begins
@@ -125,7 +125,7 @@ class PlannedPlant:
 class PlannedPendulum(PlannedPlant):
     """The rotary pendulum; between plans it swings without torque."""
 
-    vehicle = SWING_UP
+    vehicle = PENDULUM_NAME
     trail = 1.0
     near = np.array([0.5, 0.7, 6.0, 8.0])
     stays = False
@@ -164,7 +164,7 @@ class PlannedPendulum(PlannedPlant):
         self, problem: PendulumSwingUp, trackers: Mapping[str, Any], values: Values
     ) -> Execution:
         """Return the tracker's feedback as a model."""
-        return SwingUpExecution(problem, trackers.get(SWING_UP))
+        return SwingUpExecution(problem, trackers.get(PENDULUM_NAME))
 
     def drawn(self, values: Values) -> Drawn:
         """Return the rig with these parameters."""

@@ -18,8 +18,8 @@ import time
 from typing import Any, Final
 
 from tdm_planner.exceptions import TdmError
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.execution import (
     ActivePlan,

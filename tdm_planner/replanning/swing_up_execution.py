@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
-from tdm_planner.problems.pendulum.task import VEHICLE
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
@@ -57,9 +57,9 @@ class SwingUpExecution(Execution):
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Predicted]:
         """Roll the feedback law from the measured state to the instant `at`."""
-        seen = observations[VEHICLE]
+        seen = observations[PENDULUM_NAME]
         if at <= seen.stamp:
-            return {VEHICLE: Predicted(seen.state, np.zeros(1), seen.mode)}
+            return {PENDULUM_NAME: Predicted(seen.state, np.zeros(1), seen.mode)}
         if seen.mode is Mode.FOLLOWING:
             self._look(plan, seen.state, seen.stamp)
         table = self._table(plan, seen.mode, seen.stamp, at)
@@ -67,11 +67,11 @@ class SwingUpExecution(Execution):
         control = np.zeros(1)
         if seen.mode is Mode.FOLLOWING:
             control = plan.solution.trajectory.sample(plan.elapsed(at)).control
-        return {VEHICLE: Predicted(state, control, seen.mode)}
+        return {PENDULUM_NAME: Predicted(state, control, seen.mode)}
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
-        plant, now = self._plant, predicted[VEHICLE]
+        plant, now = self._plant, predicted[PENDULUM_NAME]
         if now.mode is not Mode.FOLLOWING:
             return Outlook(failure='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
@@ -93,7 +93,7 @@ class SwingUpExecution(Execution):
         self, problem: PendulumSwingUp, predicted: Mapping[str, Predicted]
     ) -> PendulumSwingUp:
         """Return the swing-up from the predicted state."""
-        now = predicted[VEHICLE]
+        now = predicted[PENDULUM_NAME]
         torque = float(now.control[0]) if problem.method == 'smooth' else None
         theta, psi, theta_dot, psi_dot = now.state.tolist()
         return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))

@@ -174,7 +174,7 @@ class PendulumTracker(TrajectoryTracker):
         self._q = np.diag(diagonal / scale**2)
         self._r = np.array([[weights.torque / limit / limit]])
         disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
-        self.quickest = max(frequency * plant.quickness, disk)
+        self.growth_rate = max(frequency * plant.quickness, disk)
         try:
             a, b = plant.jacobians(np.zeros(4), np.zeros(1))
             self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)

@@ -89,7 +89,7 @@ class StatedTracker(TrajectoryTracker):
         touched = _TOUCHED * np.minimum(np.abs(np.nan_to_num(left)).max(axis=0), 1.0)
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
-        self.quickest = float(growths.max(initial=0.0))
+        self.growth_rate = float(growths.max(initial=0.0))
         return StatedLaw(law, begin, hold, touched)
 
     def _scales(self, trajectory: Trajectory) -> Array:

@@ -72,7 +72,7 @@ class TrajectoryTracker(ABC):
         self.wants_plan = False
         self.current: Motion | None = None
         self.following: Motion | None = None
-        self.quickest = 0.0  # 1/s, at most, by which a deviation grows without feedback
+        self.growth_rate = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
         self._restless = False
         self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
@@ -127,7 +127,7 @@ class TrajectoryTracker(ABC):
     @property
     def warning(self) -> str:
         """Say that the commands are too slow for the plant, where they are."""
-        rate, least = self.parameters.rate, _SLOWEST * self.quickest
+        rate, least = self.parameters.rate, _SLOWEST * self.growth_rate
         slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
         return slow if rate < least else ''
 

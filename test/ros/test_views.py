@@ -167,7 +167,7 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
         ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
         ({'x': 1.0, 'y': 1.0, 'yaw': math.nan}, {}, ['unit quaternion']),
         ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
-        ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no plan within']),
+        ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no feasible plan within']),
     ],
     ids=str,
 )

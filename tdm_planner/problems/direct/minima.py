@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The direct method's part of the search: first guesses, random changes of them, and minima."""
+"""The direct method's part of the search: initial guesses, random changes of them, and minima."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _CHANGE = 0.15, 0.5  # of the initial guess, in its units: without and with cond
 _CHANGES = 10  # of an initial guess that is not finite everywhere
 _FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
 _PROMISING = 1e-5  # and up to which the check may pass
-_SCREENED = 64  # random first guesses of which the one nearest to the end conditions is kept
+_SCREENED = 64  # random initial guesses of which the one nearest to the end conditions is kept
 
 
 class DirectMinima:

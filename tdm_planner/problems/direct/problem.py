@@ -44,8 +44,8 @@ from tdm_planner.parameters import group, parameter, POSITIVE
 from tdm_planner.problems.direct.refinement import prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, limits_of
+from tdm_planner.problems.planner_parameters import SolverParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -57,7 +57,7 @@ _AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 
 @dataclass(frozen=True)
 class DirectSolverParameters(SolverParameters):
-    """How long and how hard to search; the search ends when a few first guesses are refined."""
+    """How long and how hard to search; the search ends when a few initial guesses are refined."""
 
     deadline: float = parameter(
         3.0,

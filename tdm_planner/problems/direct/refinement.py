@@ -35,7 +35,7 @@ from tdm_planner.verification import usual_tolerance
 
 Array = NDArray[np.float64]
 
-# Intervals of the collocation: from first guesses, from earlier plans, of most plans, at most.
+# Intervals of the collocation: from initial guesses, from earlier plans, of most plans, at most.
 FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
 _SHARE = 0.1  # of the end's tolerance, to be content

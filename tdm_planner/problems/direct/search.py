@@ -44,9 +44,9 @@ from tdm_planner.verification import verify
 
 Array = NDArray[np.float64]
 
-_MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
+_MOST, _TRIED = 40, 8  # initial guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
-_KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
+_KINDS, _SIDES = 2, 5  # initial guesses before that counts: without and with obstacles
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -56,7 +56,7 @@ _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _LEAST_CHECK = 0.04  # s that a check may take past the deadline
-_GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
+_GUESS_ROUNDS = 4  # of initial guesses while none leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 Candidate = Motion | Minimum
@@ -107,7 +107,7 @@ class DirectSearch(Search[Candidate]):
         if not self._planned_for:
             yield from self._direct()
 
-    def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
+    def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
         costs = [
             c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
@@ -115,13 +115,13 @@ class DirectSearch(Search[Candidate]):
         ]
         return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
         self._planned_for = True
         return self._warm
 
     def widen(self) -> bool:
-        """Go on with other first guesses, a few rounds, while none leads to a feasible motion."""
+        """Try a few more rounds of initial guesses while none leads to a feasible motion."""
         rounds = 1 if self._refines else _GUESS_ROUNDS
         return not (self._found or self._late) and self._rounds < rounds
 
@@ -192,7 +192,7 @@ class DirectSearch(Search[Candidate]):
             yield self._settled(solved[0])
 
     def _guesses(self) -> Iterator[Motion]:
-        """Yield first guesses on the first intervals, mostly minima of the direct method."""
+        """Yield initial guesses on the first intervals, mostly minima of the direct method."""
         try:
             minima: DirectMinima | None = self._minima
         except NotFinite:  # as an unstable plant is that is integrated under a rough control
@@ -244,7 +244,7 @@ class DirectSearch(Search[Candidate]):
         return motion
 
     def _direct(self) -> Iterator[Minimum]:
-        """Minimise from a round of first guesses while there is time."""
+        """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
         until = self.budget.part(self._latest - self.budget.elapsed)

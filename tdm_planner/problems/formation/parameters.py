@@ -29,7 +29,7 @@ from tdm_planner.parameters import (
     Validated,
 )
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_planner.problems.request import SolverParameters
+from tdm_planner.problems.planner_parameters import SolverParameters
 
 Array = NDArray[np.float64]
 

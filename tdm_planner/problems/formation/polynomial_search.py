@@ -60,12 +60,12 @@ _LONGER = 0.75  # what a bow costs, in separations
 _WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
-_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
+_WEAK_THRUST = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, before giving up
-_SIMPLE = 7  # order of the polynomials with which first guesses are minimised
+_SIMPLE = 7  # order of the polynomials with which initial guesses are minimised
 _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
@@ -218,7 +218,7 @@ class PolynomialProgram(FormationProgram):
 
 class PolynomialSearch(FormationSearch[Polynomials]):
     """
-    Local minima of one manoeuvre from several first guesses, and their plans.
+    Local minima of one manoeuvre from several initial guesses, and their plans.
 
     Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
     Of a `previous` plan the remaining motion is the initial guess, with polynomials of higher
@@ -309,7 +309,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         begun = acceleration(x[:, :1], slope[:, None], ends[..., 1], ends[..., 2])
         away = np.arctan2(begun[:, 1], begun[:, 0]) - task.departure_yaw - task.alpha
         angle = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-        weak = np.linalg.norm(begun, axis=1) < _WEAK * task.thrust
+        weak = np.linalg.norm(begun, axis=1) < _WEAK_THRUST * task.thrust
         needed = angle / (_TURNING_SHARE * task.thruster_rate) + 0.01 * program.durations(x)
         idle = task.staying | weak | np.isnan(task.alpha) | (angle <= _ALIGNED)
         return np.where(idle, 0.0, needed)
@@ -367,7 +367,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
 def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Array]:
     """
-    Yield first guesses x (n, P): quintic motions bowed to either side by shares of their ways.
+    Yield initial guesses x (n, P): quintic motions bowed to either side by shares of their ways.
 
     Screened ones come first, best first, then random bows without end.
     """

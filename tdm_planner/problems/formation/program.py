@@ -243,7 +243,7 @@ class FormationProgram(NonlinearProgram):
         return np.asarray(x[:, self._used] @ self._speeds)
 
     def usual_durations(self) -> Array:
-        """Durations (n,) s of first guesses."""
+        """Durations (n,) s of initial guesses."""
         task = self.task
         least = self.durations(self.full(self.lower))
         arrivals = self.first + task.interval * np.arange(task.n) + task.arrived - task.coast

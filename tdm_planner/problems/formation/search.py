@@ -4,10 +4,10 @@
 """
 The search for formations' plans, whatever form their motions have.
 
-First guesses are what every robot may choose, combined so that none comes too near another. Which
-robot passes on which side of another decides which local minimum is found: of every set of sides
-the combination that looks best is tried, the most promising first. The shared minimiser leads to
-local minima; plans of them, with check and cost, are looked at cheapest first.
+Initial guesses are what every robot may choose, combined so that none comes too near another.
+Which robot passes on which side of another decides which local minimum is found: of every set of
+sides the combination that looks best is tried, the most promising first. The minimiser leads
+to local minima; plans of them, with check and cost, are looked at cheapest first.
 
 What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
 is corrected by turning the thruster away and back; where there is no time left for that the rest
@@ -80,7 +80,7 @@ class FormationSearch(Search[C]):
     What the searches for a plan of a problem share.
 
     They make candidates in `rounds`, one after the other until there is a plan: first from what is
-    left of the `previous` plan, then from `starts` first guesses. `closest` is the point of the
+    left of the `previous` plan, then from `starts` initial guesses. `closest` is the point of the
     least violation seen, for the reason of a failure.
     """
 
@@ -169,7 +169,7 @@ class FormationSearch(Search[C]):
         """Return the motions with their check and cost, those that were kept among them."""
         return assessed(self.problem, {**motions, **self.kept}, parameters)
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
         return keeps_reserve(self.problem.task, plan.verification)
 
@@ -181,10 +181,12 @@ class FormationSearch(Search[C]):
         binding = '' if closest is None else closest.program.binding(closest.point)
         if self.budget.spent:
             return DeadlineExceeded(
-                f'no plan within {self.budget.seconds:g} s from {self.tried} starts; nearest to '
-                f'one, {binding} was violated'
+                f'no feasible plan within {self.budget.seconds:g} s from {self.tried} initial '
+                f'guesses; the best one violates {binding}'
             )
-        return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
+        return Infeasible(
+            f'no feasible plan from {self.tried} initial guesses; the best one violates {binding}'
+        )
 
 
 def screened(

@@ -57,7 +57,7 @@ _EVALUATIONS = 8
 _CORRECTED = 0.6  # half-turns of the thruster before a burn that leave time for another one
 
 
-class ArcProgram(FormationProgram):
+class ThrustArcProgram(FormationProgram):
     """
     The program of one manoeuvre with `count` burns a robot.
 
@@ -236,7 +236,7 @@ def _thruster_path(
     return np.array(times), np.array(angles)
 
 
-def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
+def fitted(program: ThrustArcProgram, plans: Mapping[str, Trajectory]) -> Array:
     """Parameters (n, v) whose motions are nearest to planned ones at equal times, as long."""
     lower, upper = program.full(program.lower), program.full(program.upper)
     found = [
@@ -246,7 +246,9 @@ def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
     return np.stack(found)
 
 
-def _nearest(program: ArcProgram, i: int, plan: Trajectory, lower: Array, upper: Array) -> Array:
+def _nearest(
+    program: ThrustArcProgram, i: int, plan: Trajectory, lower: Array, upper: Array
+) -> Array:
     """Parameters (v,) of robot i, within bounds, that fit its plan."""
     duration = float(np.clip(plan.duration, lower[-1], upper[-1]))
     if not program.varied[i]:

@@ -4,7 +4,7 @@
 """
 The search for formations' plans by thrust arcs: rounded polylines, the shared minimiser.
 
-First guesses have one corner each, bowed to either side, and are screened together. Which robot
+Initial guesses have one corner each, bowed to either side, and are screened together. Which robot
 passes on which side of another decides which local minimum is found: of every set of sides the
 guess that looks best is tried, the most promising first.
 """
@@ -44,11 +44,11 @@ from tdm_planner.problems.formation.thrust_arcs_kernels import (
 )
 from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
-    ArcProgram,
     cleaned,
     fitted,
     remaining,
     resumed,
+    ThrustArcProgram,
 )
 from tdm_planner.problems.solution import Solution
 
@@ -75,7 +75,7 @@ _TOUCHING = 1.01  # clearances within which robots touch
 _STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
 _SEATED = 0.02  # of a duration, by which a corner must move to be worth it
 Array = NDArray[np.float64]
-Arcs: TypeAlias = Candidate[ArcProgram]
+Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found
@@ -127,9 +127,9 @@ def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
 
 
 class ArcSeeds:
-    """First guesses x (n, 5) for a program with three burns a robot."""
+    """Initial guesses x (n, 5) for a program with three burns a robot."""
 
-    def __init__(self, program: ArcProgram, rng: np.random.Generator) -> None:
+    def __init__(self, program: ThrustArcProgram, rng: np.random.Generator) -> None:
         self.program, self.task, self.rng = program, program.task, rng
         self.durations = program.usual_durations()
         self._way = self.task.goal - self.task.start
@@ -184,7 +184,7 @@ class ArcSeeds:
         return self.guess(np.where(nearest[at] < 0.3 * fleet.length, along[at], share), bow, wait)
 
 
-def reseated(program: ArcProgram, point: ArcValues) -> Array | None:
+def reseated(program: ThrustArcProgram, point: ArcValues) -> Array | None:
     """
     Parameters (n, 5) with corners of robots that touch another one flying straight put there.
 
@@ -247,7 +247,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
-        program, search = ArcProgram(self.task, 4), self._polynomials()
+        program, search = ThrustArcProgram(self.task, 4), self._polynomials()
         for polynomials in search.candidates():
             motions = search.motions(polynomials)
             near = fitted(program, {**motions, **search.kept})
@@ -256,7 +256,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
-        program = ArcProgram(self.task)
+        program = ThrustArcProgram(self.task)
         seeds = ArcSeeds(program, self.rng)
         # On the way there is little time.
         more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
@@ -278,10 +278,12 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             count = (x.shape[1] + 4) // 3
             if any(len(remaining(motion)) > count for motion in self.kept.values()):
                 break
-            program = ArcProgram(task, count, self.kept)
+            program = ThrustArcProgram(task, count, self.kept)
             yield from self._polished(program, program.reduce(x))
 
-    def _polished(self, program: ArcProgram, xi: Array, accuracy: float = _ROUGH) -> list[Arcs]:
+    def _polished(
+        self, program: ThrustArcProgram, xi: Array, accuracy: float = _ROUGH
+    ) -> list[Arcs]:
         """Return the minimum near Xi, if there is one."""
         options = self._options._replace(radius=_POLISHING_RADIUS, cost_tolerance=accuracy)
         found = self.minimised(program, xi, options)

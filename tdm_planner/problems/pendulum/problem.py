@@ -6,7 +6,7 @@ Problem `pendulum_swing_up`: from any state to upright at rest in the shortest t
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
 virtual arc, which together leave no freedom; by default the varied parameters are the switching
-times of the torque instead (see `switching_motion`). A continuous torque, and motions in which
+times of the torque instead (see `switching_program`). A continuous torque, and motions in which
 theta goes one way all along, are stated as a `DirectProblem` (see `smooth`).
 """
 
@@ -25,23 +25,23 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
+from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.smooth import (
     prepare_collocation,
-    StatedMethod,
+    StatedSearch,
     StatedSwingUp,
 )
-from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
-from tdm_planner.problems.pendulum.switching_search import arcs_of
-from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
+from tdm_planner.problems.pendulum.switching_search import SwitchingSearch
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
+from tdm_planner.problems.planner_parameters import SolverParameters
 from tdm_planner.problems.problem import Problem, Search
-from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
-_WEAK = 0.012  # N m: of a motor with which a swing-up needs every kernel
+_COMPILED_TORQUE = 0.012  # N m: of a motor with which a swing-up needs every kernel
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class PendulumSwingUp(Problem, Validated):
     limits: PendulumLimits = group(PendulumLimits)
     torque_reserve: float = parameter(
         0.3,
-        'share of limits.torque that plans leave to the feedback, a tenth of it of '
-        'limits.disk_angle',
+        'share of limits.torque that plans leave to the feedback; method switching also leaves a '
+        'tenth of this share of limits.disk_angle, unless it replans',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
     start: PendulumStart = group(PendulumStart)
@@ -163,7 +163,7 @@ class PendulumSwingUp(Problem, Validated):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier swing-up, with its check and its arcs' durations recomputed."""
-        motion = trajectories[VEHICLE].with_rates(self.plant.derivative)
+        motion = trajectories[PENDULUM_NAME].with_rates(self.plant.derivative)
         arcs = arcs_of(motion)
         durations = np.zeros(0) if arcs is None else arcs.durations
         return self.task.plan(motion, durations, 0.0)
@@ -186,9 +186,9 @@ class PendulumSwingUp(Problem, Validated):
                 f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
             )
         if self.method != 'switching':
-            return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
+            return StatedSearch(task, budget, rng, self.method == 'virtual_arc', previous)
         arcs = None if previous is None else arcs_of(previous.trajectory)
-        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+        return SwitchingSearch(task, budget, rng, self.switching_arcs, tolerance, arcs)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of torque and disk angle."""
@@ -196,9 +196,9 @@ class PendulumSwingUp(Problem, Validated):
 
     def describe(self, plan: Solution) -> str:
         """Return when the pendulum is upright, by what torque, and how weak that is."""
-        motion = plan.trajectories[VEHICLE]
+        motion = plan.trajectories[PENDULUM_NAME]
         torques = motion.control('torque')
-        kind = 'a smooth torque'
+        kind = 'a continuous torque'
         if motion.interpolation == 'zero_order_hold':
             kind = f'{motion.switches.size} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
@@ -208,14 +208,14 @@ class PendulumSwingUp(Problem, Validated):
             f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
             f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
             f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
-            f'{swings} swings'
+            f'{swings} swing{"" if swings == 1 else "s"}'
         )
 
 
 @cache
 def _compile() -> None:
     """Compile the kernels or load them from the disk: by a short search, and what it leaves."""
-    weak = PendulumSwingUp(limits=PendulumLimits(torque=_WEAK))
+    weak = PendulumSwingUp(limits=PendulumLimits(torque=_COMPILED_TORQUE))
     weak.search(Budget(1.0, evaluations=20_000), np.random.default_rng(0), None).run()
     still = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
     roll_feedback(weak.plant, weak.task.start, still)

@@ -37,7 +37,7 @@ from tdm_planner.plants.pendulum_kernels import (
     THETA_DOT,
 )
 from tdm_planner.plants.rotary_pendulum import Coefficients
-from tdm_planner.problems.pendulum.switching_search import (
+from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     COMING,
     FEWEST_ARCS,

@@ -35,7 +35,7 @@ from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPend
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.refinement import Refinement
-from tdm_planner.problems.pendulum.switching_search import Candidate, trajectory
+from tdm_planner.problems.pendulum.candidates import Candidate, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
@@ -89,7 +89,7 @@ class StatedSwingUp(DirectProblem):
             goal=2.0 * math.pi * turns,
             torque=task.torque,
             disk_angle=task.planned_disk_angle,
-            time=max(_LONGER * task.quickest, _LEAST / task.plant.natural_frequency),
+            time=max(_LONGER * task.transfer_time, _LEAST / task.plant.natural_frequency),
             one_way=one_way,
         )
 
@@ -141,7 +141,7 @@ class StatedSwingUp(DirectProblem):
         return t
 
 
-class StatedMethod(Search[Solution]):
+class StatedSearch(Search[Solution]):
     """
     The search for the quickest continuous torque to the nearest two upright positions.
 
@@ -185,11 +185,11 @@ class StatedMethod(Search[Solution]):
         (motion,) = candidate.trajectories.values()
         yield self._task.plan(motion, candidate.parameters, candidate.penalty)
 
-    def promises_more(self, candidate: Solution, than: Solution) -> bool:
+    def is_worth_checking(self, candidate: Solution, than: Solution) -> bool:
         """Whether it is quicker."""
         return candidate.cost < than.cost
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         """Whether it goes on from another one."""
         return self._previous is not None
 
@@ -206,16 +206,16 @@ class StatedMethod(Search[Solution]):
                 f'starts with theta_dot = {task.start[2]:g} rad/s away from goal.turns = '
                 f"{task.turns}; method 'switching' has no such restriction"
             )
-        how = 'theta going one way all along' if self._one_way else 'a continuous torque'
+        way = ', theta going one way all along,' if self._one_way else ''
         what = (
-            f'gave no swing-up with {how} of at most {task.torque:.3g} N m (limits.torque less '
-            'torque_reserve)'
+            f'no swing-up with a continuous torque of at most {task.torque:.3g} N m '
+            f'(limits.torque less torque_reserve){way} was found'
         )
-        remedy = "weak torque needs method 'switching'"
+        remedy = "method 'switching' may find one"
         if self._refusal is None or isinstance(self._refusal, DeadlineExceeded):
-            return DeadlineExceeded(f'in {self.budget.seconds:g} s, the search {what}; {remedy}')
+            return DeadlineExceeded(f'{what} in {self.budget.seconds:g} s; {remedy}')
         reason = self.rejected or str(self._refusal)
-        return type(self._refusal)(f'the search {what}: {reason}; {remedy}')
+        return type(self._refusal)(f'{what}: {reason}; {remedy}')
 
     def _goals(self) -> Sequence[int]:
         """Numbers n of theta = 2 pi n, the nearest first."""

@@ -2,345 +2,379 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Candidates of the search for switching times: initial guesses, arrivals, polish, trajectory.
+Method `switching`: the quickest verified swing-up in arcs of constant torque.
 
-Initial guesses are random, or the arcs of an earlier plan; torques of random ones alternate
-between their extremes from arc to arc, either sign may come first.
+Shooting brings rounds of initial guesses, random and pumping ones, upright. The quickest
+arrivals are polished coarsely, then in order of their time finely, until one passes the
+verification.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
-from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot, Steps
-from tdm_planner.problems.pendulum.switching_motion import (
-    ArcProgram,
-    evaluate_arcs,
-    mesh_of_arcs,
-    SwitchingTimes,
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    VerificationFailed,
 )
-from tdm_planner.problems.pendulum.task import SwingUpTask
-from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
+from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.problems.pendulum.candidates import (
+    Candidate,
+    COARSE_STEPS,
+    COMING,
+    corrected,
+    distinct,
+    FINE_STEPS,
+    land,
+    landed_finely,
+    polish,
+    shot,
+    starts,
+    trajectory,
+    warm_starts,
+    with_new_arcs,
+    without_short_arcs,
+)
+from tdm_planner.problems.pendulum.pumping import pumped
+from tdm_planner.problems.pendulum.shooting import ARRIVED, Steps
+from tdm_planner.problems.pendulum.smooth import collocated
+from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
+from tdm_planner.problems.problem import Search
+from tdm_planner.problems.solution import Solution
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
-FEWEST_ARCS = 4  # as many unknowns as end conditions
-COARSE_STEPS = 12  # RK4 steps an arc while searching,
-FINE_STEPS = 96  # and for the final polish
-COMING, _LANDED = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)  # of sequences that come near
-_KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
-_QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
-_MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
-_WEAKEST = 0.1  # smallest share of the torque tried
-_STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
-_INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
-# What is spent on landing: turns of so many iterations, after which those are dropped whose sum
-# of squares is larger still.
-_TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
-_GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
-_POLISHED = 16  # last arcs whose time is minimised
-_PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small,
-_WEAK = 0.25  # as it always is below that drive
-_CORRECTIONS = 10  # steps that bring a polished candidate to its end again
-_DISTINCT = 2e-3  # relative difference of the total times of two different candidates
-_SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
-_SAMPLE_TIME = 5e-3  # [s]
-_MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
+# Random initial guesses.
+_ROUNDS = 3  # before pumping is tried
+_MORE_ROUNDS = 30  # for strong motors where pumping did not help
+_STARTS, _FEWEST_STARTS = 100, 8  # of a round, and where the deadline is short:
+_START_TIME = 1e-3  # s of the deadline for one of them more
+_GUESSED = Steps(8), Steps(8, 0.4)  # of integration; where a light disk makes swings quick
+_ENOUGH, _STEERED = 0.5, 0.85  # shares of the deadline: no more starts if some arrived, if none
+
+# Drives.
+_PUMPED_FIRST = 0.25  # below which pumping is tried first
+_ALWAYS_PUMPED = 0.1  # below which random starts hardly ever arrive
+_WEAK_DRIVE = 0.3  # below which a failure is put down to the torque
+
+# Minimising the time.
+_POLISHED, _POLISHED_PUMPED = 5, 2  # candidates, of random starts and pumped ones
+_COARSE = 0.75  # share of the deadline after which no more are polished
+_CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
+_FEASIBLE = 1e-6  # violation after a polish
+_FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
+_COLLOCATED = 0.4, 0.55  # between these shares of the deadline
+
+# Further arcs for the quickest candidate.
+_MOST_SHORTENED = 40  # arcs that it may have
+_TURNS, _LEAST_GAIN = 6, 1e-3  # most turns, least relative gain of one
+_SHORTENED = 0.3  # share of the deadline after which there are none, collocation apart
+
+# The check.
+_CHECKED = 4  # candidates that are verified before the search begins anew
+_CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
+_OVERTIME = 0.03  # s after the deadline in which it may end
+_REPLAYED = 0.65  # share of its time that the replay may take
+_INTEGRATION_TIME = 3e-5  # s for integrating 1/w0 of a motion finely
+_LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
+_FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
+
+# An earlier plan.
+_WARM_CHANGES = 0.0, 0.01, 0.03, 0.1  # of the logarithms of its arcs' durations, side by side
+_WARM_UNTIL = 0.6  # share of the deadline after which it is dropped
+_WARM_ENOUGH, _WARM_TRIED = 2, 3  # arrivals that do, and those that are polished
+_WARM_POLISHED = 12  # most arcs whose time is minimised
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+class SwitchingSearch(Search[Candidate]):
     """
-    Durations (K,) [s] of arcs of torque (K,) [N m] that end at theta = 2 pi `turns`.
+    The search for the quickest switching times.
 
-    The first `fixed` of them stay as they are.
+    `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
+    feasible. The `previous` plan's arcs, shifted in time, are tried before all else: the rest of a
+    plan that is under way nearly solves the problem from where the plant is. After shooting it is
+    polished at once, and the first plan that passes the check is taken.
     """
 
-    durations: Array
-    torques: Array
-    turns: int
-    fixed: int = 0
+    def __init__(
+        self,
+        task: SwingUpTask,
+        budget: Budget,
+        rng: np.random.Generator,
+        arcs: int,
+        tolerance: float,
+        previous: Candidate | None = None,
+    ) -> None:
+        super().__init__(budget)
+        # An earlier plan may need all of the disk's range.
+        self._task = replace(task, whole_range=previous is not None)
+        self._rng = rng
+        self._arcs = arcs
+        self._tolerance = tolerance
+        self._previous = previous
+        self._replans = previous is not None  # soon matters more than short
+        self._finer = 1  # times as many steps, of all but the final polish
+        w0 = task.plant.natural_frequency
+        self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
+        self._pumping = task.swing_drive < _PUMPED_FIRST
+        # A strong motor that the disk's range makes weak: random starts find shorter swing-ups.
+        self._narrow = self._pumping and task.drive >= _WEAK_DRIVE
+        self._rounds = self._starts = 0
+        # Sum of squares, durations and torques of the start that missed by least.
+        self._closest: tuple[float, Array, Array] | None = None
+        self._arrived = 0
+
+    def candidates(self) -> Iterable[Candidate]:
+        """Shoot from initial guesses and minimise the times of the quickest arrivals."""
+        if self._previous is not None:
+            return self._warm(self._previous)
+        found = self._pumped() if self._pumping else []
+        if not self._pumping or self._narrow:
+            found += self._arrivals()
+        return sorted(self._polished(distinct(found)), key=lambda c: c.total)[:_CHECKED]
+
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
+        """
+        Yield the motion under the finely polished arcs, integrated ever more finely.
+
+        Arcs too short to matter are omitted. Of very many arcs the last digits of the time do not
+        matter: their ends are corrected only.
+        """
+        task, budget = self._task, self.budget
+        with suppress(DeadlineExceeded):  # while one was checked
+            shorter = without_short_arcs(task, candidate)
+            fine, violation = shorter, math.inf
+            warm = self._previous is not None
+            many = candidate.durations.size > _WARM_POLISHED if warm else self._pumping
+            if many and not self._short_of_time(shorter):
+                fine, violation = corrected(task, shorter, FINE_STEPS, budget)
+            omitted = shorter.durations.size < candidate.durations.size
+            for arcs in [shorter, candidate] if omitted else [shorter]:
+                if violation < _FEASIBLE:
+                    break
+                if self._short_of_time(arcs):
+                    return
+                until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+                fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
+            if not violation < self._lost:
+                if not budget.spent:  # or else there was no time to correct it
+                    self.rejected = (
+                        'a coarsely integrated swing-up misses upright by '
+                        f'{violation:.2g} rad (rates times 1/w0) when it is integrated finely'
+                    )
+                return
+            yield self._checked(fine, violation)
+            for more in _FINER:
+                if violation > _FEASIBLE or self._short_of_time(fine):
+                    return
+                fine, violation = corrected(task, fine, more * FINE_STEPS, budget)
+                yield self._checked(fine, violation)
+
+    def _warm(self, previous: Candidate) -> Iterator[Candidate]:
+        """Yield arrivals of the earlier arcs, a little changed if need be."""
+        guesses = [
+            guess
+            for change in _WARM_CHANGES
+            for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
+        ]
+        until = self._part(_WARM_UNTIL)
+        found = land(self._task, guesses, COMING, until, _WARM_ENOUGH)
+        self._starts += len(guesses)
+        self._arrived += len(found)
+        if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
+            found = landed_finely(self._task, found, until) or found
+        yield from distinct(found)[:_WARM_TRIED]
+
+    def _part(self, share: float) -> Budget:
+        """Return what remains until that share of the deadline."""
+        return self.budget.part(share * self.budget.seconds - self.budget.elapsed)
+
+    def _checked(self, candidate: Candidate, violation: float) -> Solution:
+        """Return the motion with its check, which may end a little after the deadline."""
+        if self._short_of_time(candidate, _OVERTIME):
+            raise DeadlineExceeded('there is no time for a check')
+        motion = trajectory(self._task, candidate)
+        until = self.budget.part(_REPLAYED * (self.budget.remaining + _OVERTIME))
+        return self._task.plan(motion, candidate.durations, violation, until)
+
+    def _short_of_time(self, candidate: Candidate, overtime: float = 0.0) -> bool:
+        """Whether to integrate the motion would end later than `overtime` s after the deadline."""
+        task = self._task
+        scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
+        left = self.budget.remaining + overtime
+        return left <= self.budget.charged(_INTEGRATION_TIME * scale)
+
+    def widen(self) -> bool:
+        """
+        Give an earlier plan up; pump after random starts, and the other way round.
+
+        After a rejection integrate more finely: the coarse integration may have found what does
+        not exist.
+        """
+        if self._previous is not None:
+            self._previous = None
+            self._task = replace(self._task, whole_range=False)
+            return True
+        if self.rejected:
+            self._finer = min(2 * self._finer, FINE_STEPS // COARSE_STEPS)
+        if self._pumping:
+            self._task = replace(self._task, whole_range=True)
+        # From near upright random starts arrive, however weak the motor: they get one turn.
+        tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
+        self._pumping = tried or self._narrow or not self._pumping
+        return self.budget.elapsed < _STEERED * self.budget.seconds
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            return VerificationFailed(
+                f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
+                f'the check: {self.rejected}'
+            )
+        peak = 0.0 if self._arrived else self._task.least_peak()
+        if peak > self._task.disk_angle:
+            found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
+            return Infeasible(self._task.unstoppable + found)
+        return DeadlineExceeded(self._reason())
+
+    def _pumped(self) -> list[Candidate]:
+        """Pump and land; all distinct arrivals, quickest first."""
+        found, tried = pumped(self._task, self._rng, self._arcs, self._part(_STEERED))
+        self._starts += tried
+        self._arrived += len(found)
+        return distinct(found)[:_POLISHED_PUMPED]
+
+    def _arrivals(self) -> list[Candidate]:
+        """
+        Shoot from rounds of random starts; return all arrivals.
+
+        Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
+        """
+        budget, found = self.budget, list[Candidate]()
+        again = self._rounds > 0
+        strong = self._task.swing_drive >= _PUMPED_FIRST
+        steps = _GUESSED[self._task.plant.quickness > 1.0].finer(self._finer)
+        # Fewer where one round would use all the time up.
+        size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
+        for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
+            late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
+            if late or (found and again):
+                break
+            batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
+            found += shot(self._task, batch, steps, self._part(_STEERED))
+            index = int(np.argmin(batch.costs))
+            if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
+                row = batch.rows(np.array([index]))
+                self._closest = float(row.costs[0]), row.durations[0], row.torques[0]
+            self._starts += size
+            self._arrived += int((batch.costs < ARRIVED).sum())
+            self._rounds += 1
+        return found
+
+    def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Minimise the times of the quickest candidates."""
+        done: list[Candidate] = []
+        best = math.inf
+        budget = self.budget
+        until = self._part(_COARSE)
+        for candidate in candidates[:_POLISHED]:
+            if until.spent:
+                done.append(candidate)
+                continue
+            better, violation = self._polish(candidate, until, _CUTOFF * best)
+            done.append(better)
+            if violation < _FEASIBLE:
+                best = min(best, better.total)
+        done.sort(key=lambda c: c.total)
+        if not done or self._replans:
+            return done
+        shorter, left = done[0], self._part(_SHORTENED).seconds
+        many = shorter.durations.size >= _FEWEST_COLLOCATED
+        if self._narrow or (many and self._task.drive >= _WEAK_DRIVE):
+            shorter = self._collocated(shorter)
+        if shorter.durations.size <= _MOST_SHORTENED:
+            shorter = self._shortened(shorter, budget.part(left))
+        return [shorter, *done] if shorter.total < done[0].total else done
 
     @property
-    def total(self) -> float:
-        """Time of the transfer [s]."""
-        return float(self.durations.sum())
+    def _coarse_steps(self) -> int:
+        """Steps an arc of a coarse polish."""
+        return (2 if self._pumping else 1) * self._finer * COARSE_STEPS
 
-    @property
-    def head(self) -> tuple[Array, Array]:
-        """Durations and torques of the arcs that stay as they are."""
-        n = self.fixed
-        return self.durations[:n], self.torques[:n]
+    def _polish(
+        self, candidate: Candidate, until: Budget, cutoff: float = math.inf
+    ) -> tuple[Candidate, float]:
+        return polish(self._task, candidate, self._coarse_steps, self._tolerance, until, cutoff)
 
-    @property
-    def tail(self) -> tuple[Array, Array]:
-        """Durations and torques of the arcs that are varied."""
-        n = self.fixed
-        return self.durations[n:], self.torques[n:]
+    def _shortened(self, candidate: Candidate, until: Budget) -> Candidate:
+        """Return a candidate with further arcs, as long as they shorten it and there is time."""
+        task = self._task
+        best = without_short_arcs(task, replace(candidate, fixed=0))
+        for _ in range(_TURNS):
+            if until.spent:
+                break
+            further = with_new_arcs(task, best, self._coarse_steps, self._arcs)
+            if further is None:
+                break
+            better, violation = self._polish(further, until)
+            if violation > _FEASIBLE:
+                better, violation = corrected(task, better, self._coarse_steps, until)
+            gained = 1.0 - better.total / best.total if violation < _FEASIBLE else 0.0
+            if gained > 0.0:
+                best = without_short_arcs(task, better)
+            if gained < _LEAST_GAIN:
+                break
+        return best
 
-    def with_tail(self, durations: Array) -> Candidate:
-        """Return the arcs with other durations of those that are varied."""
-        return replace(self, durations=np.append(self.head[0], durations))
+    def _collocated(self, candidate: Candidate) -> Candidate:
+        """Return the first quicker arcs that collocation leads to from a candidate, or that."""
+        budget = self.budget
+        if budget.elapsed < _COLLOCATED[0] * budget.seconds:
+            until = self._part(_COLLOCATED[1])
+            with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
+                for other in collocated(self._task, candidate, until):
+                    better, violation = self._polish(other, until, candidate.total)
+                    quicker = violation < _FEASIBLE and better.total < candidate.total
+                    if quicker and better.durations.size <= self._arcs:
+                        return better
+        return candidate
 
-
-def starts(
-    task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
-) -> ArcBatch:
-    """
-    Return `count` sequences of up to `most` arcs: log-uniform totals split by Dirichlet(2).
-
-    With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
-    arcs leave no room.
-    """
-    most = min(most, _MOST_RANDOM_ARCS)
-    w0 = task.plant.natural_frequency
-    quickest = max(task.quickest, 1e-3 / w0)
-    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
-    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
-    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
-    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
-    durations = shares * (totals / shares.sum(axis=1))[:, None]
-    first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
-    if weaken:
-        share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
-        first *= np.where(rng.uniform(size=count) < 0.5, share, 1.0)
-    torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
-    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
-
-
-def arcs_of(motion: Trajectory) -> Candidate | None:
-    """
-    Return the arcs of constant torque of a motion, read from its controls; None if it has none.
-
-    The rest of a plan that is under way begins in the middle of an arc.
-    """
-    if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
-        return None
-    pieces = motion.smooth_pieces
-    torques = motion.controls[pieces[:-1], 0]
-    return Candidate(np.diff(motion.times[pieces]), torques, 0) if torques.all() else None
-
-
-def warm_starts(
-    task: SwingUpTask, rng: np.random.Generator, previous: Candidate, most: int, change: float
-) -> list[Candidate]:
-    """
-    Return the arcs of an earlier plan, their durations changed at random.
-
-    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
-    put before or after them, or both, where a new switch may grow; there are at most `most`.
-    """
-    sizes, found = np.abs(previous.torques), list[Candidate]()
-    held = np.clip(previous.torques, -task.torque, task.torque)
-    if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
-        held = np.copysign(task.torque, held)
-    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
-        after = max(after, FEWEST_ARCS + 1 - before - held.size)
-        count = before + held.size + after
-        if count > max(most, FEWEST_ARCS + 1):
-            continue
-        end = -math.copysign(task.torque, held[-1]) * (-1.0) ** np.arange(after)
-        first = np.full(before, -math.copysign(task.torque, held[0]))
-        durations = previous.durations * np.exp(change * rng.normal(size=held.size))
-        durations = np.concatenate([np.zeros(before), durations, np.zeros(after)])
-        torques = np.concatenate([first, held, end])
-        found.append(Candidate(durations, torques, 0, max(count - _STEERED_ARCS, 0)))
-    return found
-
-
-def shot(task: SwingUpTask, batch: ArcBatch, steps: Steps, until: Budget) -> list[Candidate]:
-    """Shoot upright in time; return those that arrived."""
-    shoot(task.plant, task.start, batch, task.planned_disk_angle, steps, until)
-    found: list[Candidate] = []
-    for index in np.flatnonzero(batch.costs < ARRIVED):
-        n = batch.arcs[index]
-        durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        end = roll_states(task.plant, task.start, durations, torques)[-1]
-        found.append(Candidate(durations, torques, task.turns_nearest(end)))
-    return found
-
-
-def land(
-    task: SwingUpTask,
-    candidates: list[Candidate],
-    steps: Steps,
-    until: Budget,
-    enough: float = math.inf,
-) -> list[Candidate]:
-    """Shoot upright with the arcs that are not fixed, in time, until `enough` have arrived."""
-    # The arcs that stay as they are, as finely as those that do not.
-    limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
-    durations, torques, fixed = stacked([each.head for each in candidates])
-    k = task.plant.coefficients
-    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _KEPT, limit)
-    inside = peaks <= limit
-    left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    durations, torques, counts = stacked([each.tail for each in left])
-    turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
-    batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
-    rows, found = np.arange(len(left)), []
-    for most in _GIVEN_UP:
-        if until.spent or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
-            break
-        part = batch.rows(rows)
-        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, _TURN)
-        batch.durations[rows], batch.costs[rows] = part.durations, part.costs
-        rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
-    for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
-        each, varied = left[row], batch.durations[row, : counts[row]]
-        end = roll_states(task.plant, begins[row], varied, each.tail[1])[-1]
-        found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
-    return found
-
-
-def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
-    """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
-    counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
-    stacked = np.zeros((2, counts.size, int(counts.max(initial=0))))
-    for row, n in enumerate(counts):
-        stacked[:, row, :n] = arcs[row]
-    return stacked[0], stacked[1], counts
-
-
-def landed_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
-    """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
-    quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    found = land(task, list(map(_with_last_varied, quickest)), _LANDED, until)
-    return found or list(map(_with_last_varied, land(task, quickest, _LANDED, until)))
-
-
-def _with_last_varied(candidate: Candidate) -> Candidate:
-    return replace(candidate, fixed=max(candidate.fixed, candidate.durations.size - _POLISHED))
-
-
-def distinct(candidates: list[Candidate]) -> list[Candidate]:
-    """Candidates by their total time, one of those whose times are the same."""
-    kept: list[Candidate] = []
-    for candidate in sorted(candidates, key=lambda c: c.total):
-        if not kept or candidate.total - kept[-1].total > _DISTINCT * candidate.total:
-            kept.append(candidate)
-    return kept
-
-
-def polish(
-    task: SwingUpTask,
-    candidate: Candidate,
-    steps: int,
-    tolerance: float,
-    budget: Budget,
-    cutoff: float = math.inf,
-) -> tuple[Candidate, float]:
-    """
-    Minimise the total time from a candidate; the result and its largest violation.
-
-    A search that ends less feasible than it began gives the candidate back.
-    """
-    w0 = task.plant.natural_frequency
-    program = SwitchingTimes(program_of(task, candidate, steps))
-    feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
-    first = best = program.evaluate(candidate.tail[0] * w0)
-    for penalty in _PENALTIES[1:] if task.swing_drive < _WEAK else _PENALTIES:
-        options = TrustRegionOptions(
-            penalties=(penalty / task.distance, penalty / task.distance),
-            radius=0.5,
-            iterations=25,
-            cost_tolerance=1e-4,
-            feasibility=(feasibility, feasibility),
-            corrections=4,
-            cutoff=cutoff * w0,
+    def _reason(self) -> str:
+        task = self._task
+        search = (
+            f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
+            f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
-        with np.errstate(all='ignore'):
-            found = minimise(program, first.xi, options, budget).point
-        if found.violation <= max(feasibility, best.violation):
-            best = found
-        if found.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
-            break
-    return candidate.with_tail(best.xi / w0), best.violation
-
-
-def corrected(
-    task: SwingUpTask, candidate: Candidate, steps: int, budget: Budget
-) -> tuple[Candidate, float]:
-    """
-    Return a polished candidate, integrated in more steps; and its largest violation.
-
-    What is fixed switches at whole nanoseconds, as trajectories do: many swings magnify the rest.
-    """
-    switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
-    candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
-    w0, program = task.plant.natural_frequency, program_of(task, candidate, steps)
-    xi, violation = candidate.tail[0] * w0, math.inf
-    for left in reversed(range(_CORRECTIONS)):
-        point = evaluate_arcs(program, xi)
-        budget.evaluations += 1
-        violation = max(point.ends, point.beyond)
-        if not 1e-10 < violation < 1.0 or left == 0 or budget.spent:
-            break
-        beyond = point.margins < 0.0
-        rows = np.concatenate([point.jacobian, point.slopes[beyond]])
-        rows[:, xi <= 0.0] = 0.0
-        wrong = np.concatenate([point.residual, point.margins[beyond]])
-        xi = np.maximum(xi - np.linalg.lstsq(rows, wrong, rcond=1e-6)[0], 0.0)
-    return candidate.with_tail(xi / w0), violation
-
-
-def program_of(task: SwingUpTask, candidate: Candidate, steps: int, parts: int = 1) -> ArcProgram:
-    """Return the program over the arcs that are not fixed, each one of `parts` of an arc."""
-    plant, (durations, torques) = task.plant, candidate.tail
-    start = roll_states(plant, task.start, *candidate.head)[-1]
-    fewest, share = -(-steps // parts), _QUICK / steps
-    return ArcProgram(
-        plant.coefficients,
-        start,
-        torques,
-        2.0 * math.pi * candidate.turns,
-        task.planned_disk_angle,
-        plant.natural_frequency,
-        *mesh_of_arcs(plant.coefficients, start, durations, torques, fewest, share),
-    )
-
-
-def joined(candidate: Candidate, durations: Array, torques: Array) -> tuple[Candidate, Integers]:
-    """Join arcs that follow one another with the same torque; the first of those each is of."""
-    firsts = np.flatnonzero(np.append(True, torques[1:] != torques[:-1]))
-    together = np.add.reduceat(durations, firsts)
-    return replace(candidate, durations=together, torques=torques[firsts]), firsts
-
-
-def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
-    """
-    Leave out arcs too short to matter, as long as there remain enough to vary.
-
-    Neighbours that then have the same torque are joined.
-    """
-    shortest = min(_SHORTEST_ARC / task.plant.natural_frequency, 1e-4 * candidate.total)
-    kept = np.flatnonzero(candidate.durations >= shortest)
-    fewer, firsts = joined(candidate, candidate.durations[kept], candidate.torques[kept])
-    fixed = int(np.count_nonzero(kept[firsts] < candidate.fixed))
-    return candidate if firsts.size < fixed + FEWEST_ARCS else replace(fewer, fixed=fixed)
-
-
-def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
-    """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
-    slow = candidate.total / _MOST_SAMPLES
-    spacing = min(max(_SAMPLE_TIME, slow), task.fine_time(0.05))
-    switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
-    # The rest of a plan could not tell the ends of a shorter arc apart.
-    there = np.diff(switches) > 1.5 * NANOSECOND
-    begins, lengths = switches[:-1][there], np.diff(switches)[there]
-    counts = np.maximum(np.ceil(lengths / spacing), 1.0).astype(np.intp)
-    part = np.arange(1, counts.sum() + 1) - np.repeat(np.cumsum(counts) - counts, counts)
-    begun, steps = (np.repeat(each, counts) for each in (begins, lengths / counts))
-    instants = np.append(0.0, to_nanoseconds(begun + part * steps))
-    held = np.repeat(candidate.torques[there], counts)
-    states = roll_states(task.plant, task.start, np.diff(instants), held)
-    controls = np.append(held, held[-1])[:, None]
-    return task.trajectory(instants, states, controls)
+        if self._arrived:
+            return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
+        search += 'gave no swing-up'
+        if task.drive < _WEAK_DRIVE:
+            search += (
+                f'; with a drive of {task.drive:.2g} it takes many swings: a longer '
+                'solver.deadline or more limits.torque may help'
+            )
+        elif task.swing_drive < _WEAK_DRIVE:
+            search += (
+                "; the disk's range limits what a swing gains: a longer solver.deadline or more "
+                'limits.disk_angle may help'
+            )
+        states = roll_states(task.plant, task.start, *self._closest[1:]) if self._closest else None
+        if states is None or not np.isfinite(states).all():
+            return search
+        w0 = task.plant.natural_frequency
+        error = np.abs(states[-1] - task.goal_nearest(states[-1]))
+        scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
+        worst = int(np.argmax(scaled))
+        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle
+        if excess > scaled[worst]:
+            return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
+        name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
+        return f'{search}; the closest missed {name} by {error[worst]:.2g} {unit}'

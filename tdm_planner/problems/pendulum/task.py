@@ -20,7 +20,7 @@ from tdm_planner.verification import Constraint, Verification, verify
 Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
-VEHICLE = 'pendulum'
+PENDULUM_NAME = 'pendulum'
 _RANGE_KEPT = 0.1  # share of the disk's range that is left to the feedback, by that of the torque
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
@@ -83,7 +83,7 @@ class SwingUpTask:
         return self.plant.disk_acceleration(self.torque)
 
     @property
-    def quickest(self) -> float:
+    def transfer_time(self) -> float:
         """
         Time scale of the transfer [s]: how soon the torque could cover the distances alone.
 
@@ -192,7 +192,9 @@ class SwingUpTask:
         Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
         """
         check = self.verify(trajectory, until)
-        return Solution({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
+        return Solution(
+            {PENDULUM_NAME: trajectory}, check, trajectory.duration, parameters, penalty
+        )
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:

@@ -304,7 +304,7 @@ def test_names(kind, names, words):
 
 
 def test_what_is_not_finite_on_the_way_is_only_not_taken():
-    """Beyond the first guess a number that is not finite makes a point infinitely bad."""
+    """Beyond the initial guess a number that is not finite makes a point infinitely bad."""
     program = begin(changed(LOADED, running_cost=lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2))())
     far = program.first_guess * np.array([0.3, 1.0, 1.0])
     with warnings.catch_warnings():

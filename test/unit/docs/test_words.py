@@ -27,7 +27,7 @@ RETIRED = {
     r'given up|gives? up': 'dropped, aborted',
     r'foreseen|foresees|foretell': 'predicted',
     r'made anew|started anew|planned anew': 'replanned, restarted',
-    r'first guess': 'initial guess',
+    r'first guess(es)?': 'initial guess',
     r'steer(s|ed|ing)?': 'shooting',
     r'lockstep|worth all|beyond help|whoever has written|wish(es|ed)?|trouble': '-',
     r'(some|no|every)body': 'a client, no node, a viewer',

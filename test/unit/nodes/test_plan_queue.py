@@ -19,7 +19,7 @@ from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Outlook, Review
 from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.trajectory import TimedTrajectory

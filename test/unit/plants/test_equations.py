@@ -38,7 +38,7 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
-from tdm_planner.problems.pendulum.switching_motion import mesh_of_arcs
+from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory

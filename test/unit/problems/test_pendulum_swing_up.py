@@ -26,21 +26,21 @@ from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
-from tdm_planner.problems.pendulum import switching_motion
-from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
-from tdm_planner.problems.pendulum.smooth import collocated
-from tdm_planner.problems.pendulum.switching_method import with_new_arcs
-from tdm_planner.problems.pendulum.switching_motion import (
-    ArcProgram,
-    evaluate_arcs,
-    SwitchingTimes,
-)
-from tdm_planner.problems.pendulum.switching_search import (
+from tdm_planner.problems.pendulum import switching_program
+from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     polish,
     starts,
     trajectory,
+    with_new_arcs,
     without_short_arcs,
+)
+from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
+from tdm_planner.problems.pendulum.smooth import collocated
+from tdm_planner.problems.pendulum.switching_program import (
+    evaluate_arcs,
+    SwitchingProgram,
+    SwitchingTimes,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
@@ -286,10 +286,12 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
     assert stopped.size or task.least_reach > abs(task.start[1])
 
 
-def program(arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None) -> ArcProgram:
+def program(
+    arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None
+) -> SwitchingProgram:
     torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
     mesh = np.full(arcs, 12), np.full(12 * arcs, 1.0 / 12.0)
-    return ArcProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)
+    return SwitchingProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)
 
 
 @given(DURATIONS, st.integers(0, 100))
@@ -306,8 +308,8 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
         slopes = (ahead - behind)[smooth] / 2e-6
         np.testing.assert_allclose(point.slopes[smooth, i], slopes, atol=1e-4, rtol=1e-4)
     duals = np.random.default_rng(seed).normal(size=4)
-    found = switching_motion.curvature(made, point, duals)
-    least = switching_motion.SMALLEST_CURVATURE
+    found = switching_program.curvature(made, point, duals)
+    least = switching_program.SMALLEST_CURVATURE
     basis = np.linalg.svd(point.jacobian)[2]
     across, along = basis[:4], basis[4:]
     second = central(lambda x: duals @ evaluate_arcs(made, x).jacobian, xi, 1e-5)
@@ -318,7 +320,7 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
     np.testing.assert_allclose(across @ found, least * across, atol=1e-9)
 
 
-def arrivals(disk_angle: float) -> Iterator[tuple[ArcProgram, np.ndarray]]:
+def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingProgram, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
     batch = starts(task, np.random.default_rng(0), 200, 6)
@@ -331,7 +333,7 @@ def arrivals(disk_angle: float) -> Iterator[tuple[ArcProgram, np.ndarray]]:
         yield program(n, disk_angle, torques), batch.durations[index, :n] * W0
 
 
-def local_minimum(program: ArcProgram, xi: np.ndarray) -> float:
+def local_minimum(program: SwitchingProgram, xi: np.ndarray) -> float:
     at = partial(evaluate_arcs, program)
     ends = {'type': 'eq', 'fun': lambda x: at(x).residual, 'jac': lambda x: at(x).jacobian}
     limits = {'type': 'ineq', 'fun': lambda x: np.minimum(at(x).margins, 1.0)}

@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What all problems share: the outer loop of the search, recognised plans, the registry."""
+"""What all problems share: the outer loop of the search, recovered plans, the registry."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -40,7 +40,7 @@ class Scripted(Search[float]):
             check = Verification(ok=ok, terminal_error=np.zeros(1), reasons=reasons)
             yield Solution({}, check, candidate, np.zeros(0), 0.0)
 
-    def satisfied_with(self, plan: Solution) -> bool:
+    def is_good_enough(self, plan: Solution) -> bool:
         return self.satisfying is None or plan.cost in self.satisfying
 
     def widen(self) -> bool:
@@ -51,7 +51,7 @@ class Scripted(Search[float]):
         return Infeasible(self.rejected or 'nothing found')
 
 
-Ordered = changed(Scripted, promises_more=lambda search, candidate, than: candidate < than)
+Ordered = changed(Scripted, is_worth_checking=lambda search, candidate, than: candidate < than)
 PATIENT = {'solver.deadline': 60.0}
 
 
@@ -110,7 +110,7 @@ def planned(request):
 
 def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
     problem, solution = planned
-    found = problem.recognised(solution.trajectories)
+    found = problem.recovered(solution.trajectories)
     assert (found.cost, found.cost_terms) == (solution.cost, solution.cost_terms)
     assert found.summary == solution.summary
     assert found.verification.worst == solution.verification.worst
@@ -123,12 +123,12 @@ def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
         largest = np.abs(solution.trajectory.controls).max()
         weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
         with pytest.raises(VerificationFailed, match='torque'):
-            weaker.recognised(solution.trajectories)
+            weaker.recovered(solution.trajectories)
 
 
 def test_a_recognised_plan_that_does_nothing_has_no_arcs():
     problem = PendulumSwingUp.from_parameters({'start.theta': 0.0})
-    found = problem.recognised(problem.solve().trajectories)
+    found = problem.recovered(problem.solve().trajectories)
     assert not found.parameters.size
     moved = PendulumSwingUp.from_parameters({'start.theta': 0.3, **PATIENT})
     assert moved.solve(warm_start=found).verification.ok
@@ -139,10 +139,10 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
     motions = solution.trajectories.items()
     spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
     with pytest.raises(VerificationFailed):
-        problem.recognised(spoilt)
+        problem.recovered(spoilt)
     silent = changed(type(problem), assess=Problem.assess).from_parameters({})
     with pytest.raises(VerificationFailed, match='cannot assess'):
-        silent.recognised(solution.trajectories)
+        silent.recovered(solution.trajectories)
 
 
 def test_processes_and_the_order_of_sets_change_nothing() -> None:

@@ -143,10 +143,10 @@ def test_the_penalty_is_that_of_equation_10(limit, term, unit):
 def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
     problem, motions = formation(), default.trajectories
     monkeypatch.setattr(verification, 'penalty', lambda *values: 2e-7)
-    assert problem.recognised(motions).penalty == 2e-7
+    assert problem.recovered(motions).penalty == 2e-7
     stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
     with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
-        stricter.recognised(motions)
+        stricter.recovered(motions)
 
 
 def test_weights_do_what_they_say():

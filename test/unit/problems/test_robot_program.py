@@ -24,9 +24,9 @@ from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.reference_motion import arcs_at, end_derivatives, MotionForm
 from tdm_planner.problems.formation.thrust_arcs_program import (
     arc_trajectory,
-    ArcProgram,
     cleaned,
     remaining,
+    ThrustArcProgram,
 )
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
 
@@ -243,10 +243,10 @@ def guess(program, seed=0):
 @pytest.mark.parametrize('changes', [{}, MOVING, {'arena.obstacles': [2.0, 2.0, 0.05]}])
 @pytest.mark.parametrize('count', [3, 4])
 def test_slopes_are_those_of_the_values(changes, count):
-    program = ArcProgram(problem(3, **changes).task, count)
-    xi = guess(ArcProgram(program.task))
+    program = ThrustArcProgram(problem(3, **changes).task, count)
+    xi = guess(ThrustArcProgram(program.task))
     if count == 4:  # another corner between the start and the first
-        x = ArcProgram(program.task).full(xi)
+        x = ThrustArcProgram(program.task).full(xi)
         middle = 0.5 * (x[:, 1:4] + np.column_stack([program.task.start, x[:, 0]]))
         xi = program.reduce(np.column_stack([x[:, 0], middle + 0.02, x[:, 1:]]))
     at, weight = program.evaluate(xi), program.weights[1]

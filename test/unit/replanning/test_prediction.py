@@ -17,9 +17,9 @@ import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems.formation.search import kept_motions, LATE
-from tdm_planner.problems.pendulum.switching_search import arcs_of
-from tdm_planner.problems.pendulum.task import VEHICLE
-from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.pendulum.candidates import arcs_of
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import FormationExecution, Mode, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase, RobotTrackerParameters
 
@@ -57,7 +57,7 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
     planned = swing.solution.trajectory
     way = np.sign(planned.controls[0])  # the mirrored plan is as good
     vehicle = pendulum(tracker, planned.states[0] + way * away)
-    loop = RecedingHorizon({VEHICLE: vehicle}, SWING, 0.005)
+    loop = RecedingHorizon({PENDULUM_NAME: vehicle}, SWING, 0.005)
     loop.begin(swing)
     now = seen(states_then(loop, begin), loop.time, mode)
     if mode is Mode.IDLE:
@@ -67,16 +67,16 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
         tracker.parameters = replace(tracker.parameters, replan=replan)
         tracker.give_up('test')
     execution = SwingUpExecution(SWING, tracker.parameters if tuned and known else None)
-    predicted = execution.predict(swing, now, loop.time + 0.2)[VEHICLE]
-    missed = np.abs(predicted.state - states_then(loop, loop.time + 0.1975)[VEHICLE])
+    predicted = execution.predict(swing, now, loop.time + 0.2)[PENDULUM_NAME]
+    missed = np.abs(predicted.state - states_then(loop, loop.time + 0.1975)[PENDULUM_NAME])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
 def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
     at, late = 0.5 * swing.solution.duration, 0.04
     now = seen(states_on(swing, at - late), at)
-    predicted = SwingUpExecution(SWING).predict(swing, now, at + 0.1)[VEHICLE]
-    missed = np.abs(predicted.state - states_on(swing, at + 0.1 - late)[VEHICLE])
+    predicted = SwingUpExecution(SWING).predict(swing, now, at + 0.1)[PENDULUM_NAME]
+    missed = np.abs(predicted.state - states_on(swing, at + 0.1 - late)[PENDULUM_NAME])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
@@ -96,8 +96,8 @@ def test_only_what_the_feedback_cannot_mend_is_a_failure(swing):
     little, much = [0.01, 0.01, 0.05, 0.05], [0.0, 0.0, 15.0, 0.0]
     for share, away in ((0.1, little), (0.4, little), (0.7, little), (0.5, much)):
         at = share * swing.solution.duration
-        state = states_on(swing, at)[VEHICLE] + away
-        found = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})
+        state = states_on(swing, at)[PENDULUM_NAME] + away
+        found = outlook(SwingUpExecution(SWING), swing, at, {PENDULUM_NAME: state})
         assert ('cannot bring it back' in found.failure) == (away is much), share
         assert (found.failure == '') == (away is little), share
         assert found.cost == pytest.approx(swing.solution.duration - at)
@@ -251,7 +251,7 @@ def test_the_next_review_but_one_mends_a_refusal() -> None:
     plan, asked = closed_loop.swing_up(), ReplanParameters(rate=5.0, delay=0.4)
     vehicle = pendulum(pendulum_tracker(WEAK), plan.solution.trajectory.states[0], seed=1)
     replanner = Replanner(SwingUpExecution(SWING), asked)
-    loop = RecedingHorizon({VEHICLE: vehicle}, SWING, 0.005, replanner)
+    loop = RecedingHorizon({PENDULUM_NAME: vehicle}, SWING, 0.005, replanner)
     loop.begin(plan)
     tracker, plant = vehicle
     usual = tracker.parameters
@@ -281,7 +281,7 @@ def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
     limit = problem.limits.torque
     vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
     replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
-    loop = RecedingHorizon({VEHICLE: vehicle}, problem, interval, replanner)
+    loop = RecedingHorizon({PENDULUM_NAME: vehicle}, problem, interval, replanner)
     loop.begin(first)
     torques: list[float] = []
     while len(loop.plans) < 2 or loop.time < loop.plans[1].start + 0.02:

@@ -16,12 +16,11 @@ import numpy as np
 import pytest
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
-from tdm_planner.problems.pendulum.task import VEHICLE
-from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation, Replanner
-from tdm_planner.replanning.execution import GenericExecution, Outlook
-from tdm_planner.replanning.execution import VEHICLE as PLANT
+from tdm_planner.replanning.execution import GenericExecution, Outlook, PLANT_NAME
 from tdm_planner.replanning.replanner import (
     decide,
     keeping,
@@ -83,14 +82,14 @@ def following(plan: ActivePlan, at: float) -> dict[str, Observation]:
 
 def test_a_plan_that_has_not_begun_is_left_alone(swing: ActivePlan) -> None:
     replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
-    rest = seen({VEHICLE: np.zeros(4)}, 0.0, Mode.IDLE)
+    rest = seen({PENDULUM_NAME: np.zeros(4)}, 0.0, Mode.IDLE)
     assert replanner.review(SWING, rest, 0.0).plan is None
     replanner.adopt(replace(swing, start=1.0))
     assert replanner.review(SWING, rest, 0.0).plan is None
 
 
 def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replanner) -> None:
-    beyond = seen({VEHICLE: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
+    beyond = seen({PENDULUM_NAME: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
     review = replanner.review(SWING, beyond, 0.5)
     assert (review.plan, review.necessary) == (None, True)
     assert 'INVALID_PROBLEM' in review.reason
@@ -98,7 +97,7 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
 
 def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
     later = replace(swing, start=0.5)
-    assert keeping(swing, later, following(swing, 0.9)) == [VEHICLE]
+    assert keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
     assert not keeping(swing, later, following(later, 0.9))
     assert not keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
 
@@ -110,7 +109,7 @@ def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing
     assert (early.plan, early.rejected, replanner.plan) == (None, (), later)
     now = following(swing, 0.9)
     review = replanner.review(SWING, now, 0.9)
-    assert (review.rejected, review.necessary) == ((VEHICLE,), False)
+    assert (review.rejected, review.necessary) == ((PENDULUM_NAME,), False)
     assert replanner.plan is swing
     assert replanner.review(SWING, following(swing, 0.91), 0.91).rejected == ()
     assert not replanner.review(SWING, now, 0.9).rejected
@@ -151,7 +150,7 @@ def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkey
 @dataclass(frozen=True)
 class Cart(DoubleIntegrator):
     name: ClassVar[str] = 'test_cart'
-    nodes, starts = 101, 1  # one first guess, and no refinement: quick even on a busy machine
+    nodes, starts = 101, 1  # one initial guess, and no refinement: quick even on a busy machine
     free: int = parameter(3, 'varied parameters')
     weight: float = parameter(0.0, 'of the force')
 
@@ -171,7 +170,7 @@ def plan() -> ActivePlan:
 def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any:
     """Return what is measured so far away: velocity first, to show that names decide."""
     (state,) = states_on(plan, at).values()
-    return seen({PLANT: np.add(state, [x, v])[::-1]}, at)
+    return seen({PLANT_NAME: np.add(state, [x, v])[::-1]}, at)
 
 
 def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
@@ -222,9 +221,9 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
 def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePlan) -> None:
     execution, at = GenericExecution(('x',), 0.05), plan.start + 0.4
     (state,) = states_on(plan, at).values()
-    predicted = execution.predict(plan, seen({PLANT: state[:1] + 0.1}, at), at + 0.3)
+    predicted = execution.predict(plan, seen({PLANT_NAME: state[:1] + 0.1}, at), at + 0.3)
     expected = plan.solution.trajectory.sample(0.7).state[0] + 0.1
-    assert predicted[PLANT].state[0] == pytest.approx(expected, abs=1e-9)
+    assert predicted[PLANT_NAME].state[0] == pytest.approx(expected, abs=1e-9)
     assert "'x'" in execution.outlook(plan, predicted, at + 0.3).failure
 
 

@@ -16,12 +16,14 @@ class SolverParameters(Validated):
 
     deadline: float = parameter(
         0.5,
-        'time allowed for a plan; the best verified one is returned',
+        'longest time to search for a plan; the search may end earlier',
         unit='s',
         allowed=POSITIVE,
     )
     seed: int = parameter(
-        0, 'seed of the random starts; the same seed gives the same plan', allowed=SEED
+        0,
+        'seed of the random initial guesses; the same seed gives the same plan',
+        allowed=SEED,
     )
     tolerance: float = parameter(
         1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
@@ -55,7 +57,7 @@ class ReplanParameters(Validated):
 
     rate: float = parameter(
         0.0,
-        'replans per second while a plan is active; 0 switches it off',
+        'reviews of the active plan per second, each of which may replace it; 0 switches them off',
         unit='Hz',
         allowed=Range(0.0, 100.0),
     )
@@ -73,15 +75,14 @@ class ReplanParameters(Validated):
     )
     deviation: float = parameter(
         0.05,
-        'of problems other than the pendulum and the robots: how far a state may be from the '
-        'active plan, as a share of the range of its states of that unit, until another is '
-        'necessary',
+        'of problems other than the pendulum and the robots: deviation of a state from the active '
+        'plan that makes a new one necessary, as a share of the range of the states of that unit',
         allowed=POSITIVE,
     )
 
 
 @dataclass(frozen=True)
-class RequestParameters(Validated):
+class PlannerParameters(Validated):
     """What the planner node knows beside the problem's own parameters."""
 
     problem: str = parameter(
