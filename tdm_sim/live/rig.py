@@ -46,7 +46,7 @@ class Motion(NamedTuple):
     instant: int
 
 
-class Vehicle:
+class WatchedVehicle:
     """
     The state of one vehicle in the namespace `prefix`, '' or 'robot1/', of its planner.
 
@@ -106,7 +106,7 @@ class Rig:
         self._listener = listener
         self.problem: Problem | None = None
         self.view = PlantView(PENDULUM)
-        self.vehicles: dict[str, Vehicle] = {}
+        self.vehicles: dict[str, WatchedVehicle] = {}
         self.motions: dict[str, Motion] = {}
         self.plan: PlanResult | None = None
         self.chosen = ''
@@ -126,7 +126,9 @@ class Rig:
         others |= names != list(self.vehicles)
         if others:
             self.vehicles = {
-                name: Vehicle(self._listener.states, view.kind, f'{name}/' if several else '')
+                name: WatchedVehicle(
+                    self._listener.states, view.kind, f'{name}/' if several else ''
+                )
                 for name in names
             }
             self.chosen, self.plan, self.motions = names[0], None, {}

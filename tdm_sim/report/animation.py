@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import COLOURS, Disc, points_of, Shape
 from tdm_sim.report.charts import packed
-from tdm_sim.report.mission import Mission, Signals, Vehicle
+from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
 
 Array = NDArray[np.float64]
 Frames = dict[str, Array]  # states or controls by name, (n,)
@@ -53,7 +53,7 @@ def frame_times(mission: Mission) -> Array:
     return np.union1d(even, [at for plan in plans for at in (plan.start, plan.end)])
 
 
-def _vehicle(vehicle: Vehicle, times: Array, colour: int) -> dict[str, Any]:
+def _vehicle(vehicle: RecordedVehicle, times: Array, colour: int) -> dict[str, Any]:
     view = vehicle.view
     found: dict[str, Any] = {'name': vehicle.name, 'colour': colour}
     for kind, frames in (
@@ -85,7 +85,7 @@ def _shapes(shapes: Sequence[Shape], count: int) -> list[dict[str, Any]]:
     ]
 
 
-def planned_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | None:
+def planned_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Frames] | None:
     """Return planned states, and controls while they act, at `times`; None if there is no plan."""
     if not vehicle.plans:
         return None
@@ -99,7 +99,7 @@ def planned_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | No
     )
 
 
-def measured_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | None:
+def measured_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Frames] | None:
     """Return measured states and controls at `times`, NaN where nothing was; None if no states."""
     if vehicle.states is None or vehicle.plan is None:
         return None

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from tdm_planner.drawing import COLOURS
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.margins import History, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
@@ -180,7 +180,7 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
 
 
 def _planned(
-    mission: Mission, vehicle: Vehicle, group: Literal['states', 'controls']
+    mission: Mission, vehicle: RecordedVehicle, group: Literal['states', 'controls']
 ) -> Signals | None:
     """Return every plan as long as it was followed, with gaps between them."""
     if not vehicle.plans:

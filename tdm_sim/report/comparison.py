@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_sim.report.margins import History, margin_history, ROUNDING, separations, smallest
-from tdm_sim.report.mission import Margin, Mission, Severity, Signals, Vehicle
+from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Severity, Signals
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def compare(mission: Mission) -> Comparison:
     return Comparison(tuple(entries), margins, apart, errors, found)
 
 
-def tracking_errors(vehicle: Vehicle) -> Signals | None:
+def tracking_errors(vehicle: RecordedVehicle) -> Signals | None:
     """Return measured minus planned while plans were followed, as published or else computed."""
     if not vehicle.plans:
         return None
@@ -128,7 +128,7 @@ def _latest(instants: Sequence[float | None]) -> float | None:
     return max(known) if len(known) == len(instants) else None
 
 
-def _time_to_goal(vehicle: Vehicle, note: str) -> Entry:
+def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
     first, last = vehicle.plans[0], vehicle.plans[-1]
     reached, due = arrival(vehicle), _due(vehicle)
     if reached == math.inf and vehicle.states is not None:
@@ -147,7 +147,7 @@ def _time_to_goal(vehicle: Vehicle, note: str) -> Entry:
     )
 
 
-def _due(vehicle: Vehicle) -> float:
+def _due(vehicle: RecordedVehicle) -> float:
     """Return when the first plan's own states are at its goal for good [s]; inf if never."""
     motion = vehicle.plans[0].trajectory
     times = np.linspace(0.0, motion.duration, min(int(motion.duration / _STEP) + 2, _MOST_STEPS))
@@ -206,7 +206,7 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
             yield entry._replace(vehicle=vehicle.name, mark=mark)
 
 
-def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
+def _said(mission: Mission, vehicle: RecordedVehicle) -> dict[str, Margin]:
     """Return the margins of all plans of a vehicle, as verified by the planner."""
     found: dict[str, Margin] = {}
     for figures in mission.figures:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import LOWER_THRUST
 from tdm_planner.verification import Constraint, dense_times
-from tdm_sim.report.mission import Margin, Mission, Signals, Vehicle
+from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Signals
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class History(NamedTuple):
     measured: Signals | None = None
 
 
-def margin_history(vehicle: Vehicle) -> History:
+def margin_history(vehicle: RecordedVehicle) -> History:
     """Return the margin of every constraint over time; negative values are violations."""
     plan = vehicle.plan
     constraints = () if plan is None else vehicle.view.constraints(plan.trajectory)
@@ -45,7 +45,7 @@ def margin_history(vehicle: Vehicle) -> History:
     return History(_planned(vehicle, constraints), _measured(vehicle, constraints))
 
 
-def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals:
+def _planned(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals:
     parts = []
     for plan in vehicle.plans:
         times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)
@@ -54,7 +54,7 @@ def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals:
     return _margins(constraints, *map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
+def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals | None:
     """Margins of what was measured, from the start of the first plan on."""
     if vehicle.states is None:
         return None

@@ -113,7 +113,7 @@ class FollowedPlan(TimedTrajectory):
 
 
 @dataclass(frozen=True, eq=False)
-class Vehicle:
+class RecordedVehicle:
     """
     One plant: its plans, its commands, its measured motion.
 
@@ -219,7 +219,7 @@ class Mission:
 
     title: str
     problem: str
-    vehicles: tuple[Vehicle, ...]
+    vehicles: tuple[RecordedVehicle, ...]
     figures: tuple[PlanFigures, ...] = ()
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)

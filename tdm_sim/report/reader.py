@@ -23,7 +23,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Vehicle
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -100,7 +100,7 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     for vehicle, motion in trajectories.items():
         view = unknown_view(motion) if problem is None else view_of(problem, motion)
         plan = FollowedPlan(motion, -float(motion.times[0]))
-        found.append(Vehicle(vehicle or view.name, view, (plan,)))
+        found.append(RecordedVehicle(vehicle or view.name, view, (plan,)))
     return Mission(
         title=found[0].view.title or f'Plan for {name}',
         problem=name,
@@ -185,7 +185,7 @@ def _mission(
     for site in sites:
         own = followed(plans[site], origin)
         found = measured(topics, site, origin, own)
-        vehicles.append(Vehicle(names[site], site.view, own, **found))
+        vehicles.append(RecordedVehicle(names[site], site.view, own, **found))
     clock = RecordedClock.of(topics)
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
@@ -217,7 +217,7 @@ def _name(site: Site, told: Mapping[str, PlantKind]) -> str:
 def _gaps(
     topics: RecordedTopics,
     sites: Sequence[Site],
-    vehicles: Sequence[Vehicle],
+    vehicles: Sequence[RecordedVehicle],
     summaries: Mapping[int, PlanSummary],
 ) -> list[str]:
     found = []

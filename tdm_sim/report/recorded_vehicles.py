@@ -170,7 +170,7 @@ def measured(
     topics: RecordedTopics, site: Site, origin: int, plans: tuple[FollowedPlan, ...]
 ) -> dict[str, Signals | None]:
     """
-    Return measured states and controls as a `Vehicle` has them, times from `origin` [ns].
+    Return measured states and controls as a `RecordedVehicle` has them, times from `origin` [ns].
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
     return states.times[known], np.max([away / allowed for (_, allowed), away in missed], axis=0)
 
 
-def arrival(vehicle: Vehicle) -> float | None:
+def arrival(vehicle: RecordedVehicle) -> float | None:
     """Return from when on the goal was held [s]; inf if never, None if that is not known."""
     if vehicle.plan is None or vehicle.states is None:
         return None
@@ -97,20 +97,20 @@ def arrival(vehicle: Vehicle) -> float | None:
     return held_from(times, errors) if times.size else None
 
 
-def _with_begun_plans(vehicle: Vehicle) -> Vehicle:
+def _with_begun_plans(vehicle: RecordedVehicle) -> RecordedVehicle:
     """Return the vehicle without the plans still pending at the end of what was measured."""
     states = vehicle.states
     end = -math.inf if states is None or not states.times.size else float(states.times[-1])
     return replace(vehicle, plans=tuple(plan for plan in vehicle.plans if plan.start < end))
 
 
-def _can_be_judged(vehicle: Vehicle) -> bool:
+def _can_be_judged(vehicle: RecordedVehicle) -> bool:
     if vehicle.plan is None or vehicle.view.problem is None or vehicle.controls is None:
         return False
     return not vehicle.view.goal(vehicle.plan.trajectory)[1] or arrival(vehicle) is not None
 
 
-def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
+def _reached(vehicle: RecordedVehicle) -> tuple[list[str], float | None]:
     """Return why a goal was missed; or when measurements end, if that is too early to tell."""
     view, plan, states = vehicle.view, vehicle.plans[-1], vehicle.states
     assert states is not None
@@ -137,7 +137,7 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     return _conditions(vehicle, plan, states.at(np.array([end]))), None
 
 
-def _worst(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> str:
+def _worst(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
     view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
     parts = [
@@ -148,7 +148,7 @@ def _worst(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> str:
     return f': off in {"; ".join(parts)}' if parts else ''
 
 
-def _conditions(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> list[str]:
+def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> list[str]:
     names = plan.trajectory.state_names
     if not set(names) <= set(at.names):
         return []
@@ -160,7 +160,7 @@ def _conditions(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> list[str]:
     ]
 
 
-def _violated(vehicle: Vehicle, plan: FollowedPlan) -> list[str]:
+def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
     measured = margin_history(vehicle).measured
     if measured is None:
@@ -186,7 +186,7 @@ def _too_close(mission: Mission) -> list[str]:
     ]
 
 
-def _criterion(vehicles: list[Vehicle]) -> str:
+def _criterion(vehicles: list[RecordedVehicle]) -> str:
     view, plan = vehicles[0].view, vehicles[0].plans[-1]
     within = [
         f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()

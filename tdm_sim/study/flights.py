@@ -34,7 +34,7 @@ from tdm_planner.tracking import (
 )
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.report.margins import margin_history, separations, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.verdict import goal_errors, HOLD_TIME, judge
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 
@@ -104,7 +104,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
         seen = Signals.of(plan, times, moved, plan.state_names)
         applied = Signals.of(plan, times, np.array(controls), plan.control_names)
         own, followed = name if len(plans) > 1 else view.name, (FollowedPlan(plan, 0.0),)
-        vehicles.append(Vehicle(own, view, followed, states=seen, applied=applied))
+        vehicles.append(RecordedVehicle(own, view, followed, states=seen, applied=applied))
     return Mission(problem.name, problem.name, tuple(vehicles))
 
 
@@ -178,7 +178,7 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
     return {'flights': how.seeds, 'caught': caught, 'held': held, 'lost': lost, **least}
 
 
-def _at_goal(vehicle: Vehicle) -> bool:
+def _at_goal(vehicle: RecordedVehicle) -> bool:
     assert vehicle.states is not None
     _, errors = goal_errors(vehicle.view, vehicle.plans[0].trajectory, vehicle.states)
     return not errors.size or bool(errors[-1] < 1.0)

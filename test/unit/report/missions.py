@@ -34,7 +34,7 @@ from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report import mission as parts
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
 DURATION = 2.0
 PENDULUM_PARAMETERS = {'plant.arm_length': 0.1, 'plant.com_distance': 0.06}
@@ -111,7 +111,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     plain = Mission(
         'Swing-up',
         'pendulum_swing_up',
-        (Vehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
+        (RecordedVehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
         figures=(parts.PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
         events=events,
         parameters=PENDULUM_PARAMETERS,
@@ -136,7 +136,7 @@ def robots_mission(measured=True, rate=100.0, after=1.0, **changes: Any) -> Miss
             states = Signals(at, values, ROBOT.state_names, ('m', 'm', *[''] * 5))
             applied = Signals(at, plan.sample(moving).control, ROBOT.control_names, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
-        vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
+        vehicles.append(RecordedVehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
     return replace(plain, **changes)
 

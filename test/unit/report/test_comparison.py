@@ -33,7 +33,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     psi = np.where(np.isclose(at, 1.0), -0.9, 0.5 * np.clip(at / DURATION, 0.0, 1.0))
     measured = np.stack([theta, psi, 0 * at, 0 * at], axis=1)
     torque = np.where(np.isclose(at, 0.5), -peak, 0.01)[:, None]
-    vehicle = mission.Vehicle(
+    vehicle = mission.RecordedVehicle(
         'pendulum',
         PendulumView(problem=PendulumSwingUp()),
         (FollowedPlan(plan, 0.0),),

@@ -23,7 +23,7 @@ from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotF
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.verdict import held_from, judge
 
@@ -207,7 +207,9 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     controls = (at[:, None] < LENGTH) * controls + off.get('u', 0.0)
     measured = {'states': Signals(at, states, ('x', 'v'), ('m', 'm/s'))}
     measured['commands'] = Signals(at, controls, ('u',), ('m/s^2',))
-    vehicle = Vehicle('sled', StatedView(problem), (FollowedPlan(motion, 0.0),), **measured)
+    vehicle = RecordedVehicle(
+        'sled', StatedView(problem), (FollowedPlan(motion, 0.0),), **measured
+    )
     return Mission('Sled', problem.name, (vehicle,))
 
 
