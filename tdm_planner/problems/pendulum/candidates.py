@@ -60,6 +60,7 @@ _DISTINCT = 2e-3  # relative difference of the total times of two different cand
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
+_FINE_SHARES, _FINE_SAMPLES = (0.05, 0.15), 30_000  # of the time scale; the first up to so many
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,8 +371,9 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
 
 def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
-    slow = candidate.total / _MOST_SAMPLES
-    spacing = min(max(_SAMPLE_TIME, slow), task.fine_time(0.05))
+    slow, many = candidate.total / _MOST_SAMPLES, candidate.total / _FINE_SAMPLES
+    finest, coarsest = (task.fine_time(share) for share in _FINE_SHARES)
+    spacing = min(max(_SAMPLE_TIME, slow), max(finest, min(many, coarsest)))
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
     # The rest of a plan could not tell the ends of a shorter arc apart.
     there = np.diff(switches) > 1.5 * NANOSECOND

@@ -218,6 +218,11 @@ def test_motions_of_thousands_of_arcs_are_replayed():
     flown = task.plant.fly(task.trajectory(times, states, torques[:, None]))
     assert flown.steps.size > 40_000
     np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
+    few = trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
+    assert few.times.size < 45_000  # a message, and its check within the deadline
+    np.testing.assert_allclose(few.states[-1], states[2000], atol=1e-5)
+    between = 0.5 * (few.times[1:] + few.times[:-1])
+    np.testing.assert_allclose(few.sample(between).state, flown.states(between), atol=2e-3)
 
 
 @pytest.mark.parametrize('seconds', [0.03, 0.5, 1.0])
