@@ -49,25 +49,19 @@ def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
     return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * whole
 
 
-def decide(
-    outlook: Outlook, changed: bool, new: Solution | None, improvement: float
-) -> tuple[bool, str]:
+def decide(outlook: Outlook, changed: bool, cost: float, improvement: float) -> tuple[bool, str]:
     """
-    Keep the active plan unless a verified one is necessary, or cheaper by a margin.
+    Keep the active plan unless another one is necessary, or cheaper by a margin.
 
     `changed` says that another goal or other limits are asked for than those of the active plan;
-    `new` is the verified plan found, if any; `improvement` the share of the cost still to come
-    that it must save where the old plan would do. Returns whether it supersedes, and why.
+    `cost` is that of the new plan; `improvement` the share of the cost still to come that it must
+    save where the old plan would do. Returns whether it supersedes, and why.
     """
-    if new is None:
-        return False, outlook.failure or 'no better plan was found'
-    if not new.verification.ok:
-        return False, 'the new plan did not pass its check'
     if changed:
         return True, 'the problem has changed'
     if outlook.failure:
         return True, outlook.failure
-    saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
+    saved = 1.0 - cost / outlook.cost if outlook.cost > 0.0 else 0.0
     if saved > improvement:
         return True, f'it saves {saved:.0%} of the cost still to come'
     return False, 'the active plan does'
@@ -205,7 +199,7 @@ class Replanner:
         except TdmError as error:
             spent = time.perf_counter() - began
             return Review(None, f'{error.code}: {error}', outlook, necessary, spent)
-        supersedes, reason = decide(outlook, changed, new, self.parameters.improvement)
+        supersedes, reason = decide(outlook, changed, new.cost, self.parameters.improvement)
         taking_over = None
         if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
