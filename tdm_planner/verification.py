@@ -89,16 +89,6 @@ class SelfFlying(Protocol):
         """Integrate along the controls of `trajectory`; None: cannot."""
 
 
-def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
-    """
-    Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
-
-    The integration restarts wherever a held control jumps, so that no step spans a switch; where
-    it cannot go on, the remaining states are NaN, which no check passes.
-    """
-    return fly(plant, trajectory).states(times)
-
-
 @dataclass(frozen=True, eq=False)
 class _Pieces:
     """A motion that scipy integrated: `pieces` between jumps of controls, of `size` states."""
@@ -122,7 +112,10 @@ class _Pieces:
 
 def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Flown | _Pieces:
     """
-    Integrate the plant along the trajectory's controls, see `replay`.
+    Integrate the plant along the trajectory's controls; `states(times)` of what is returned.
+
+    The integration restarts wherever a held control jumps, so that no step spans a switch; where
+    it cannot go on, the remaining states are NaN, which no check passes.
 
     Raises
     ------

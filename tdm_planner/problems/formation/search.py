@@ -177,16 +177,12 @@ class FormationSearch(Search[C]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             return VerificationFailed(f'no plan survived the check: {self.rejected}')
-        closest = self.closest
-        binding = '' if closest is None else closest.program.binding(closest.point)
-        if self.budget.spent:
-            return DeadlineExceeded(
-                f'no feasible plan within {self.budget.seconds:g} s from {self.tried} initial '
-                f'guesses; the best one violates {binding}'
-            )
-        return Infeasible(
-            f'no feasible plan from {self.tried} initial guesses; the best one violates {binding}'
-        )
+        closest, late = self.closest, self.budget.spent
+        within = f' within {self.budget.seconds:g} s' if late else ''
+        found = f'no feasible plan{within} from {self.tried} initial guesses'
+        if closest is not None:
+            found += f'; the best one violates {closest.program.binding(closest.point)}'
+        return DeadlineExceeded(found) if late else Infeasible(found)
 
 
 def screened(

@@ -167,8 +167,8 @@ class SwitchingSearch(Search[Candidate]):
             if not violation < self._lost:
                 if not budget.spent:  # or else there was no time to correct it
                     self.rejected = (
-                        'a coarsely integrated swing-up misses upright by '
-                        f'{violation:.2g} rad (rates times 1/w0) when it is integrated finely'
+                        f'a coarsely integrated swing-up has a violation of {violation:.2g} when '
+                        'it is integrated finely'
                     )
                 return
             yield self._checked(fine, violation)
