@@ -184,6 +184,8 @@ def land(
     enough: float = math.inf,
 ) -> list[Candidate]:
     """Shoot upright with the arcs that are not fixed, in time, until `enough` have arrived."""
+    if until.spent:  # of very many arcs even the roll below takes long
+        return []
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
     durations, torques, fixed = stacked([each.head for each in candidates])
@@ -371,9 +373,10 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
 
 def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
-    slow, many = candidate.total / _MOST_SAMPLES, candidate.total / _FINE_SAMPLES
-    finest, coarsest = (task.fine_time(share) for share in _FINE_SHARES)
-    spacing = min(max(_SAMPLE_TIME, slow), max(finest, min(many, coarsest)))
+    usual = max(_SAMPLE_TIME, candidate.total / _MOST_SAMPLES)
+    finest, coarsest = map(task.fine_time, _FINE_SHARES)
+    fine = np.clip(candidate.total / _FINE_SAMPLES, finest, coarsest)
+    spacing = min(usual, float(fine))
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
     # The rest of a plan could not tell the ends of a shorter arc apart.
     there = np.diff(switches) > 1.5 * NANOSECOND
