@@ -98,11 +98,11 @@ test: OTHERS = $(filter-out test/system%,$(TESTS))
 test: PARALLEL = --numprocesses auto --dist loadfile --max-worker-restart 0
 test: $(READY)-test
 	$(if $(OTHERS),@$(BIN)/python -m pytest $(PARALLEL) $(OTHERS))
-	$(if $(PROCESSES),@$(BIN)/python -m pytest $(PARALLEL) --override-ini timeout_method=signal $(PROCESSES))
+	$(if $(PROCESSES),@$(BIN)/python -m pytest $(PARALLEL) $(PROCESSES))
 
 # What fuzzing finds is printed as JSON, to be kept in test/fuzz_corpus.json.
 nightly: $(READY)-test
-	@$(BIN)/python -m pytest --timeout 1800 -rP test/nightly
+	@$(BIN)/python -m pytest -rP test/nightly
 
 lint: $(READY)-test $(READY)-dev
 	@echo 'ruff check' && $(BIN)/ruff check .

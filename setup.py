@@ -79,7 +79,6 @@ setup(
             'mcap-ros2-support',
             'mujoco',
             'pytest',
-            'pytest-timeout',
             'pytest-xdist',
             'selenium',
             'setuptools<80',

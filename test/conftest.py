@@ -5,6 +5,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+import faulthandler
 import functools
 import importlib.util
 import os
@@ -31,9 +32,23 @@ LONGEST = (
 )
 
 
+LONGEST_TEST, LONGEST_BY_NIGHT = 300.0, 1800.0  # s
+TERMINAL = pytest.StashKey[int]()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Let pytest-xdist hand out files in the order of the collection."""
     config.option.loadscopereorder = False
+    config.stash[TERMINAL] = os.dup(2)  # while a test runs, pytest captures the other one
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator:
+    """Print where a test hangs and end the process, even where the middleware never returns."""
+    longest = LONGEST_BY_NIGHT if 'nightly' in item.path.parts else LONGEST_TEST
+    faulthandler.dump_traceback_later(longest, exit=True, file=item.config.stash[TERMINAL])
+    yield
+    faulthandler.cancel_dump_traceback_later()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

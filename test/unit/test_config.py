@@ -96,7 +96,7 @@ def test_manifest_depends_on_what_is_used_and_nothing_else():
     assert ours == {ROSDEP_KEYS.get(name, name) for name in used} | beside
     by_tests = imported('test')
     with_key = {ROSDEP_KEYS[name] for name in by_tests if name in ROSDEP_KEYS}
-    assert depends('test_depend') == (with_key | {'python3-pytest-timeout'}) - ours
+    assert depends('test_depend') == with_key - ours
     assert {name for name in by_tests if name.endswith(ROS_SUFFIXES)} <= ours
 
 

@@ -185,7 +185,6 @@ def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
     return round(x), round(y)
 
 
-@pytest.mark.timeout(900)
 def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
     plans = ros.subscribe('/robots/robot1/trajectory')
     page = open_page('robots', DESKTOP)
@@ -220,7 +219,6 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(ros, open_page):
     page.wait_for('.tdm-status', 'robots in formation')
 
 
-@pytest.mark.timeout(900)
 def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_page):
     space = '/double_integrator'
     states = ros.subscribe(f'{space}/joint_states')

@@ -310,7 +310,6 @@ def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
     assert (norm.vmin, norm.vmax) == pytest.approx((1.0 / 30.0, 2.0))
 
 
-@pytest.mark.timeout(300)
 def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
