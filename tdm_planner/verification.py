@@ -25,7 +25,7 @@ from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tdm_planner.direct_method.flight import Flown
+    from tdm_planner.direct_method.flown import Flown
 
 Array = NDArray[np.float64]
 

@@ -4,10 +4,9 @@
 """
 The replay of plans with held or linear controls, by DOP853, compiled.
 
-Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, II.10: one step, its error
-and its dense output are one CasADi function; the coefficients are scipy's, and so is the choice of
-the steps. It is the replay of `tdm_planner.verification`, a tenth of the time, for every plant
-whose right-hand side can be traced.
+One step, its error and its dense output are one CasADi function. It is the replay of
+`tdm_planner.verification`, a tenth of the time, for every plant whose right-hand side can be
+traced.
 """
 
 from __future__ import annotations
@@ -19,57 +18,25 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from scipy.interpolate import PPoly
+from tdm_planner.direct_method.flown import (
+    EXPONENT,
+    Flown,
+    LARGEST,
+    LEAST_STEP,
+    MOST_FLOWN,
+    SAFETY,
+    SMALLEST,
+    stricter,
+    TOLERANCES,
+)
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
-_SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
-_EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
-_LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
-_MOST_STEPS = 100_000
 _SOME_STEPS = 64  # between looks at the clock
 _PARTS = 4  # steps where their errors are not looked at
-# Of more than `_FEW` pieces the tolerance is less, as what follows magnifies their errors.
-_FEW, _STRICTEST = 30, 100.0
-
-
-def _dense_output() -> Array:
-    """Return the powers of the share of a step (8, 16) that its slopes have in the states."""
-    share, left, term = np.poly1d([1.0, 0.0]), np.poly1d([-1.0, 1.0]), np.poly1d([1.0])
-    change, (first, last) = np.append(DOP853.B, np.zeros(4)), np.eye(16)[[0, 12]]
-    powers = np.zeros((8, 16))
-    rows = [change, first - change, 2.0 * change - last - first, *DOP853.D]
-    for index, row in enumerate(rows):
-        term = term * (left if index % 2 else share)
-        powers[: term.order + 1] += np.outer(term.coeffs[::-1], row)
-    return powers
-
-
-_DENSE = _dense_output()
-
-
-class Flown:
-    """
-    A motion as it was integrated: polynomials between the instants `steps` (m + 1,) [s].
-
-    `begins` (m, nx) are the states there, `slopes` (m, 16, nx) those of every stage.
-    """
-
-    def __init__(self, steps: Array, begins: Array, slopes: Array) -> None:
-        self.steps = steps
-        length = np.diff(steps)
-        powers = np.tensordot(_DENSE, slopes, axes=(1, 1))
-        powers *= length[:, None] ** (1.0 - np.arange(8)[:, None, None])
-        powers[0] = begins
-        self._motion = PPoly(powers[::-1], steps)
-
-    def states(self, times: Array) -> Array:
-        """States at `times` (n,), (n, nx)."""
-        return np.asarray(self._motion(np.array(times)))
 
 
 class Integrator:
@@ -152,7 +119,7 @@ class Integrator:
         instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
         late = False
         proposed = np.inf
-        stricter = min(max((times.size - 1) / _FEW, 1.0) ** 2, _STRICTEST)
+        strictness = stricter(times.size - 1)
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
             whole, change = end - now, last[k] - first[k]
@@ -161,27 +128,27 @@ class Integrator:
                 left = end - now
                 h = left if proposed >= left else proposed
                 if len(rows) % _SOME_STEPS == 0:
-                    late = len(rows) >= _MOST_STEPS or (until is not None and until.spent)
-                if h < _LEAST_STEP * whole or late:
+                    late = len(rows) >= MOST_FLOWN or (until is not None and until.spent)
+                if h < LEAST_STEP * whole or late:
                     return None
                 if not held and h < whole:
                     a[:] = last[k] - left / whole * change
                     b[:] = a + h / whole * change
                 x[:], length[0] = state, h
                 missed, reached, slopes = step.run()
-                error = stricter * float(missed[0])
-                factor = _SAFETY * error**_EXPONENT if error else _LARGEST
+                error = strictness * float(missed[0])
+                factor = SAFETY * error**EXPONENT if error else LARGEST
                 if not error < 1.0:
                     if not math.isfinite(error):
                         return None
-                    proposed = h * max(_SMALLEST, factor)
+                    proposed = h * max(SMALLEST, factor)
                     continue
                 begins.append(state)
                 rows.append(slopes.copy())
                 state = reached.copy()
                 now = end if h == left else now + h
                 instants.append(now)
-                proposed = h * min(_LARGEST, factor)
+                proposed = h * min(LARGEST, factor)
         if not np.isfinite(state).all():
             return None
         return Flown(np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size)))

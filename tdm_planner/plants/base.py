@@ -6,17 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 import math
-from typing import Any, ClassVar, Protocol, TYPE_CHECKING
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:  # a simulated plant has no use for what replays a plan
-    from tdm_planner.direct_method.flight import Flown, Integrator
-    from tdm_planner.direct_method.nonlinear_program import Budget
-    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -82,11 +76,6 @@ class StatedPlant:
             derivative[..., row] = rate
         return derivative
 
-    def fly(self, trajectory: Trajectory, until: Budget | None = None) -> Flown | None:
-        """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
-        kinds: tuple[Any, Any] = type(self), type(self.coefficients)
-        return _integrator(*kinds).along(trajectory, np.array(self.coefficients), until)
-
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""
         # Where nothing is derived there is no use for what kernels and derivatives are kept with.
@@ -105,18 +94,6 @@ class StatedPlant:
             for place, slope in enumerate(slopes):
                 jacobians[..., place % nx, place // nx] = slope
         return jacobians[..., :nx], jacobians[..., nx:]
-
-
-@cache
-def _integrator(plant: Any, kind: Any) -> Integrator:
-    """Return what replays the plans of a kind of plant, made once."""
-    import casadi as ca
-    from tdm_planner.direct_method.flight import Integrator
-
-    sizes = {'x': plant.state_names, 'u': plant.control_names, 'p': kind._fields}
-    x, u, p = (ca.SX.sym(name, len(parts)) for name, parts in sizes.items())
-    rates = plant.equations(kind(*ca.vertsplit(p)), ca.vertsplit(x), ca.vertsplit(u))
-    return Integrator(ca.Function('rates', [x, u, p], [ca.vertcat(*rates)]))
 
 
 def _components(state: Array, control: Array) -> tuple[Array, Array]:

@@ -20,10 +20,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from tdm_planner.direct_method.flown import (
+    EXPONENT,
+    Flown,
+    LARGEST,
+    LEAST_STEP,
+    MOST_FLOWN,
+    SAFETY,
+    SMALLEST,
+    stricter,
+    TOLERANCES,
+)
 from tdm_planner.plants import rotary_pendulum as stated
 from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -32,7 +44,11 @@ LANES = 16  # with 8 the compiler unrolls the loops instead
 STATE = 4 * LANES
 PSI, THETA_DOT, PSI_DOT = LANES, 2 * LANES, 3 * LANES
 HELD, STEP = 4 * LANES, 5 * LANES  # behind the state: torque, duration of a step
-_STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.B)
+# Of DOP853: 12 stages, where the step ends, three more for the dense output.
+_STAGES, _SHARES, _ERRORS = np.zeros((16, 16)), np.ones(16), np.array([DOP853.E5, DOP853.E3])
+_STAGES[:12, :12], _STAGES[12, :12], _STAGES[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+_SHARES[:12], _SHARES[13:] = DOP853.C, DOP853.C_EXTRA
+_RELATIVE, _ABSOLUTE = TOLERANCES
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
@@ -319,7 +335,7 @@ def _roll_states(k: Coefficients, start: Array, intervals: Array, torques: Array
                 rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torques[n])
             for s in range(12):
                 for m in range(4):
-                    x[m] += h * _WEIGHTS[s] * rates[s, m]
+                    x[m] += h * _STAGES[12, s] * rates[s, m]
             left -= h
             if not left > 0.0:
                 break
@@ -336,6 +352,75 @@ def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: 
     """
     states: Array = _roll_states(plant.coefficients, start, intervals, torques)
     return states
+
+
+@compiled
+def _flown(
+    k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
+) -> tuple[int, Array, Array, Array]:
+    room, n, proposed = 512, 0, np.inf
+    instants, begins, slopes = np.empty(room + 1), np.empty((room, 4)), np.empty((room, 16, 4))
+    instants[0], x, reached, rates = times[0], start.copy(), np.empty(4), np.empty((16, 4))
+    now, missed = np.empty(4), np.empty((2, 4))
+    for piece in range(first.size):
+        t, end = times[piece], times[piece + 1]
+        whole, change = end - t, last[piece] - first[piece]
+        while t < end:
+            h, error = min(proposed, end - t), 0.0
+            if not h >= LEAST_STEP * whole or n >= MOST_FLOWN:
+                return -1, instants, begins, slopes
+            for s in range(16):
+                now[:] = x
+                for j in range(s):
+                    for m in range(4):
+                        now[m] += h * _STAGES[s, j] * rates[j, m]
+                torque = first[piece] + (t + _SHARES[s] * h - times[piece]) / whole * change
+                rates[s, 0], rates[s, 1] = now[2], now[3]
+                rates[s, 2], rates[s, 3] = quick_accelerations(k, now[0], now[2], now[3], torque)
+                if s == 12:  # it is there
+                    reached[:], missed[:] = now, 0.0
+                    for j in range(13):
+                        for m in range(4):
+                            missed[0, m] += _ERRORS[0, j] * rates[j, m]
+                            missed[1, m] += _ERRORS[1, j] * rates[j, m]
+                    fifth = third = 0.0
+                    for m in range(4):
+                        scale = _ABSOLUTE + _RELATIVE * max(abs(x[m]), abs(now[m]))
+                        fifth += (missed[0, m] / scale) ** 2
+                        third += (missed[1, m] / scale) ** 2
+                    below = fifth + 0.01 * third
+                    error = fifth / math.sqrt(4.0 * below) if below > 0.0 else below
+                    error *= strictness * h
+                    if not error < 1.0:
+                        break
+            factor = SAFETY * error**EXPONENT if error > 0.0 else LARGEST
+            if not error < 1.0:
+                if not error < np.inf:
+                    return -1, instants, begins, slopes
+                proposed = h * max(SMALLEST, factor)
+                continue
+            begins[n], slopes[n] = x, rates
+            t, n = end if h == end - t else t + h, n + 1
+            instants[n], proposed, x[:] = t, h * min(LARGEST, factor), reached
+            if n == room:
+                room *= 2
+                instants = np.append(instants, np.empty(n))
+                begins, slopes = np.append(begins, begins, 0), np.append(slopes, slopes, 0)
+    return n, instants, begins, slopes
+
+
+def fly_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> Flown | None:
+    """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
+    if trajectory.interpolation == 'cubic':
+        return None
+    edges = trajectory.smooth_pieces
+    times, torques = trajectory.times[edges], trajectory.controls[edges, 0]
+    first, last = torques[:-1], torques[1:]
+    if trajectory.interpolation == 'zero_order_hold':
+        last = first
+    given = plant.coefficients, times, first, last, np.array(trajectory.states[0])
+    n, instants, begins, slopes = _flown(*given, stricter(first.size))
+    return None if n < 0 else Flown(instants[: n + 1], begins[:n], slopes[:n])
 
 
 class FeedbackTable(NamedTuple):

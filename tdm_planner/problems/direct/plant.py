@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends, Motion
-from tdm_planner.direct_method.flight import Flown
+from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget

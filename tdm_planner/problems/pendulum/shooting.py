@@ -10,9 +10,11 @@ soon as one is done with, the next takes its place.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import math
 import os
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +33,7 @@ _TARGET = 1e-20
 _FLOOR = 1e-3  # of w0^2: least square of a duration's scale
 _CHUNK = 50  # starts between two looks at the clock, with the usual steps
 EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squares
+_NICE = 5  # of the threads that help
 TRIES = 6  # ever more damped steps tried from one point
 
 
@@ -323,9 +326,9 @@ def shoot(
     """
     Vary all durations until the motions end upright at rest; the batch changes in place.
 
-    `start` is (4,), or (B, 4) where every sequence has its own. One core is left to the control
-    loop: chunks of sequences are shared out among threads on the others, none after `until`. The
-    result does not depend on the number of cores.
+    `start` is (4,), or (B, 4) where every sequence has its own. Chunks of sequences are shared out
+    among threads on all cores, none after `until`. The result does not depend on the number of
+    cores.
     """
     size = max(LANES, round(_CHUNK / plant.quickness))
     starts = np.empty((batch.arcs.size, 4))
@@ -340,13 +343,30 @@ def shoot(
             steps, effort,
         )  # fmt: skip
 
-    chunks = range(0, batch.arcs.size, size)
-    workers = min(_cores() - 1, len(chunks))
-    if workers <= 1:
-        until.evaluations += sum(map(work, chunks))
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        until.evaluations += sum(pool.map(work, chunks))
+    until.evaluations += shared_out(work, range(0, batch.arcs.size, size))
+
+
+def shared_out(work: Callable[[int], int], pieces: Sequence[int]) -> int:
+    """
+    Sum what `work` returns for each of the pieces, which all cores take in turn.
+
+    The threads that help are of lower priority, so that the control loop goes first.
+    """
+    left = iter(pieces)
+
+    def some() -> int:
+        return sum(map(work, left))
+
+    helpers = min(_cores(), len(pieces)) - 1
+    if helpers <= 0:
+        return some()
+    with ThreadPoolExecutor(helpers, initializer=_give_way) as pool:
+        others = [pool.submit(some) for _ in range(helpers)]
+        return some() + sum(other.result() for other in others)
+
+
+def _give_way() -> None:
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
 
 
 def _cores() -> int:

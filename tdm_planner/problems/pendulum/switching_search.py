@@ -82,8 +82,7 @@ _SHORTENED = 0.3  # share of the deadline after which there are none, collocatio
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 _OVERTIME = 0.03  # s after the deadline in which it may end
-_REPLAYED = 0.75  # share of its time that the replay may take
-_INTEGRATION_TIME = 3e-5  # s for integrating 1/w0 of a motion finely
+_INTEGRATION_TIME, _REPLAY_TIME = 3e-5, 5e-5  # s for 1/w0 of a motion: to correct, to check it
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 
@@ -199,18 +198,19 @@ class SwitchingSearch(Search[Candidate]):
 
     def _checked(self, candidate: Candidate, violation: float) -> Solution:
         """Return the motion with its check, which may end a little after the deadline."""
-        if self._short_of_time(candidate, _OVERTIME):
+        if self._short_of_time(candidate, _REPLAY_TIME, _OVERTIME):
             raise DeadlineExceeded('there is no time for a check')
         motion = trajectory(self._task, candidate)
-        until = self.budget.part(_REPLAYED * (self.budget.remaining + _OVERTIME))
+        until = self.budget.part(self.budget.remaining + _OVERTIME)
         return self._task.plan(motion, candidate.durations, violation, until)
 
-    def _short_of_time(self, candidate: Candidate, overtime: float = 0.0) -> bool:
-        """Whether to integrate the motion would end later than `overtime` s after the deadline."""
+    def _short_of_time(
+        self, candidate: Candidate, time: float = _INTEGRATION_TIME, overtime: float = 0.0
+    ) -> bool:
+        """Whether what takes `time` s for 1/w0 would end later than `overtime` s afterwards."""
         task = self._task
         scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
-        left = self.budget.remaining + overtime
-        return left <= self.budget.charged(_INTEGRATION_TIME * scale)
+        return self.budget.remaining + overtime <= self.budget.charged(time * scale)
 
     def widen(self) -> bool:
         """

@@ -3,11 +3,13 @@
 
 """Plants' equations, what is compiled and derived of them, and the URDF, against others."""
 
+from dataclasses import replace
 import inspect
 import math
 from pathlib import Path
 import shutil
 import threading
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from hypothesis import given, settings
@@ -41,7 +43,8 @@ from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import fly
 
 PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
@@ -179,8 +182,8 @@ def test_sine_and_cosine(angle):
     assert abs(cosine - np.cos(angle)) < 3e-16
 
 
-@pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
-def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
+@pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 2), (3, 3), (16, 4)])
+def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(shooting, '_cores', lambda: 1)
     alone, together = Budget(math.inf), Budget(math.inf)
@@ -255,6 +258,28 @@ def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(plant, 
     rates = plant.derivative(state, np.array([torque]))
     np.testing.assert_allclose(data.qacc, [rates[3], rates[2]], rtol=1e-9)
     assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
+@pytest.mark.parametrize(('plant', 'pieces'), [(PLANT, 5), (PLANT, 40), (OTHER, 700)])
+def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
+    rng = np.random.default_rng(4)
+    times = to_nanoseconds(np.append(0.0, np.cumsum(rng.uniform(0.5, 1.5, pieces) * 2.0 / pieces)))
+    torques = 0.1 * plant.coefficients.gravity * rng.normal(size=(pieces + 1, 1))
+    states = np.tile(START, (pieces + 1, 1))
+    plan = Trajectory.of(plant, times, states, torques, interpolation)
+    compiled, plain = plant.fly(plan), fly(SimpleNamespace(derivative=plant.derivative), plan)
+    assert len(plain.pieces) == pieces
+    assert set(times) <= set(compiled.steps)
+    at = np.linspace(0.0, times[-1], 999)
+    np.testing.assert_allclose(compiled.states(at), plain.states(at), rtol=0, atol=2e-6)
+
+
+def test_what_cannot_be_replayed_is_left_to_scipy():
+    states = np.tile(START, (2, 1))
+    plan = Trajectory.of(PLANT, np.array([0.0, 1.0]), states, np.full((2, 1), 1e300))
+    assert PLANT.fly(plan) is None
+    assert PLANT.fly(replace(plan, controls=0.0 * plan.controls, interpolation='cubic')) is None
 
 
 def trajectory(times, controls, start, interpolation='linear'):
