@@ -83,7 +83,7 @@ class Verification:
 
 @runtime_checkable
 class SelfFlying(Protocol):
-    """A plant whose equations of motion are compiled, and integrated as exactly or more so."""
+    """A plant whose traced equations of motion are integrated as exactly, or more so."""
 
     def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
         """Integrate along the controls of `trajectory`; None: cannot."""
@@ -194,9 +194,10 @@ def verify(
     consistency: Array | None = None,
     start: Array | None = None,
     until: Budget | None = None,
+    flight: Flown | None = None,
 ) -> Verification:
     """
-    Replay and check a trajectory.
+    Replay and check a trajectory; `flight` is its replay where there is one already.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states, as finely
@@ -205,7 +206,8 @@ def verify(
     that is infinite; the first of them with `start` (nx,), where that is given; NaN where a state
     is free. `until` is the time allowed for the replay.
     """
-    times, states = resolved(fly(plant, trajectory, until), trajectory, constraints)
+    flown = flight or fly(plant, trajectory, until)
+    times, states = resolved(flown, trajectory, constraints)
     given = plant, trajectory, times, states, goal, tolerance, constraints
     return judge(*given, consistency=consistency, start=start)
 

@@ -76,8 +76,8 @@ def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
 def _formations(patch: Patch, change: Callable[[Any], Any]) -> None:
     check = formation_search.assessed
 
-    def assessed(problem: Any, motions: Any, *others: Any) -> Solution:
-        return check(problem, change(motions), *others)
+    def assessed(task: Any, settings: Any, motions: Any, *others: Any) -> Solution:
+        return check(task, settings, change(motions), *others)
 
     patch.setattr(formation_search, 'assessed', assessed)
 

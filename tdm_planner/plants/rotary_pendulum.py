@@ -25,18 +25,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, ClassVar, NamedTuple, TYPE_CHECKING
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
-
-if TYPE_CHECKING:
-    from tdm_planner.direct_method.flown import Flown
-    from tdm_planner.direct_method.nonlinear_program import Budget
-    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -255,12 +250,6 @@ class RotaryPendulum(Validated, StatedPlant):
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
         theta, _, theta_dot, psi_dot = state
         return (theta_dot, psi_dot, *accelerations(k, theta, theta_dot, psi_dot, *control))
-
-    def fly(self, trajectory: Trajectory, until: Budget | None = None) -> Flown | None:
-        """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
-        from tdm_planner.plants.pendulum_kernels import fly_pendulum  # compiled when needed only
-
-        return fly_pendulum(self, trajectory)
 
     def energy(self, state: Array) -> Array:
         """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""

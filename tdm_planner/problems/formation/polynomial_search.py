@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 import itertools
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.polynomial_kernels import (
     derivatives,
     evaluate,
@@ -44,9 +45,6 @@ from tdm_planner.problems.formation.search import (
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 Polynomials: TypeAlias = Candidate['PolynomialProgram']
@@ -227,18 +225,19 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def __init__(
         self,
-        problem: RobotFormation,
+        task: FormationTask,
+        settings: FormationParameters,
         rng: np.random.Generator,
         budget: Budget,
         previous: Solution | None,
     ) -> None:
-        super().__init__(problem, rng, budget, previous)
+        super().__init__(task, settings, rng, budget, previous)
         self.form = form = MotionForm(
-            problem.polynomial_order,
-            problem.yaw_order,
-            problem.speed_factor_order,
-            problem.end_accelerations == 'varied',
-            problem.nodes,
+            settings.polynomial_order,
+            settings.yaw_order,
+            settings.speed_factor_order,
+            settings.end_accelerations == 'varied',
+            settings.nodes,
         )
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))

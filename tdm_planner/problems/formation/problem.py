@@ -196,14 +196,14 @@ class RobotFormation(FormationParameters, Problem):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier manoeuvre, with its check and cost recomputed."""
-        return assessed(self, trajectories, np.zeros(0))
+        return assessed(self.task, self, trajectories, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> PolynomialSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the initial guess."""
         method = PolynomialSearch if self.method == 'polynomials' else ArcSearch
-        return method(self, rng, budget, previous)
+        return method(self.task, self, rng, budget, previous)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of one robot; separations are between robots."""

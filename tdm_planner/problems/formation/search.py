@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import itertools
 import math
-from typing import Any, Final, Generic, TYPE_CHECKING, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.robot_replay import replay
+from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.program import CLOSENESS, FormationProgram
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import (
@@ -41,9 +42,6 @@ from tdm_planner.problems.formation.verification import (
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -86,20 +84,22 @@ class FormationSearch(Search[C]):
 
     def __init__(
         self,
-        problem: RobotFormation,
+        task: FormationTask,
+        settings: FormationParameters,
         rng: np.random.Generator,
         budget: Budget,
         previous: Solution | None,
     ) -> None:
         super().__init__(budget)
-        self.problem, self.rng = problem, rng
-        self.task, self.starts, self.tried = problem.task, problem.solver.starts, 0
+        self.task = self._stated = task
+        self.settings, self.rng = settings, rng
+        self.starts, self.tried = settings.solver.starts, 0
         self.closest: Candidate[Any] | None = None
         self.rest = {} if previous is None else rest_of(self.task, previous)
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
         self.rounds: list[Callable[[], Iterable[C]]] = []
         # The violation, relative to a limit, whose square is worth that penalty.
-        self.feasible = math.sqrt(problem.solver.tolerance / np.max(problem.weights.penalty))
+        self.feasible = math.sqrt(settings.solver.tolerance / np.max(settings.weights.penalty))
 
     def candidates(self) -> Iterable[C]:
         """Minima of one round, cheapest first."""
@@ -167,11 +167,11 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        return assessed(self.problem, {**motions, **self.kept}, parameters)
+        return assessed(self._stated, self.settings, {**motions, **self.kept}, parameters)
 
     def is_good_enough(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
-        return keeps_reserve(self.problem.task, plan.verification)
+        return keeps_reserve(self._stated, plan.verification)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""

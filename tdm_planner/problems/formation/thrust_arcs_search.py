@@ -15,13 +15,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, partial
 import itertools
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
 from tdm_planner.problems.formation.program import CLOSENESS
 from tdm_planner.problems.formation.search import (
@@ -32,6 +33,7 @@ from tdm_planner.problems.formation.search import (
     LATE,
     screened,
 )
+from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
     ArcValues,
     CENTRE,
@@ -51,9 +53,6 @@ from tdm_planner.problems.formation.thrust_arcs_program import (
     ThrustArcProgram,
 )
 from tdm_planner.problems.solution import Solution
-
-if TYPE_CHECKING:
-    from tdm_planner.problems.formation.problem import RobotFormation
 
 MANY = 5  # robots from which on choices are richer, and combined by descent
 _BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
@@ -219,16 +218,16 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     def __init__(
         self,
-        problem: RobotFormation,
+        task: FormationTask,
+        settings: FormationParameters,
         rng: np.random.Generator,
         budget: Budget,
         previous: Solution | None,
     ) -> None:
-        super().__init__(problem, rng, budget, previous)
-        task = self.task
-        self.task = replace(task, thrust=(1.0 - problem.thrust_reserve) * task.thrust)
+        super().__init__(task, settings, rng, budget, previous)
+        self.task = replace(task, thrust=(1.0 - settings.thrust_reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
-        self._polynomials = cache(partial(PolynomialSearch, problem, rng, budget, previous))
+        self._polynomials = cache(partial(PolynomialSearch, task, settings, rng, budget, previous))
         self._options = TrustRegionOptions(
             penalties=(_PENALTY if task.n < MANY else _PENALTY_MANY,),
             feasibility=(self.feasible,),

@@ -14,19 +14,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 import itertools
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
+from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, even_times, judge, Verification
-
-if TYPE_CHECKING:
-    from tdm_planner.problems.formation.problem import RobotFormation
 
 Array = NDArray[np.float64]
 
@@ -43,14 +41,17 @@ def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
 
 
 def assessed(
-    problem: RobotFormation, motions: Mapping[str, Trajectory], parameters: Array
+    task: FormationTask,
+    settings: FormationParameters,
+    motions: Mapping[str, Trajectory],
+    parameters: Array,
 ) -> Solution:
     """
     Return the robots' motions with their check and cost; `parameters` are Xi (m,).
 
     Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
     """
-    task, tolerance = problem.task, problem.solver.tolerance
+    tolerance = settings.solver.tolerance
     motions = {name: motions[name] for name in task.names}
     for name, motion in motions.items():
         if motion.rates is None:
@@ -79,7 +80,7 @@ def assessed(
         separations, times, np.concatenate(every_state, axis=1), np.zeros((times.size, 0))
     )
     worst = [each.worst for each in robots.values()]
-    left = penalty(task, worst, pairs, np.array(problem.weights.penalty))
+    left = penalty(task, worst, pairs, np.array(settings.weights.penalty))
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
     if left > tolerance:
         reasons.append(f'the penalty {left:.3g} is above solver.tolerance = {tolerance:g}')

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
+from tdm_planner.plants.pendulum_kernels import fly_pendulum, LANES, roll_ends
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -217,6 +217,7 @@ class SwingUpTask:
             self.constraints,
             start=self.start,
             until=until,
+            flight=fly_pendulum(self.plant, trajectory),
         )
 
     def hold(self) -> Solution | None:

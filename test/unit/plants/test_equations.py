@@ -9,7 +9,6 @@ import math
 from pathlib import Path
 import shutil
 import threading
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from hypothesis import given, settings
@@ -31,6 +30,7 @@ from tdm_planner.plants import (
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import (
+    fly_pendulum,
     LANES,
     roll_arcs,
     roll_ends,
@@ -268,7 +268,7 @@ def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
     torques = 0.1 * plant.coefficients.gravity * rng.normal(size=(pieces + 1, 1))
     states = np.tile(START, (pieces + 1, 1))
     plan = Trajectory.of(plant, times, states, torques, interpolation)
-    compiled, plain = plant.fly(plan), fly(SimpleNamespace(derivative=plant.derivative), plan)
+    compiled, plain = fly_pendulum(plant, plan), fly(plant, plan)
     assert len(plain.pieces) == pieces
     assert set(times) <= set(compiled.steps)
     at = np.linspace(0.0, times[-1], 999)
@@ -278,8 +278,11 @@ def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
 def test_what_cannot_be_replayed_is_left_to_scipy():
     states = np.tile(START, (2, 1))
     plan = Trajectory.of(PLANT, np.array([0.0, 1.0]), states, np.full((2, 1), 1e300))
-    assert PLANT.fly(plan) is None
-    assert PLANT.fly(replace(plan, controls=0.0 * plan.controls, interpolation='cubic')) is None
+    assert fly_pendulum(PLANT, plan) is None
+    assert (
+        fly_pendulum(PLANT, replace(plan, controls=0.0 * plan.controls, interpolation='cubic'))
+        is None
+    )
 
 
 def trajectory(times, controls, start, interpolation='linear'):

@@ -23,7 +23,7 @@ from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
-from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_kernels import fly_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_program
@@ -215,7 +215,7 @@ def test_motions_of_thousands_of_arcs_are_replayed():
     times = np.arange(7001) * 2.2 / task.plant.natural_frequency
     torques = task.torque * (-1.0) ** np.arange(7001)
     states = roll_states(task.plant, task.start, np.diff(times), torques[:-1])
-    flown = task.plant.fly(task.trajectory(times, states, torques[:, None]))
+    flown = fly_pendulum(task.plant, task.trajectory(times, states, torques[:, None]))
     assert flown.steps.size > 40_000
     np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
     few = trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
