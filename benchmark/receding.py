@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
-from tdm_sim.study.flights import TrackedPlant
+from tdm_sim.study.flights import CommandedPlant
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class RecedingHorizon:
     replanner the first plan is all there is.
     """
 
-    vehicles: Mapping[str, TrackedPlant]
+    vehicles: Mapping[str, CommandedPlant]
     problem: Problem
     interval: float
     replanner: Replanner | None = None

@@ -57,7 +57,9 @@ class Tolerance(NamedTuple):
 
 class PlantView:
     """
-    A plant; of one that is not known more than its names, nothing is judged or drawn.
+    A plant as verdict, report and pictures know it.
+
+    This one is a plant of which only the names are known: nothing is judged or drawn.
 
     `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
     by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`

@@ -44,6 +44,7 @@ _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
 _BUILT_IN = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plants: problems
 _RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
+# Times that a busy computer takes: as many real seconds where simulated time runs faster.
 _COVER_REAL_TIME = frozenset({
     'start.delay', 'start.max_age', 'replan.delay', 'state_timeout', 'replan.interval',
     'command_timeout',

@@ -20,7 +20,7 @@ from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
-from tdm_sim.study.flights import TrackedPlant
+from tdm_sim.study.flights import CommandedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
@@ -80,15 +80,15 @@ def pendulum_tracker(limit: float = STRONG, **values) -> tracking.PendulumTracke
     return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
 
 
-def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> TrackedPlant:
+def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> CommandedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
     plant = mismatched(tracker.parameters.plant, mismatch, seed)
     setup = PlantSetup(plant, initial, -limit, limit, noise * PENDULUM_NOISE)
-    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
+    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
 
 
-def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> TrackedPlant:
+def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> CommandedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
     given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
     tracker = tracking.RobotTracker(given)
@@ -97,14 +97,14 @@ def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> Tracke
     plant = mismatched(tracker.parameters.plant, mismatch, seed)
     noises = noise * ROBOT_NOISE
     setup = PlantSetup(plant, initial, noise=noises, largest_step=0.005, **actuators)
-    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
+    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
 
 
 @dataclass
 class Loop:
     """A vehicle stepped by its tracker's rate; `delay` ticks pass before a state is seen."""
 
-    vehicle: TrackedPlant
+    vehicle: CommandedPlant
     delay: int = 0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)

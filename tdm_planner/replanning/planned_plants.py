@@ -26,7 +26,7 @@ from tdm_planner.drawing import (
     Shape,
 )
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.parameters import build
+from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -34,6 +34,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.formation.parameters import Arena, place_in_arena
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import (
     Execution,
@@ -53,14 +54,14 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
-_OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
+_OF_THE_NODE = specifications(PlannerParameters).keys()
 _FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
 _PREDICTABLE = 2000.0  # rad of swinging at the natural frequency
 
 
 class PlannedPlant:
     """
-    The plant of any problem.
+    The plant of any problem, as the planner node knows it.
 
     Its state is measured with the joints of a stated problem, or with the numbers X of the
     parameters `start.X` for joints. A problem without such parameters has nothing to measure.

@@ -67,7 +67,7 @@ class ClosedLoop(Validated):
     )
 
 
-class TrackedPlant(NamedTuple):
+class CommandedPlant(NamedTuple):
     """A simulated plant, and the tracker that commands it."""
 
     tracker: TrajectoryTracker
@@ -126,7 +126,7 @@ def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:
 
 def tracked(
     tracker: TrajectoryTracker, initial: Array, mismatch: float, noise: float, seed: int
-) -> TrackedPlant:
+) -> CommandedPlant:
     """
     Return a tracker with a simulated plant in state `initial` (nx,), reproducible by its `seed`.
 
@@ -147,7 +147,7 @@ def tracked(
         actuators = {**robot, 'largest_step': 5e-3}
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
     setup = PlantSetup(plant, initial, noise=sensors, **actuators)
-    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
+    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
 
 
 def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
-from tdm_sim.study.flights import ClosedLoop, fly, TrackedPlant
+from tdm_sim.study.flights import ClosedLoop, CommandedPlant, fly
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 
@@ -72,7 +72,7 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(seed, wron
     sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
     limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
     setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
-    loop = Loop(TrackedPlant(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
+    loop = Loop(CommandedPlant(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
     plan = asked.solve(deadline=20.0).trajectory
     loop.begin(plan)
     loop.run(0.1 + 0.9 * plan.duration)

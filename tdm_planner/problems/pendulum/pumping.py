@@ -58,7 +58,8 @@ _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not as
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 _NEAR = 1.5  # sum of squares from which it may be landed
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
-# What a lane knows behind state, torque and step: what the law says, then what it is made of.
+# Where rows of lanes begin in the flat array `x` (see pendulum_kernels), behind state, torque and
+# step: what the law says, then what it is made of.
 (
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _ROWS,

@@ -69,7 +69,7 @@ class SwingUpTask:
 
     @property
     def swing_drive(self) -> float:
-        """Drive that a swing can use: of a light disk its range is the limit, not the torque."""
+        """Drive that swings can use: less than `drive` where the disk's range ends a stroke."""
         k = self.plant.coefficients
         return min(self.drive, self.planned_disk_angle * k.arm / k.pendulum)
 
