@@ -25,7 +25,7 @@ from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tdm_planner.direct_method.flown import Flown
+    from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 
 Array = NDArray[np.float64]
 
@@ -82,10 +82,10 @@ class Verification:
 
 
 @runtime_checkable
-class SelfFlying(Protocol):
+class Replayable(Protocol):
     """A plant whose traced equations of motion are integrated as exactly, or more so."""
 
-    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
+    def replay(self, trajectory: Trajectory, until: Budget | None) -> ReplayedMotion | None:
         """Integrate along the controls of `trajectory`; None: cannot."""
 
 
@@ -110,7 +110,9 @@ class _Pieces:
         return states
 
 
-def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Flown | _Pieces:
+def replay(
+    plant: Plant, trajectory: Trajectory, until: Budget | None = None
+) -> ReplayedMotion | _Pieces:
     """
     Integrate the plant along the trajectory's controls; `states(times)` of what is returned.
 
@@ -123,10 +125,10 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
         If the time allowed by `until` passes meanwhile.
 
     """
-    if isinstance(plant, SelfFlying):
-        flight = plant.fly(trajectory, until)
-        if flight is not None:
-            return flight
+    if isinstance(plant, Replayable):
+        replayed = plant.replay(trajectory, until)
+        if replayed is not None:
+            return replayed
     pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
@@ -194,10 +196,10 @@ def verify(
     consistency: Array | None = None,
     start: Array | None = None,
     until: Budget | None = None,
-    flight: Flown | None = None,
+    replayed: ReplayedMotion | None = None,
 ) -> Verification:
     """
-    Replay and check a trajectory; `flight` is its replay where there is one already.
+    Replay and check a trajectory; `replayed` is its replay where there is one already.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states, as finely
@@ -206,14 +208,14 @@ def verify(
     that is infinite; the first of them with `start` (nx,), where that is given; NaN where a state
     is free. `until` is the time allowed for the replay.
     """
-    flown = flight or fly(plant, trajectory, until)
-    times, states = resolved(flown, trajectory, constraints)
+    motion = replayed or replay(plant, trajectory, until)
+    times, states = resolved(motion, trajectory, constraints)
     given = plant, trajectory, times, states, goal, tolerance, constraints
     return judge(*given, consistency=consistency, start=start)
 
 
 def resolved(
-    flight: Flown | _Pieces, trajectory: Trajectory, constraints: Sequence[Constraint]
+    replayed: ReplayedMotion | _Pieces, trajectory: Trajectory, constraints: Sequence[Constraint]
 ) -> tuple[Array, Array]:
     """
     Instants (n,) and states (n, nx) at which a violation of the constraints shows.
@@ -222,9 +224,9 @@ def resolved(
     between the steps of the integration, which follow the motion however fast it is. Intervals in
     which a margin may dip below what is allowed are divided further.
     """
-    knots = np.union1d(trajectory.times, flight.steps)
+    knots = np.union1d(trajectory.times, replayed.steps)
     times = np.union1d(_divided(knots, _PER_STEP), knots)
-    states, most = flight.states(times), times.size + MOST_INSTANTS
+    states, most = replayed.states(times), times.size + MOST_INSTANTS
     for _ in range(_ROUNDS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > most:
@@ -232,7 +234,7 @@ def resolved(
         edges = np.stack([times[hidden], times[hidden + 1]], axis=1)
         more = [_divided(edge, _PARTS) for edge in edges]
         times = np.union1d(times, np.concatenate(more))
-        states = flight.states(times)
+        states = replayed.states(times)
     return times, states
 
 
@@ -248,8 +250,9 @@ def _hidden(
     """
     Return the intervals (n,) in which margins may be violated, kept as they are at both ends.
 
-    A margin dips no deeper than to where it meets its secants of the intervals before and after,
-    bent as they were before. None where it is violated at an instant: that is enough.
+    The least margin in an interval is estimated: lines from both neighbouring intervals, steeper
+    by `_BEND` of the last change of slope, meet there. None where a margin is violated at an
+    instant: that is enough.
     """
     found = np.zeros(times.size - 1, dtype=bool)
     for constraint in constraints:

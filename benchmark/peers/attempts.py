@@ -226,7 +226,9 @@ def judge_pendulum(task: SwingUpTask, motion: Trajectory) -> tuple[str, ...]:
         Constraint(
             'torque', lambda t, x, u: task.torque_limit - np.abs(u[:, 0]), 1e-9 * task.torque_limit
         ),
-        Constraint('disk_angle', lambda t, x, u: task.disk_angle - np.abs(x[:, 1]), DISK_SLACK),
+        Constraint(
+            'disk_angle', lambda t, x, u: task.disk_angle_limit - np.abs(x[:, 1]), DISK_SLACK
+        ),
     )
     anywhere = np.full(4, np.inf)
     return verify(

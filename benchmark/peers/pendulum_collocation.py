@@ -56,7 +56,7 @@ def energy_swing(task: SwingUpTask, gains: Pumping) -> Trajectory:
     plant, w0 = task.plant, task.plant.natural_frequency
     states, torques = [task.start], []
     for _ in range(int(_PUMPED / _STEP)):
-        torques.append(_pump(states[-1], w0, gains) * task.torque)
+        torques.append(_pump(states[-1], w0, gains) * task.planned_torque)
         states.append(runge_kutta_step(plant, states[-1], np.array([torques[-1]]), _STEP))
     path = np.array(states)
     away = path * np.array([1.0, 0.3, 1.0 / w0, 0.3 / w0])
@@ -100,7 +100,7 @@ class PendulumCollocation:
 
     def __init__(self, task: SwingUpTask, intervals: int, **ipopt: Any) -> None:
         began = time.process_time()
-        self.torque, self.disk_angle = task.torque, task.disk_angle
+        self.torque, self.disk_angle = task.planned_torque, task.disk_angle_limit
         self.intervals = n = intervals
         w0 = task.plant.natural_frequency
         self.unit = np.array([1.0, 1.0, w0, w0])

@@ -152,7 +152,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
         """Minimise from random switches, first with the speed kept up, then less and less."""
         task, rng = self._task, self._rng
         arcs = int(rng.integers(_FEWEST_ARCS, self._most_arcs + 1))
-        torques = task.torque * rng.choice([-1.0, 1.0]) * (-1.0) ** np.arange(arcs)
+        torques = task.planned_torque * rng.choice([-1.0, 1.0]) * (-1.0) ** np.arange(arcs)
         xi: Array = rng.dirichlet(np.full(arcs, 2.0))[:-1]
         for floor in _FLOORS:
             program = VirtualArcProgram(task, torques, turns, _COARSE_STEPS, floor)

@@ -23,9 +23,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation, HINT, HINTS, told
-from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
+from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]

@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from tdm_planner.direct_method.flown import (
+from tdm_planner.direct_method.replayed_motion import (
     EXPONENT,
-    Flown,
     LARGEST,
     LEAST_STEP,
-    MOST_FLOWN,
+    MOST_REPLAYED,
+    ReplayedMotion,
     SAFETY,
     SMALLEST,
     stricter,
@@ -218,10 +218,9 @@ def roll_lanes(
     largest in size, `peaks` (K, LANES); and its derivatives by the durations up to the arc's own,
     `peak_slopes` (K, K, LANES).
 
-    The derivative by an arc's duration begins at its end with the rate of the states there. That
-    is exact for the motion itself; of the discrete motion it is off by the error of RK4. Later
-    arcs carry all of them at once, by the derivatives of the states by those in which they begin:
-    three columns (by theta, theta', psi'; the motion does not depend on psi).
+    The sensitivity of the states to an arc's duration is their rate x' at its end (exact for the
+    motion itself, off by the error of RK4 for the discrete one). Every later arc propagates it by
+    its transition matrix, the three `columns` by theta, theta', psi': nothing depends on psi.
     """
     h, columns, found = np.empty(LANES), np.empty(3 * STATE), np.empty(6 * LANES)
     left, quick, first = np.empty(LANES), np.empty(LANES), 0
@@ -355,7 +354,7 @@ def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: 
 
 
 @compiled
-def _flown(
+def _replayed(
     k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
 ) -> tuple[int, Array, Array, Array]:
     room, n, proposed = 512, 0, np.inf
@@ -367,7 +366,7 @@ def _flown(
         whole, change = end - t, last[piece] - first[piece]
         while t < end:
             h, error = min(proposed, end - t), 0.0
-            if not h >= LEAST_STEP * whole or n >= MOST_FLOWN:
+            if not h >= LEAST_STEP * whole or n >= MOST_REPLAYED:
                 return -1, instants, begins, slopes
             for s in range(16):
                 now[:] = x
@@ -409,7 +408,7 @@ def _flown(
     return n, instants, begins, slopes
 
 
-def fly_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> Flown | None:
+def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMotion | None:
     """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
     if trajectory.interpolation == 'cubic':
         return None
@@ -419,8 +418,8 @@ def fly_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> Flown | None:
     if trajectory.interpolation == 'zero_order_hold':
         last = first
     given = plant.coefficients, times, first, last, np.array(trajectory.states[0])
-    n, instants, begins, slopes = _flown(*given, stricter(first.size))
-    return None if n < 0 else Flown(instants[: n + 1], begins[:n], slopes[:n])
+    n, instants, begins, slopes = _replayed(*given, stricter(first.size))
+    return None if n < 0 else ReplayedMotion(instants[: n + 1], begins[:n], slopes[:n])
 
 
 class FeedbackTable(NamedTuple):

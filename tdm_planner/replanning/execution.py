@@ -24,7 +24,7 @@ from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
-from tdm_planner.verification import fly
+from tdm_planner.verification import replay
 
 Array = NDArray[np.float64]
 
@@ -212,9 +212,9 @@ class GenericExecution(Execution):
         states = rest.states.copy()
         states[0] = seen.state[order]
         # As smooth as the whole: a spline through the few samples left is another one.
-        flight = replace(rest, states=states)
+        replayed = replace(rest, states=states)
         found = np.empty_like(seen.state)
-        found[order] = fly(DirectPlant(problem), flight).states(np.array([wait]))[-1]
+        found[order] = replay(DirectPlant(problem), replayed).states(np.array([wait]))[-1]
         return found if np.isfinite(found).all() else None
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:

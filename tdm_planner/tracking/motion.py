@@ -82,7 +82,7 @@ class TrackerParameters(Validated):
 class TrajectoryRejected(TdmError):
     """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
 
-    code: ClassVar[str] = 'TRAJECTORY_REFUSED'
+    code: ClassVar[str] = 'TRAJECTORY_REJECTED'
 
 
 class TrajectoryMissed(TrajectoryRejected):

@@ -81,7 +81,7 @@ def problem_of(problem: type[DirectProblem], parameters: Any) -> DirectProblem:
 
 
 @dataclass(frozen=True)
-class TrackedPlant:
+class TrackerType:
     """
     A plant as its tracker knows it.
 
@@ -94,10 +94,10 @@ class TrackedPlant:
     make_tracker: Callable[[Any], TrajectoryTracker]
 
 
-_PENDULUM = TrackedPlant(PENDULUM, PendulumTrackerParameters, PendulumTracker)
-_ROBOT = TrackedPlant(ROBOT, RobotTrackerParameters, RobotTracker)
+_PENDULUM = TrackerType(PENDULUM, PendulumTrackerParameters, PendulumTracker)
+_ROBOT = TrackerType(ROBOT, RobotTrackerParameters, RobotTracker)
 # A problem's plant may be named by the problem, as planner and plant name it.
-_BUILT_IN: Mapping[str, TrackedPlant] = {
+_BUILT_IN: Mapping[str, TrackerType] = {
     'pendulum': _PENDULUM,
     'robot': _ROBOT,
     'pendulum_swing_up': _PENDULUM,
@@ -105,16 +105,16 @@ _BUILT_IN: Mapping[str, TrackedPlant] = {
 }
 
 
-def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
+def tracked_problem(problem: type[DirectProblem]) -> TrackerType:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
-    return TrackedPlant(
+    return TrackerType(
         kind_of(problem()),
         with_parameters_of(TrackerParameters, problem),
         lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
     )
 
 
-def tracked_plant(kind: str) -> TrackedPlant:
+def tracked_plant(kind: str) -> TrackerType:
     """
     Return the plant of a kind: pendulum, robot, or the problem of that name.
 

@@ -5,7 +5,8 @@
 What every tracker does, whatever the plant: which trajectory is active, and what phase it is.
 
     idle        no trajectory yet: nothing is commanded
-    waiting     a trajectory is accepted, its start lies ahead: nothing is commanded
+    waiting     a trajectory is accepted, its start lies ahead: nothing is commanded, but that a
+                robot turns its thruster
     tracking    feedforward and feedback along the trajectory
     holding     the end has been reached: feedback about the goal
     stopped     the motion was aborted: nothing is commanded until the next trajectory
@@ -173,9 +174,9 @@ class TrajectoryTracker(ABC):
         Raises
         ------
         TrajectoryRejected
-            If it lies in the past, is not this plant's, or the state is too far from it. A tracker
-            that has just started then does what it does when it gives a motion up: the plan was
-            followed by another, or by itself before a restart.
+            If it lies in the past, is not this plant's, or the state is too far from it. An idle
+            tracker, which has just been started into a running plan, then stops or recovers as
+            after a deviation.
 
         """
         try:

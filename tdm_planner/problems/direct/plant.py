@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends, Motion
-from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.trajectory import Trajectory
@@ -68,7 +68,7 @@ class DirectPlant:
             )
         return stacked
 
-    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
+    def replay(self, trajectory: Trajectory, until: Budget | None) -> ReplayedMotion | None:
         """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
         return self.trace.integrator.along(trajectory, self.numbers, until)
 

@@ -49,7 +49,7 @@ _INSTANTS = 400  # at which a plan is compared with where it was left
 _LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked at; of them for J
 
 
-class _Flown(NamedTuple):
+class _Replay(NamedTuple):
     """
     A replay: states (m, nx) at m looks, J.
 
@@ -211,7 +211,7 @@ class Refinement:
             motion = again
         return replace(motion, cost=flown.cost), flown.states[::_LOOKS]
 
-    def _landed(self, motion: Motion) -> tuple[Motion, _Flown]:
+    def _landed(self, motion: Motion) -> tuple[Motion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
         flown = self._replayed(motion)
         for _ in range(_CORRECTIONS):
@@ -229,7 +229,7 @@ class Refinement:
             motion, flown = other, again
         return motion, flown
 
-    def _replayed(self, motion: Motion) -> _Flown:
+    def _replayed(self, motion: Motion) -> _Replay:
         """Replay a motion, controls linear in every interval, to look before the check proper."""
         n, u = motion.intervals, motion.controls
         ends = motion.times
@@ -246,7 +246,7 @@ class Refinement:
         gap = float(np.abs((states[-1] - self.goal(states)) / self.tolerance(states)).max())
         gap = gap if np.isfinite(states).all() else np.inf
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
-        return _Flown(states, seen.min(axis=0) / unit, unit, cost, gap)
+        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""

@@ -9,10 +9,9 @@ Which robot passes on which side of another decides which local minimum is found
 sides the combination that looks best is tried, the most promising first. The minimiser leads
 to local minima; plans of them, with check and cost, are looked at cheapest first.
 
-What is left of an earlier plan is an initial guess, or kept unchanged. An error across the thrust
-is corrected by turning the thruster away and back; where there is no time left for that the rest
-of the plan is as good as any other, and the feedback about it takes such errors away. So robots
-about to arrive keep their motions, and the others plan round them.
+What is left of an earlier plan is an initial guess, or kept unchanged. A robot about to arrive has
+no time to turn its thruster away and back: it keeps its motion, whose lateral errors the feedback
+removes, and the others plan round it.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 Candidates of the search for switching times, and what happens to them in turn.
 
 1. Initial guesses: `starts` at random, `warm_starts` from an earlier plan, or `pumping.pumped`.
-2. `shot` brings random ones upright; `land` does so where the first arcs stay as they are.
+2. `shot` brings random ones upright; `shoot_tails` does so where the first arcs stay as they are.
 3. `polish` minimises the time, `with_new_arcs` adds arcs, `corrected` integrates more finely.
 4. `trajectory` writes the motion out.
 """
@@ -25,8 +25,8 @@ from tdm_planner.problems.pendulum.switching_program import (
     evaluate_arcs,
     lagrangian_slopes,
     mesh_of_arcs,
+    SwitchingData,
     SwitchingProgram,
-    SwitchingTimes,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
@@ -37,7 +37,10 @@ Integers = NDArray[np.intp]
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-COMING, _LANDED = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)  # of sequences that come near
+TAIL_STEPS, _FINE_TAIL_STEPS = (
+    Steps(12, 1.0 / 9.0),
+    Steps(12, 1.0 / 24.0),
+)  # of sequences that come near
 _KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
@@ -46,7 +49,7 @@ _STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # What is spent on landing: turns of so many iterations, after which those are dropped whose sum
 # of squares is larger still.
-_TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
+_TAIL_EFFORT = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _POLISHED = 16  # last arcs whose time is minimised
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small,
@@ -119,7 +122,7 @@ def starts(
     if weaken:
         share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
         first *= np.where(rng.uniform(size=count) < 0.5, share, 1.0)
-    torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
+    torques = task.planned_torque * first[:, None] * (-1.0) ** np.arange(most)
     turns = np.full(count, math.nan if task.turns is None else float(task.turns))
     return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
 
@@ -147,16 +150,16 @@ def warm_starts(
     put before or after them, or both, where a new switch may grow; there are at most `most`.
     """
     sizes, found = np.abs(previous.torques), list[Candidate]()
-    held = np.clip(previous.torques, -task.torque, task.torque)
+    held = np.clip(previous.torques, -task.planned_torque, task.planned_torque)
     if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
-        held = np.copysign(task.torque, held)
+        held = np.copysign(task.planned_torque, held)
     for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
         after = max(after, FEWEST_ARCS + 1 - before - held.size)
         count = before + held.size + after
         if count > max(most, FEWEST_ARCS + 1):
             continue
-        end = -math.copysign(task.torque, held[-1]) * (-1.0) ** np.arange(after)
-        first = np.full(before, -math.copysign(task.torque, held[0]))
+        end = -math.copysign(task.planned_torque, held[-1]) * (-1.0) ** np.arange(after)
+        first = np.full(before, -math.copysign(task.planned_torque, held[0]))
         durations = previous.durations * np.exp(change * rng.normal(size=held.size))
         durations = np.concatenate([np.zeros(before), durations, np.zeros(after)])
         torques = np.concatenate([first, held, end])
@@ -176,7 +179,7 @@ def shot(task: SwingUpTask, batch: ArcBatch, steps: Steps, until: Budget) -> lis
     return found
 
 
-def land(
+def shoot_tails(
     task: SwingUpTask,
     candidates: list[Candidate],
     steps: Steps,
@@ -187,7 +190,7 @@ def land(
     if until.spent:  # of very many arcs even the roll below takes long
         return []
     # The arcs that stay as they are, as finely as those that do not.
-    limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
+    limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
     durations, torques, fixed = stacked([each.head for each in candidates])
     k = task.plant.coefficients
     ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _KEPT, limit)
@@ -201,7 +204,7 @@ def land(
         if until.spent or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
             break
         part = batch.rows(rows)
-        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, _TURN)
+        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, _TAIL_EFFORT)
         batch.durations[rows], batch.costs[rows] = part.durations, part.costs
         rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
@@ -220,11 +223,15 @@ def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
     return stacked[0], stacked[1], counts
 
 
-def landed_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
+def shoot_tails_finely(
+    task: SwingUpTask, landed: list[Candidate], until: Budget
+) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    found = land(task, list(map(_with_last_varied, quickest)), _LANDED, until)
-    return found or list(map(_with_last_varied, land(task, quickest, _LANDED, until)))
+    found = shoot_tails(task, list(map(_with_last_varied, quickest)), _FINE_TAIL_STEPS, until)
+    return found or list(
+        map(_with_last_varied, shoot_tails(task, quickest, _FINE_TAIL_STEPS, until))
+    )
 
 
 def _with_last_varied(candidate: Candidate) -> Candidate:
@@ -254,7 +261,7 @@ def polish(
     A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
-    program = SwitchingTimes(program_of(task, candidate, steps))
+    program = SwitchingProgram(program_of(task, candidate, steps))
     feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
     first = best = program.evaluate(candidate.tail[0] * w0)
     for penalty in _PENALTIES[1:] if task.swing_drive < _STIFF_DRIVE else _PENALTIES:
@@ -304,12 +311,12 @@ def corrected(
 
 def program_of(
     task: SwingUpTask, candidate: Candidate, steps: int, parts: int = 1
-) -> SwitchingProgram:
+) -> SwitchingData:
     """Return the program over the arcs that are not fixed, each one of `parts` of an arc."""
     plant, (durations, torques) = task.plant, candidate.tail
     start = roll_states(plant, task.start, *candidate.head)[-1]
     fewest, share = -(-steps // parts), _QUICK / steps
-    return SwitchingProgram(
+    return SwitchingData(
         plant.coefficients,
         start,
         torques,

@@ -96,7 +96,7 @@ class PendulumSwingUp(Problem, Validated):
     torque_reserve: float = parameter(
         0.3,
         'share of limits.torque that plans leave to the feedback; method switching also leaves a '
-        'tenth of this share of limits.disk_angle, unless it replans',
+        'tenth of this share of limits.disk_angle, except in replans',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
     start: PendulumStart = group(PendulumStart)
@@ -136,9 +136,9 @@ class PendulumSwingUp(Problem, Validated):
         return SwingUpTask(
             plant=self.plant,
             start=np.array([start.theta, start.psi, start.theta_dot, start.psi_dot]),
-            torque=(1.0 - self.torque_reserve) * self.limits.torque,
+            planned_torque=(1.0 - self.torque_reserve) * self.limits.torque,
             torque_limit=self.limits.torque,
-            disk_angle=self.limits.disk_angle,
+            disk_angle_limit=self.limits.disk_angle,
             turns=self.goal.turns,
             start_torque=start.torque,
         )
@@ -181,7 +181,7 @@ class PendulumSwingUp(Problem, Validated):
 
         """
         task, tolerance = self.task, self.solver.tolerance
-        if task.least_reach > (1.0 + 1e-9) * task.disk_angle:
+        if task.least_reach > (1.0 + 1e-9) * task.disk_angle_limit:
             raise Infeasible(
                 f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
             )

@@ -39,11 +39,11 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
-    COMING,
     FEWEST_ARCS,
-    land,
-    landed_finely,
+    shoot_tails,
+    shoot_tails_finely,
     stacked,
+    TAIL_STEPS,
 )
 from tdm_planner.problems.pendulum.shooting import shared_out
 from tdm_planner.problems.pendulum.task import SwingUpTask
@@ -68,10 +68,10 @@ _VARIANTS, _AT_ONCE = 128, 16  # simulated; half of those between two looks at t
 _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
-_PUMPED = 0.1  # share of the time after which a lane each that came near will do
-_MANY, _AT_LEISURE = 3, 0.2  # a lane that are gathered first, up to that share of the time
-# Variants, the most promising, that are landed; arrivals that do; share of the time after which
-# one does.
+_PUMPED = 0.1  # share of the time after which one variant near upright for every lane is enough
+_MANY, _AT_LEISURE = 3, 0.2  # so many for every lane are collected until that share of the time
+# The most promising variants, whose tails are shot; arrivals that are enough; share of the time
+# after which one arrival is.
 _LANDED, _ENOUGH, _ONE_DOES = 48, 5, 0.3
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
@@ -81,7 +81,7 @@ _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _PUMPS, _LAW = 1, 2  # stages: the first arc, its reversal is awaited, as the law has it
 
 
-class Pumping(NamedTuple):
+class PumpingConstants(NamedTuple):
     """
     What all variants share.
 
@@ -119,7 +119,7 @@ class Laws(NamedTuple):
 
 
 @compiled
-def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
+def _steer(k: Coefficients, p: PumpingConstants, x: Array) -> None:
     """
     Fill in the torque by the law, whether the disk's limit asks for it, and the step.
 
@@ -173,7 +173,7 @@ def _arctangent(x: float) -> float:
 
 
 @compiled
-def _measure(p: Pumping, inside: float, x: Array) -> None:
+def _measure(p: PumpingConstants, inside: float, x: Array) -> None:
     """Sum of squares of the distance from the goal; infinite where a motion is to end."""
     for i in range(LANES):
         psi, w, v = x[PSI + i], x[THETA_DOT + i], x[PSI_DOT + i]
@@ -186,10 +186,10 @@ def _measure(p: Pumping, inside: float, x: Array) -> None:
 
 
 @compiled
-def pump(
+def simulate_variants(
     k: Coefficients,
     start: Array,
-    pumping: Pumping,
+    pumping: PumpingConstants,
     laws: Laws,
     durations: Array,
     torques: Array,
@@ -285,7 +285,7 @@ def pump(
 
 def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     """Return variants of the law at random."""
-    crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle
+    crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle_limit
     weakest = 0.3 / max(crossing, 2.0)
     weight = _times_drive(task, _WORK, _WEIGHT)
 
@@ -315,7 +315,7 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     )
 
 
-def pumped(
+def pumped_candidates(
     task: SwingUpTask, rng: np.random.Generator, most: int, until: Budget
 ) -> tuple[list[Candidate], int]:
     """
@@ -338,15 +338,15 @@ def pumped(
         if until.spent or len(landed) >= (1 if late else _ENOUGH):
             break
         some = slice(first, first + LANES)
-        landed += land(task, swings[some], COMING, until)
-    return landed_finely(task, landed, until), tried
+        landed += shoot_tails(task, swings[some], TAIL_STEPS, until)
+    return shoot_tails_finely(task, landed, until), tried
 
 
 def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     """Sort by what they promise, integrated again: near upright an error grows quickly."""
     w0 = task.plant.natural_frequency
     given = stacked([(each.durations, each.torques) for each in swings])
-    ends, _ = roll_ends(task.plant.coefficients, task.start, *given, COMING.share, np.inf)
+    ends, _ = roll_ends(task.plant.coefficients, task.start, *given, TAIL_STEPS.share, np.inf)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
     weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
@@ -362,12 +362,12 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
     weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
     longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
-    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest)
+    common = PumpingConstants(task.planned_torque, task.planned_disk_angle, w0, turn, longest)
     some = max(1, round(_AT_ONCE / task.plant.quickness))
 
     def work(first: int) -> int:
         rows = slice(first, min(first + some, _VARIANTS))
-        return pump(
+        return simulate_variants(
             task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
@@ -390,7 +390,7 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
 def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate:
     """Return arcs that pump and a few more; all but the last ones are to stay as they are."""
     extra = max(_EXTRA, FEWEST_ARCS - durations.size)
-    signs = -math.copysign(task.torque, torques[-1]) * (-1.0) ** np.arange(extra)
+    signs = -math.copysign(task.planned_torque, torques[-1]) * (-1.0) ** np.arange(extra)
     tail = round(min(_times_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
     return Candidate(
         np.append(durations, np.full(extra, _SHORT / task.plant.natural_frequency)),

@@ -38,7 +38,7 @@ TRIES = 6  # ever more damped steps tried from one point
 
 
 class Steps(NamedTuple):
-    """RK4 steps of that share of the motion's time scale, so many an arc at least."""
+    """RK4 steps: at most `share` of `quick_time` each, and at least `fewest` in an arc."""
 
     fewest: int
     share: float = math.inf

@@ -9,10 +9,10 @@ integrated; the engine of all stated problems plans it. The torque is continuous
 the samples. On the virtual arc theta goes one way all along, as in (9)-(16) of Yakimenko (2006),
 where the angle is the argument of everything else.
 
-Method `switching` has the statement collocated: shooting keeps the sequence of arcs that it starts
-from, and a law that pumps takes more swings than the optimum. Collocation moves torque and states
-freely: from the pumped motion it often comes to one of half the time. Its torque is read as arcs,
-between its extremes where the disk moves along its limit.
+Shooting cannot change the sequence of arcs that it starts from, and a pumped motion takes more
+swings than the optimum. So method `switching` solves this statement once by collocation, which
+often halves the time of a pumped motion. It reads new arcs from the torque found, with torques
+between the extremes where the disk moves along its limit.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class StatedSwingUp(DirectProblem):
             psi_dot=psi_dot,
             start_torque=task.start_torque,
             goal=2.0 * math.pi * turns,
-            torque=task.torque,
+            torque=task.planned_torque,
             disk_angle=task.planned_disk_angle,
             time=max(_LONGER * task.transfer_time, _LEAST / task.plant.natural_frequency),
             one_way=one_way,
@@ -208,7 +208,7 @@ class StatedSearch(Search[Solution]):
             )
         way = ', theta going one way all along,' if self._one_way else ''
         what = (
-            f'no swing-up with a continuous torque of at most {task.torque:.3g} N m '
+            f'no swing-up with a continuous torque of at most {task.planned_torque:.3g} N m '
             f'(limits.torque less torque_reserve){way} was found'
         )
         remedy = "method 'switching' may find one"
@@ -247,10 +247,10 @@ def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterat
     refinement = Refinement(DirectPlant(stated), until)
     found = refinement.solve(_INTERVALS, guess, _SETTINGS)
     if found is not None:
-        shares = np.clip(found.controls[:, 0] / task.torque, -1.0, 1.0)
+        shares = np.clip(found.controls[:, 0] / task.planned_torque, -1.0, 1.0)
         for alike in _ALIKE:
             durations, levels = _arcs(shares, found.duration / _INTERVALS, alike)
-            yield Candidate(durations, task.torque * levels, candidate.turns)
+            yield Candidate(durations, task.planned_torque * levels, candidate.turns)
 
 
 def _arcs(torques: Array, interval: float, alike: float) -> tuple[Array, Array]:

@@ -48,7 +48,7 @@ NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
 _ACTIVE = 2e-3  # [rad] from the disk's limit, of a peak that counts as at it
 
 
-class SwitchingProgram(NamedTuple):
+class SwitchingData(NamedTuple):
     """
     The program for one sequence of torques.
 
@@ -124,7 +124,7 @@ def mesh_of_arcs(
 
 
 @compiled
-def evaluate_arcs(program: SwitchingProgram, xi: Array) -> ArcPoint:
+def evaluate_arcs(program: SwitchingData, xi: Array) -> ArcPoint:
     """Integrate the motion, with derivatives; infinitely bad where it runs away."""
     arcs, w0, counts, mesh = xi.size, program.w0, program.counts, program.mesh
     durations = xi / w0
@@ -204,9 +204,7 @@ def first_multipliers(point: ArcPoint) -> Array:
 
 
 @compiled
-def _changes_side_by_side(
-    program: SwitchingProgram, xi: Array, along: Array, duals: Array
-) -> Array:
+def _changes_side_by_side(program: SwitchingData, xi: Array, along: Array, duals: Array) -> Array:
     """Change (n, K) of the slopes of `duals` times the ends along (n, K); the last lane stays."""
     arcs, w0 = xi.size, program.w0
     durations, torques = np.empty((arcs, LANES)), np.empty((arcs, LANES))
@@ -238,7 +236,7 @@ def _changes_side_by_side(
 
 
 @compiled
-def curvature(program: SwitchingProgram, point: ArcPoint, duals: Array) -> Array:
+def curvature(program: SwitchingData, point: ArcPoint, duals: Array) -> Array:
     """Hessian of the Lagrangian along the end conditions, by directional differences."""
     arcs = point.xi.size
     basis = np.linalg.svd(point.jacobian)[2]
@@ -286,10 +284,10 @@ def lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
         active = active[pushed]
 
 
-class SwitchingTimes(NonlinearProgram):
+class SwitchingProgram(NonlinearProgram):
     """The program as the minimiser asks for it: group 0 are the ends, group 1 the disk's limit."""
 
-    def __init__(self, arcs: SwitchingProgram) -> None:
+    def __init__(self, arcs: SwitchingData) -> None:
         self._arcs, count = arcs, arcs.torques.size
         self.lower, self.upper = np.zeros(count), np.full(count, np.inf)
 

@@ -29,21 +29,21 @@ from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     COARSE_STEPS,
-    COMING,
     corrected,
     distinct,
     FINE_STEPS,
-    land,
-    landed_finely,
     polish,
+    shoot_tails,
+    shoot_tails_finely,
     shot,
     starts,
+    TAIL_STEPS,
     trajectory,
     warm_starts,
     with_new_arcs,
     without_short_arcs,
 )
-from tdm_planner.problems.pendulum.pumping import pumped
+from tdm_planner.problems.pendulum.pumping import pumped_candidates
 from tdm_planner.problems.pendulum.shooting import ARRIVED, Steps
 from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
@@ -75,7 +75,7 @@ _COLLOCATED = 0.4, 0.55  # between these shares of the deadline
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
-_TURNS, _LEAST_GAIN = 6, 1e-3  # most turns, least relative gain of one
+_MOST_ROUNDS, _LEAST_GAIN = 6, 1e-3  # most turns, least relative gain of one
 _SHORTENED = 0.3  # share of the deadline after which there are none, collocation apart
 
 # The check.
@@ -185,11 +185,11 @@ class SwitchingSearch(Search[Candidate]):
             for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
         ]
         until = self._part(_WARM_UNTIL)
-        found = land(self._task, guesses, COMING, until, _WARM_ENOUGH)
+        found = shoot_tails(self._task, guesses, TAIL_STEPS, until, _WARM_ENOUGH)
         self._starts += len(guesses)
         self._arrived += len(found)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
-            found = landed_finely(self._task, found, until) or found
+            found = shoot_tails_finely(self._task, found, until) or found
         yield from distinct(found)[:_WARM_TRIED]
 
     def _part(self, share: float) -> Budget:
@@ -207,7 +207,7 @@ class SwitchingSearch(Search[Candidate]):
     def _short_of_time(
         self, candidate: Candidate, time: float = _INTEGRATION_TIME, overtime: float = 0.0
     ) -> bool:
-        """Whether what takes `time` s for 1/w0 would end later than `overtime` s afterwards."""
+        """Whether what takes `time` s for 1/w0 would end over `overtime` s after the deadline."""
         task = self._task
         scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
         return self.budget.remaining + overtime <= self.budget.charged(time * scale)
@@ -240,14 +240,14 @@ class SwitchingSearch(Search[Candidate]):
                 f'the check: {self.rejected}'
             )
         peak = 0.0 if self._arrived else self._task.least_peak()
-        if peak > self._task.disk_angle:
+        if peak > self._task.disk_angle_limit:
             found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
             return Infeasible(self._task.unstoppable + found)
         return DeadlineExceeded(self._reason())
 
     def _pumped(self) -> list[Candidate]:
         """Pump and land; all distinct arrivals, quickest first."""
-        found, tried = pumped(self._task, self._rng, self._arcs, self._part(_STEERED))
+        found, tried = pumped_candidates(self._task, self._rng, self._arcs, self._part(_STEERED))
         self._starts += tried
         self._arrived += len(found)
         return distinct(found)[:_POLISHED_PUMPED]
@@ -318,7 +318,7 @@ class SwitchingSearch(Search[Candidate]):
         """Return a candidate with further arcs, as long as they shorten it and there is time."""
         task = self._task
         best = without_short_arcs(task, replace(candidate, fixed=0))
-        for _ in range(_TURNS):
+        for _ in range(_MOST_ROUNDS):
             if until.spent:
                 break
             further = with_new_arcs(task, best, self._coarse_steps, self._arcs)
@@ -351,7 +351,7 @@ class SwitchingSearch(Search[Candidate]):
         task = self._task
         search = (
             f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
-            f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
+            f'{task.planned_torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
@@ -373,7 +373,7 @@ class SwitchingSearch(Search[Candidate]):
         error = np.abs(states[-1] - task.goal_nearest(states[-1]))
         scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
         worst = int(np.argmax(scaled))
-        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle
+        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle_limit
         if excess > scaled[worst]:
             return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
         name, unit = task.plant.state_names[worst], task.plant.state_units[worst]

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_kernels import fly_pendulum, LANES, roll_ends
+from tdm_planner.plants.pendulum_kernels import LANES, replay_pendulum, roll_ends
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -31,19 +31,19 @@ _PEAK_STEP, _PEAK = 0.1, 10.0  # of the time scale of the swings; times the limi
 @dataclass(frozen=True, eq=False)
 class SwingUpTask:
     """
-    From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
+    From `start` (4,) to upright at rest, |T| <= `torque_limit`, |psi| <= `disk_angle_limit`.
 
-    `torque` is what the plan may use, `torque_limit` the actuator's; `turns` the number n of
+    The search keeps within `planned_torque` and `planned_disk_angle`: the feedback uses the rest.
+    `whole_range` gives all of the disk's range to the plan. `turns` is the number n of
     theta = 2 pi n at the end, None for whichever is reached first; `start_torque` the torque that
-    a smooth one goes on from, None for any. Plans leave some of the disk's range to the feedback,
-    as of the torque, unless they may take the `whole_range`.
+    a smooth motion goes on from, None for any.
     """
 
     plant: RotaryPendulum
     start: Array
-    torque: float
+    planned_torque: float
     torque_limit: float
-    disk_angle: float
+    disk_angle_limit: float
     turns: int | None
     start_torque: float | None = None
     whole_range: bool = False
@@ -53,19 +53,21 @@ class SwingUpTask:
         """
         Limit of |psi| [rad] while planning.
 
-        A hair inside the true one where the disk cannot be stopped earlier from the start.
+        Where the disk's speed at the start leads beyond the reduced limit, the full one less 1e-5.
         """
-        kept = _RANGE_KEPT * (1.0 - self.torque / self.torque_limit) * (not self.whole_range)
+        kept = (
+            _RANGE_KEPT * (1.0 - self.planned_torque / self.torque_limit) * (not self.whole_range)
+        )
         _, psi, _, psi_dot = self.start.tolist()
         stopped = abs(psi + psi_dot * abs(psi_dot) / (2.0 * self.disk_acceleration))
-        most = (1.0 - 1e-5) * self.disk_angle
+        most = (1.0 - 1e-5) * self.disk_angle_limit
         limit = most if stopped > (1.0 - kept) * most else (1.0 - kept) * most
         return float(max(abs(psi), limit))
 
     @property
     def drive(self) -> float:
         """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
-        return self.plant.drive(self.torque)
+        return self.plant.drive(self.planned_torque)
 
     @property
     def swing_drive(self) -> float:
@@ -80,7 +82,7 @@ class SwingUpTask:
     @property
     def disk_acceleration(self) -> float:
         """Acceleration that the torque gives the disk with the pendulum upright [rad/s^2]."""
-        return self.plant.disk_acceleration(self.torque)
+        return self.plant.disk_acceleration(self.planned_torque)
 
     @property
     def transfer_time(self) -> float:
@@ -94,7 +96,7 @@ class SwingUpTask:
         times = [0.0]
         error = np.abs(self.start - self.goal_nearest(self.start)).tolist()
         for inertia, distance, speed in ((k.arm, *error[::2]), (k.pendulum, *error[1::2])):
-            acceleration = self.torque * inertia / self.plant.determinant
+            acceleration = self.planned_torque * inertia / self.plant.determinant
             if acceleration * longest**2 < distance or acceleration * longest < speed:
                 return longest
             times += [math.sqrt(distance / acceleration), speed / acceleration]
@@ -119,14 +121,16 @@ class SwingUpTask:
         Tried are the extremes with two switches, each at any of 25 instants, denser at first.
         Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """
-        w0, limit = self.plant.natural_frequency, self.disk_angle
+        w0, limit = self.plant.natural_frequency, self.disk_angle_limit
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
         one, more = np.triu_indices(_SWITCHES + 1)
         first = (one / _SWITCHES) ** 2
         second = np.minimum(first + ((more - one) / _SWITCHES) ** 1.5, 1.0)
         shares = np.stack([first, second - first, 1.0 - second], axis=1)
         durations = horizon * np.repeat(shares, 2, axis=0)
-        torques = self.torque * np.tile([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]], (one.size, 1))
+        torques = self.planned_torque * np.tile(
+            [[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]], (one.size, 1)
+        )
         k, start, best = self.plant.coefficients, self.start, _PEAK * limit
         for begin in range(0, len(durations), LANES):  # a motion ends beyond the best so far
             some = slice(begin, begin + LANES)
@@ -140,9 +144,9 @@ class SwingUpTask:
     def unstoppable(self) -> str:
         """Say that no torque keeps the disk inside its limit."""
         return (
-            f'no torque within {self.torque:.3g} N m (limits.torque less torque_reserve) keeps '
-            f'the disk inside limits.disk_angle = {self.disk_angle:g} rad from start.psi_dot = '
-            f'{self.start[3]:g} rad/s on'
+            f'no torque within {self.planned_torque:.3g} N m (limits.torque less torque_reserve) '
+            f'keeps the disk inside limits.disk_angle = {self.disk_angle_limit:g} rad from '
+            f'start.psi_dot = {self.start[3]:g} rad/s on'
         )
 
     @property
@@ -161,7 +165,7 @@ class SwingUpTask:
         inverse = np.arctan if across > upright else np.arctanh
         place, most = k.arm / upright / bend * inverse(bend * np.array([np.sin(theta), 1.0]))
         momentum = j * psi_dot + b * theta_dot
-        moved = momentum**2 / (2.0 * self.torque * max(upright, across))
+        moved = momentum**2 / (2.0 * self.planned_torque * max(upright, across))
         return float(np.sign(momentum) * (psi + place) + moved - most)
 
     def turns_nearest(self, state: Array) -> int:
@@ -202,7 +206,7 @@ class SwingUpTask:
         return (
             Constraint('torque', lambda t, x, u: self.torque_limit - np.abs(u[:, 0]), unit='N m'),
             Constraint(
-                'disk_angle', lambda t, x, u: self.disk_angle - np.abs(x[:, 1]), unit='rad'
+                'disk_angle', lambda t, x, u: self.disk_angle_limit - np.abs(x[:, 1]), unit='rad'
             ),
         )
 
@@ -217,7 +221,7 @@ class SwingUpTask:
             self.constraints,
             start=self.start,
             until=until,
-            flight=fly_pendulum(self.plant, trajectory),
+            replayed=replay_pendulum(self.plant, trajectory),
         )
 
     def hold(self) -> Solution | None:

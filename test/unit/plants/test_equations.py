@@ -30,8 +30,8 @@ from tdm_planner.plants import (
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import (
-    fly_pendulum,
     LANES,
+    replay_pendulum,
     roll_arcs,
     roll_ends,
     roll_lanes,
@@ -44,7 +44,7 @@ from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import fly
+from tdm_planner.verification import replay
 
 PLANT = RotaryPendulum()
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
@@ -268,7 +268,7 @@ def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
     torques = 0.1 * plant.coefficients.gravity * rng.normal(size=(pieces + 1, 1))
     states = np.tile(START, (pieces + 1, 1))
     plan = Trajectory.of(plant, times, states, torques, interpolation)
-    compiled, plain = fly_pendulum(plant, plan), fly(plant, plan)
+    compiled, plain = replay_pendulum(plant, plan), replay(plant, plan)
     assert len(plain.pieces) == pieces
     assert set(times) <= set(compiled.steps)
     at = np.linspace(0.0, times[-1], 999)
@@ -278,9 +278,9 @@ def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
 def test_what_cannot_be_replayed_is_left_to_scipy():
     states = np.tile(START, (2, 1))
     plan = Trajectory.of(PLANT, np.array([0.0, 1.0]), states, np.full((2, 1), 1e300))
-    assert fly_pendulum(PLANT, plan) is None
+    assert replay_pendulum(PLANT, plan) is None
     assert (
-        fly_pendulum(PLANT, replace(plan, controls=0.0 * plan.controls, interpolation='cubic'))
+        replay_pendulum(PLANT, replace(plan, controls=0.0 * plan.controls, interpolation='cubic'))
         is None
     )
 

@@ -23,7 +23,7 @@ from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
-from tdm_planner.plants.pendulum_kernels import fly_pendulum, roll_states
+from tdm_planner.plants.pendulum_kernels import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import switching_program
@@ -39,8 +39,8 @@ from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
 from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.switching_program import (
     evaluate_arcs,
+    SwitchingData,
     SwitchingProgram,
-    SwitchingTimes,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
@@ -213,9 +213,9 @@ def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
 def test_motions_of_thousands_of_arcs_are_replayed():
     task = random_rig(1070).task
     times = np.arange(7001) * 2.2 / task.plant.natural_frequency
-    torques = task.torque * (-1.0) ** np.arange(7001)
+    torques = task.planned_torque * (-1.0) ** np.arange(7001)
     states = roll_states(task.plant, task.start, np.diff(times), torques[:-1])
-    flown = fly_pendulum(task.plant, task.trajectory(times, states, torques[:, None]))
+    flown = replay_pendulum(task.plant, task.trajectory(times, states, torques[:, None]))
     assert flown.steps.size > 40_000
     np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
     few = trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
@@ -282,7 +282,7 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
     task, step = made.task, 0.03 / made.plant.natural_frequency / made.plant.quickness
     b, j, _, _ = mechanics(made.plant.coefficients, task.start[0], *task.start[2:])
     turning = np.sign(j * task.start[3] + b * task.start[2])
-    torques = np.full(2000, -task.torque * turning)
+    torques = np.full(2000, -task.planned_torque * turning)
     states = roll_states(made.plant, task.start, np.full(2000, step), torques)
     b, j, _, _ = mechanics(made.plant.coefficients, states[:, 0], *states[:, 2:].T)
     (stopped,) = np.nonzero((j * states[:, 3] + b * states[:, 2]) * turning <= 0.0)
@@ -293,10 +293,10 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
 
 def program(
     arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None
-) -> SwitchingProgram:
+) -> SwitchingData:
     torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
     mesh = np.full(arcs, 12), np.full(12 * arcs, 1.0 / 12.0)
-    return SwitchingProgram(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)
+    return SwitchingData(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)
 
 
 @given(DURATIONS, st.integers(0, 100))
@@ -325,7 +325,7 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
     np.testing.assert_allclose(across @ found, least * across, atol=1e-9)
 
 
-def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingProgram, np.ndarray]]:
+def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingData, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
     batch = starts(task, np.random.default_rng(0), 200, 6)
@@ -338,7 +338,7 @@ def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingProgram, np.ndarray]]
         yield program(n, disk_angle, torques), batch.durations[index, :n] * W0
 
 
-def local_minimum(program: SwitchingProgram, xi: np.ndarray) -> float:
+def local_minimum(program: SwitchingData, xi: np.ndarray) -> float:
     at = partial(evaluate_arcs, program)
     ends = {'type': 'eq', 'fun': lambda x: at(x).residual, 'jac': lambda x: at(x).jacobian}
     limits = {'type': 'ineq', 'fun': lambda x: np.minimum(at(x).margins, 1.0)}
@@ -351,7 +351,7 @@ def local_minimum(program: SwitchingProgram, xi: np.ndarray) -> float:
 def test_minimum_is_feasible_and_the_best_around(disk_angle):
     converged = 0
     for program, xi in arrivals(disk_angle):
-        found = minimise(SwitchingTimes(program), xi, OPTIONS, Budget(60.0))
+        found = minimise(SwitchingProgram(program), xi, OPTIONS, Budget(60.0))
         if not found.converged:
             continue
         converged += 1
@@ -370,7 +370,7 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     task = dataclasses.replace(random_rig(1079).task, whole_range=True)
     budget = Budget(ENOUGH)
     w0, steps = task.plant.natural_frequency, 24
-    torques = task.torque * (-1.0) ** np.arange(len(scaled))
+    torques = task.planned_torque * (-1.0) ** np.arange(len(scaled))
     first = Candidate(np.array(scaled) / w0, torques, 1)
     best, violation = polish(task, first, steps, 1e-8, budget)
     assert violation < 1e-8
@@ -396,13 +396,13 @@ def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
     scaled += [0.191, 0.11, 0.705, 0.167]
     task, budget = random_rig(2020).task, Budget(ENOUGH)
     durations = np.array(scaled) / task.plant.natural_frequency
-    first = Candidate(durations, -task.torque * (-1.0) ** np.arange(len(scaled)), 0)
+    first = Candidate(durations, -task.planned_torque * (-1.0) ** np.arange(len(scaled)), 0)
     read = list(collocated(task, first, budget))
-    assert np.abs(np.concatenate([arcs.torques for arcs in read])).max() <= task.torque
+    assert np.abs(np.concatenate([arcs.torques for arcs in read])).max() <= task.planned_torque
     assert read[0].total == pytest.approx(read[1].total)  # the same motion, finely and coarsely
     assert read[0].durations.size > read[1].durations.size
     torques = [float(arcs.durations @ arcs.torques) for arcs in read]
-    assert torques[0] == pytest.approx(torques[1], abs=0.05 * read[0].total * task.torque)
+    assert torques[0] == pytest.approx(torques[1], abs=0.05 * read[0].total * task.planned_torque)
     polished = [polish(task, arcs, 96, 1e-8, budget) for arcs in read]
     best, violation = min(polished, key=lambda found: found[1])
     assert violation < 1e-8

@@ -5,8 +5,8 @@
 A motion that DOP853 has integrated: polynomials between its steps, and how these are chosen.
 
 Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, II.10. The coefficients are
-scipy's, and so is the choice of the steps. What integrates is `flight.Integrator`, for every plant
-whose right-hand side can be traced, and a compiled kernel for the rotary pendulum.
+scipy's, and so is the choice of the steps. What integrates is `integrator.Integrator`, for every
+plant whose right-hand side can be traced, and a compiled kernel for the rotary pendulum.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
-MOST_FLOWN = 100_000  # steps
+MOST_REPLAYED = 100_000  # steps
 # Of more than `_FEW` pieces the tolerance is less, as what follows magnifies their errors.
 _FEW, _STRICTEST = 30, 100.0
 
@@ -47,7 +47,7 @@ def _dense_output() -> Array:
 _DENSE = _dense_output()
 
 
-class Flown:
+class ReplayedMotion:
     """
     A motion as it was integrated: polynomials between the instants `steps` (m + 1,) [s].
 

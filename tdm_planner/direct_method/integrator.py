@@ -18,19 +18,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from tdm_planner.direct_method.flown import (
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.replayed_motion import (
     EXPONENT,
-    Flown,
     LARGEST,
     LEAST_STEP,
-    MOST_FLOWN,
+    MOST_REPLAYED,
+    ReplayedMotion,
     SAFETY,
     SMALLEST,
     stricter,
     TOLERANCES,
 )
-from tdm_planner.direct_method.graphs import Call
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Integrator:
 
     def along(
         self, trajectory: Trajectory, numbers: Array, until: Budget | None = None
-    ) -> Flown | None:
+    ) -> ReplayedMotion | None:
         """Integrate along a trajectory's controls; None as below, and where they are cubic."""
         if trajectory.interpolation == 'cubic':
             return None
@@ -107,7 +107,7 @@ class Integrator:
         state: Array,
         numbers: Array,
         until: Budget | None = None,
-    ) -> Flown | None:
+    ) -> ReplayedMotion | None:
         """
         Integrate from `state` (nx,) over the intervals between `times` (n + 1,) [s].
 
@@ -128,7 +128,7 @@ class Integrator:
                 left = end - now
                 h = left if proposed >= left else proposed
                 if len(rows) % _SOME_STEPS == 0:
-                    late = len(rows) >= MOST_FLOWN or (until is not None and until.spent)
+                    late = len(rows) >= MOST_REPLAYED or (until is not None and until.spent)
                 if h < LEAST_STEP * whole or late:
                     return None
                 if not held and h < whole:
@@ -151,4 +151,6 @@ class Integrator:
                 proposed = h * min(LARGEST, factor)
         if not np.isfinite(state).all():
             return None
-        return Flown(np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size)))
+        return ReplayedMotion(
+            np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size))
+        )
