@@ -82,7 +82,7 @@ JSON_KEYS: Mapping[str, str] = {
     'duration': 'from the start to the (last) arrival [s]',
     'cost': 'performance index J',
     'cost_terms.*': 'weighted terms that make up the cost',
-    'penalty': 'violation left by the search, Delta of (10): of robots the weighted sum of squares,'
+    'penalty': 'violation left by the search, Delta of (10): of robots a weighted sum of squares,'
     ' else the largest; `verification` is the check',
     'solve_time': 'time spent searching [s]',
     'evaluations': 'motions computed during the search',
