@@ -64,7 +64,7 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _ROWS,
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
-_VARIANTS, _AT_ONCE = 128, 16  # simulated; half of those between two looks at the clock, or fewer
+_VARIANTS, _AT_ONCE = 128, 2 * LANES  # simulated, and so many between two looks at the clock
 _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
@@ -363,20 +363,19 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
     turn = math.nan if task.turns is None else float(task.turns)
     longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
     common = PumpingConstants(task.planned_torque, task.planned_disk_angle, w0, turn, longest)
-    some = max(1, round(_AT_ONCE / task.plant.quickness))
 
     def work(first: int) -> int:
-        rows = slice(first, min(first + some, _VARIANTS))
+        rows = slice(first, first + LANES)
         return simulate_variants(
             task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
 
-    for first in range(0, _VARIANTS, 2 * some):
+    for first in range(0, _VARIANTS, _AT_ONCE):
         near, late = np.count_nonzero(distances < _NEAR), until.elapsed > _PUMPED * until.seconds
         if until.spent or near >= 4 * LANES or (near >= LANES and late):
             break
-        steps = shared_out(work, range(first, min(first + 2 * some, _VARIANTS), some))
+        steps = shared_out(work, range(first, first + _AT_ONCE, LANES))
         until.evaluations += math.ceil(steps / _EVALUATION)
     total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
     promise = np.where(distances < _NEAR, w0 * total + weight * np.sqrt(distances), np.inf)
