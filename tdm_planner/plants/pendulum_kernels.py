@@ -357,6 +357,7 @@ def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: 
 def _replayed(
     k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
 ) -> tuple[int, Array, Array, Array]:
+    """Return the number of steps, -1 where it cannot go on, and what `ReplayedMotion` is of."""
     room, n, proposed = 512, 0, np.inf
     instants, begins, slopes = np.empty(room + 1), np.empty((room, 4)), np.empty((room, 16, 4))
     instants[0], x, reached, rates = times[0], start.copy(), np.empty(4), np.empty((16, 4))

@@ -37,10 +37,7 @@ Integers = NDArray[np.intp]
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-TAIL_STEPS, _FINE_TAIL_STEPS = (
-    Steps(12, 1.0 / 9.0),
-    Steps(12, 1.0 / 24.0),
-)  # of sequences that come near
+TAIL_STEPS, _FINE_TAIL_STEPS = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)
 _KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
@@ -228,10 +225,9 @@ def shoot_tails_finely(
 ) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    found = shoot_tails(task, list(map(_with_last_varied, quickest)), _FINE_TAIL_STEPS, until)
-    return found or list(
-        map(_with_last_varied, shoot_tails(task, quickest, _FINE_TAIL_STEPS, until))
-    )
+    given = _FINE_TAIL_STEPS, until
+    found = shoot_tails(task, list(map(_with_last_varied, quickest)), *given)
+    return found or list(map(_with_last_varied, shoot_tails(task, quickest, *given)))
 
 
 def _with_last_varied(candidate: Candidate) -> Candidate:
