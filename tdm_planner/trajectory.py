@@ -124,6 +124,17 @@ class Trajectory:
             return list(range(last + 1))
         return [0, *self.switches.tolist(), last]
 
+    @property
+    def control_pieces(self) -> tuple[Array, Array, Array]:
+        """
+        Instants (n + 1,) [s] between which held or linear controls run smoothly.
+
+        And the controls at the beginning and the end of every piece, (n, nu) each.
+        """
+        times, controls = (values[self.smooth_pieces] for values in (self.times, self.controls))
+        first = controls[:-1]
+        return times, first, first if self.interpolation == 'zero_order_hold' else controls[1:]
+
     @classmethod
     def of(
         cls,

@@ -72,11 +72,7 @@ class FormationCollocation:
         self.task, n = task, task.n
         self.cells = np.array([first] + [later] * (n - 1))
         self.limits = np.array(
-            [
-                task.thrust * task.plant.mass,
-                task.thruster_rate,
-                task.torque * task.plant.inertia,
-            ]
+            [task.thrust * task.plant.mass, task.thruster_rate, task.torque * task.plant.inertia]
         )
         self.nodes = np.cumsum(self.cells) + 1
         phases, off = casadi.MX.sym('phases', n), casadi.MX.sym('off', n)

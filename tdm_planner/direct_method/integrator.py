@@ -21,13 +21,10 @@ from scipy.integrate import DOP853
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.replayed_motion import (
-    EXPONENT,
-    LARGEST,
     LEAST_STEP,
     MOST_REPLAYED,
     ReplayedMotion,
-    SAFETY,
-    SMALLEST,
+    step_factor,
     stricter,
     TOLERANCES,
 )
@@ -77,13 +74,7 @@ class Integrator:
         """Integrate along a trajectory's controls; None as below, and where they are cubic."""
         if trajectory.interpolation == 'cubic':
             return None
-        times, controls = (
-            values[trajectory.smooth_pieces] for values in (trajectory.times, trajectory.controls)
-        )
-        first, last = controls[:-1], controls[1:]
-        if trajectory.interpolation == 'zero_order_hold':
-            last = first
-        return self(times, first, last, trajectory.states[0], numbers, until)
+        return self(*trajectory.control_pieces, trajectory.states[0], numbers, until)
 
     def stepped(
         self, states: Array, first: Array, last: Array, step: Array, numbers: Array
@@ -137,18 +128,16 @@ class Integrator:
                 x[:], length[0] = state, h
                 missed, reached, slopes = step.run()
                 error = strictness * float(missed[0])
-                factor = SAFETY * error**EXPONENT if error else LARGEST
+                if not math.isfinite(error):
+                    return None
+                proposed = h * step_factor(error)
                 if not error < 1.0:
-                    if not math.isfinite(error):
-                        return None
-                    proposed = h * max(SMALLEST, factor)
                     continue
                 begins.append(state)
                 rows.append(slopes.copy())
                 state = reached.copy()
                 now = end if h == left else now + h
                 instants.append(now)
-                proposed = h * min(LARGEST, factor)
         if not np.isfinite(state).all():
             return None
         return ReplayedMotion(

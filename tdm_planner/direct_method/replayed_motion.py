@@ -19,8 +19,8 @@ from scipy.interpolate import PPoly
 Array = NDArray[np.float64]
 
 TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
-SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
-EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
+_SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
+_EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
 MOST_REPLAYED = 100_000  # steps
 # Of more than `_FEW` pieces the tolerance is less, as what follows magnifies their errors.
@@ -30,6 +30,13 @@ _FEW, _STRICTEST = 30, 100.0
 def stricter(pieces: int) -> float:
     """Return the factor of the errors where a motion has so many pieces."""
     return float(min(max(pieces / _FEW, 1.0) ** 2, _STRICTEST))
+
+
+def step_factor(error: float) -> float:
+    """Return the factor from a step to the next, by its error: from 1 on it is tried again."""
+    if not error > 0.0:
+        return _LARGEST
+    return float(min(max(_SAFETY * error**_EXPONENT, _SMALLEST), _LARGEST))
 
 
 def _dense_output() -> Array:

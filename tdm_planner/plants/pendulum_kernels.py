@@ -21,13 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from tdm_planner.direct_method.replayed_motion import (
-    EXPONENT,
-    LARGEST,
     LEAST_STEP,
     MOST_REPLAYED,
     ReplayedMotion,
-    SAFETY,
-    SMALLEST,
+    step_factor,
     stricter,
     TOLERANCES,
 )
@@ -71,6 +68,7 @@ def _written(function: Any, *by: str) -> Any:
 
 quick_accelerations = _written(stated.accelerations)
 runge_kutta = _written(stated.runge_kutta)
+_step_factor = inlined(step_factor)
 _step_with_slopes = _written(stated.runge_kutta, 'theta', 'theta_dot', 'psi_dot', 'h')
 
 
@@ -393,15 +391,14 @@ def _replayed(
                     error *= strictness * h
                     if not error < 1.0:
                         break
-            factor = SAFETY * error**EXPONENT if error > 0.0 else LARGEST
+            if not error < np.inf:
+                return -1, instants, begins, slopes
+            proposed = h * _step_factor(error)
             if not error < 1.0:
-                if not error < np.inf:
-                    return -1, instants, begins, slopes
-                proposed = h * max(SMALLEST, factor)
                 continue
             begins[n], slopes[n] = x, rates
             t, n = end if h == end - t else t + h, n + 1
-            instants[n], proposed, x[:] = t, h * min(LARGEST, factor), reached
+            instants[n], x[:] = t, reached
             if n == room:
                 room *= 2
                 instants = np.append(instants, np.empty(n))
@@ -413,13 +410,9 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMo
     """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
     if trajectory.interpolation == 'cubic':
         return None
-    edges = trajectory.smooth_pieces
-    times, torques = trajectory.times[edges], trajectory.controls[edges, 0]
-    first, last = torques[:-1], torques[1:]
-    if trajectory.interpolation == 'zero_order_hold':
-        last = first
-    given = plant.coefficients, times, first, last, np.array(trajectory.states[0])
-    n, instants, begins, slopes = _replayed(*given, stricter(first.size))
+    times, first, last = trajectory.control_pieces
+    given = plant.coefficients, times, first[:, 0], last[:, 0], np.array(trajectory.states[0])
+    n, instants, begins, slopes = _replayed(*given, stricter(len(first)))
     return None if n < 0 else ReplayedMotion(instants[: n + 1], begins[:n], slopes[:n])
 
 

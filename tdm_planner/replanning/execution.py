@@ -212,9 +212,9 @@ class GenericExecution(Execution):
         states = rest.states.copy()
         states[0] = seen.state[order]
         # As smooth as the whole: a spline through the few samples left is another one.
-        replayed = replace(rest, states=states)
+        moved = replace(rest, states=states)
         found = np.empty_like(seen.state)
-        found[order] = replay(DirectPlant(problem), replayed).states(np.array([wait]))[-1]
+        found[order] = replay(DirectPlant(problem), moved).states(np.array([wait]))[-1]
         return found if np.isfinite(found).all() else None
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:

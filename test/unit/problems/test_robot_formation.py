@@ -236,11 +236,7 @@ def test_penalty_is_equation_29_mended():
     task, rng, times = formation().task, np.random.default_rng(7), np.arange(500.0)
     states, controls = rng.normal(size=(500, task.n, 7)), rng.normal(size=(500, task.n, 3))
     k, half = np.array([0.1, 0.2, 0.3, 0.4]), task.separation / 2
-    largest = (
-        task.plant.mass * task.thrust,
-        task.thruster_rate,
-        task.plant.inertia * task.torque,
-    )
+    largest = task.plant.mass * task.thrust, task.thruster_rate, task.plant.inertia * task.torque
 
     def square(margin):
         return float(np.maximum(-margin, 0.0).max() ** 2)
