@@ -92,13 +92,13 @@ demo: $(READY)
 live: $(READY)
 	@$(BIN)/tdm live '$(PLANT)'
 
-# Tests with real processes come last: each of them starts several. Their time is simulated, or waits.
+# Tests with real processes come last, one at a time: each of them starts several.
 test: PROCESSES = $(filter test/system%,$(TESTS))
 test: OTHERS = $(filter-out test/system%,$(TESTS))
 test: PARALLEL = --numprocesses auto --dist loadfile --max-worker-restart 0
 test: $(READY)-test
 	$(if $(OTHERS),@$(BIN)/python -m pytest $(PARALLEL) $(OTHERS))
-	$(if $(PROCESSES),@$(BIN)/python -m pytest $(PARALLEL) $(PROCESSES))
+	$(if $(PROCESSES),@$(BIN)/python -m pytest $(PROCESSES))
 
 # What fuzzing finds is printed as JSON, to be kept in test/fuzz_corpus.json.
 nightly: $(READY)-test

@@ -32,7 +32,7 @@ LONGEST = (
 )
 
 
-LONGEST_TEST, LONGEST_BY_NIGHT = 300.0, 1800.0  # s
+LONGEST_TEST, LONGEST_BY_NIGHT = 600.0, 1800.0  # s
 TERMINAL = pytest.StashKey[int]()
 
 

@@ -304,7 +304,8 @@ class Planner(ManagedNode):
     def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
-        if found := self._recovery.look(self.active):
+        # Before the first message on /clock no instant is known.
+        if found := self._recovery.look(self.active and self._time.runs):
             self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:

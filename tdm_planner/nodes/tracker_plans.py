@@ -323,20 +323,20 @@ class Recovery:
         self._until = time.monotonic() + WINDOW
         self._told: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
         self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
-        self._waits = False  # for GRACE to pass, and for the planner to become active
+        self._waits = False  # for GRACE to pass, and for the planner to be ready
         for name, prefix in prefixes.items():
             take = partial(self._told.__setitem__, name)
             node.create_subscription(JointTrajectory, f'{prefix}{FOLLOWED}', take, LATCHED)
 
-    def look(self, active: bool) -> tuple[dict[str, Trajectory], int] | None:
-        """Return trajectories by vehicle and their start [ns], once there are any."""
+    def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
+        """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""
         now, told = time.monotonic(), self._told
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
         start = starts.pop() if len(told) == len(self._names) and len(starts) == 1 else 0
         if start != self._start:
             self._start, self._since = start, now
             self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
-        if self._waits and active and now >= self._since + GRACE:
+        if self._waits and ready and now >= self._since + GRACE:
             self._waits = False
             if start:
                 with suppress(InvalidProblem):

@@ -161,6 +161,21 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     assert not ros.said('/early/tracker: tracking', '/clock')
 
 
+def test_a_plan_is_recovered_as_it_is_where_the_trackers_are_heard_before_the_clock(ros):
+    """Instants of a time that is not known yet are off by some ns: the tracker would reject it."""
+    plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
+    start = BEGIN + 4_000_000_007
+    message = plan_message(PENDULUM, plan, Time(nanoseconds=start).to_msg())
+    planner = ros.start('planner', {'limits.torque': 0.02}, 'back', OWN)
+    ros.publisher('/back/active_trajectory').publish(message)
+    plans = ros.subscribe('/back/trajectory')
+    ros.spin_for(2.0)
+    assert not plans
+    simulation = Simulation(ros, 'back')
+    assert ros.publish_until(lambda: simulation.at(0.0), lambda: bool(plans)), planner.output
+    assert nanoseconds_of(plans[0].header.stamp) == start
+
+
 def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros):
     """A state measured then is planned from as it is: nobody follows the plan before."""
     given = {'limits.torque': 0.09, 'start.max_age': 10.0}
