@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``tdm`` command: plan without ROS, run the demo, a live page, record, report.
+The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
 Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
 goal; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything else that SIGINT or SIGTERM

@@ -78,12 +78,12 @@ class ParameterSpec:
     """
     One parameter as users see it.
 
-    `kind` is one of float, int, bool, str, list[float], list[str]; `optional` parameters may be
-    unset (None). `length` fixes the number of elements of a list.
+    `value_type` is one of float, int, bool, str, list[float], list[str]; `optional` parameters may
+    be unset (None). `length` fixes the number of elements of a list.
     """
 
     name: str
-    kind: Any
+    value_type: Any
     default: Any
     description: str
     unit: str = ''
@@ -98,11 +98,11 @@ class ParameterSpec:
         """Return what is allowed, in words that fit an error message."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
-        kind: str = _TYPE_NAMES[self.kind]
+        kind: str = _TYPE_NAMES[self.value_type]
         if self.length is not None:
             kind = kind.replace('a list of', f'a list of {self.length}')
         unit = f' {self.unit}' if self.unit else ''
-        if self.kind in (float, int, list[float]):
+        if self.value_type in (float, int, list[float]):
             return f'{kind} in {self.range}{unit}'
         return kind
 
@@ -114,7 +114,7 @@ class ParameterSpec:
         if self.choices and checked not in self.choices:
             raise self._error(value)
         numbers = checked if isinstance(checked, list) else [checked]
-        if self.kind in (float, int, list[float]):
+        if self.value_type in (float, int, list[float]):
             for number in numbers:
                 if number not in self.range or abs(number) == math.inf:
                     raise self._error(value)
@@ -123,13 +123,13 @@ class ParameterSpec:
         return checked
 
     def _coerce(self, value: Any) -> Any:
-        if self.kind in (bool, str):
-            if isinstance(value, self.kind):
+        if self.value_type in (bool, str):
+            if isinstance(value, self.value_type):
                 return value
-        elif self.kind in (float, int):
-            return self._number(value, self.kind)
+        elif self.value_type in (float, int):
+            return self._number(value, self.value_type)
         elif not isinstance(value, str | bytes | Mapping) and hasattr(value, '__iter__'):
-            (element,) = get_args(self.kind)
+            (element,) = get_args(self.value_type)
             try:
                 items = list(value)
             except TypeError:  # a numpy array without dimensions
@@ -228,7 +228,7 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
                     'str, list[float] or list[str]'
                 )
             spec = item.metadata[_METADATA_KEY]
-            found[name] = replace(spec, name=name, kind=kind, optional=optional)
+            found[name] = replace(spec, name=name, value_type=kind, optional=optional)
     return found
 
 

@@ -4,8 +4,8 @@
 """
 Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
 
-The replay integrates the plant with DOP853, independently of the solver's own integration,
-from the first state, under the controls read between samples as `Trajectory.interpolation` says.
+The replay integrates the plant from the first state, under the controls read between samples as
+`Trajectory.interpolation` says: here with DOP853, or by what a plant has for that.
 """
 
 from __future__ import annotations
@@ -204,9 +204,10 @@ def verify(
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states, as finely
     as the motion asks, see `resolved`. The states written in the trajectory must agree with the
-    replayed ones within `consistency` (nx,), by default `tolerance`, and `usual_tolerance` where
-    that is infinite; the first of them with `start` (nx,), where that is given; NaN where a state
-    is free. `until` is the time allowed for the replay.
+    replayed ones within `consistency` (nx,): by default the smaller of `tolerance` and 30 times
+    `usual_tolerance`; where a state is free, `usual_tolerance`. The first of them must agree with
+    `start` (nx,), where that is given; NaN where a state is free. `until` is the time allowed for
+    the replay.
     """
     motion = replayed or replay(plant, trajectory, until)
     times, states = resolved(motion, trajectory, constraints)

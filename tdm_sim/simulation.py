@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.parameters import build, to_mapping
-from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
+from tdm_planner.plants.base import integrate, Plant, SIMULATION_STEP
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
@@ -107,7 +107,7 @@ class PlantSetup:
     gains: Array | float = 1.0
     command_timeout: float = 0.1
     command_loss: float = 0.0
-    largest_step: float = LARGEST_STEP
+    largest_step: float = SIMULATION_STEP
     held: bool = False
 
 

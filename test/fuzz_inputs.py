@@ -84,13 +84,13 @@ def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
         list[str]: lambda: robot_lists,
         list[float]: lambda: few(inside(spec.range), [spec.length] if spec.length else range(7)),
     }
-    found = st.sampled_from(spec.choices) if spec.choices else kinds[spec.kind]()
+    found = st.sampled_from(spec.choices) if spec.choices else kinds[spec.value_type]()
     return found | st.none() if spec.optional else found
 
 
 def near(spec: ParameterSpec) -> st.SearchStrategy[Any]:
     """Values that people try: about the default."""
-    if spec.kind is not float or not spec.default:
+    if spec.value_type is not float or not spec.default:
         return valid(spec)
     return st.floats(0.3, 3.0).map(lambda f: f * spec.default).filter(spec.range.__contains__)
 
@@ -121,10 +121,10 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
         float: numbers, int: [*numbers, 1.5, 1e300, '1'], str: [1.5, 7, ['a']],
         list[float]: lists, list[str]: [1.5, [1, 2], [None], ['a', 'a'], ['']],
     }  # fmt: skip
-    wrong = [{'x': 1}, *kinds.get(spec.kind, [])]
+    wrong = [{'x': 1}, *kinds.get(spec.value_type, [])]
     wrong += [] if spec.optional else [None]
-    wrong += [] if spec.kind is bool else [True]
-    wrong += [] if spec.kind is str and not spec.choices else ['no such thing', '1.0x']
+    wrong += [] if spec.value_type is bool else [True]
+    wrong += [] if spec.value_type is str and not spec.choices else ['no such thing', '1.0x']
     return problem, name, draw(st.sampled_from(wrong))
 
 

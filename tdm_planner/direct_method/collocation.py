@@ -72,7 +72,7 @@ WARM = Settings(iterations=200, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class CollocatedMotion:
     """
     A motion on n even intervals: `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
 
@@ -105,14 +105,14 @@ class Motion:
         parts = self.states, self.middles, self.controls
         return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
 
-    def on(self, intervals: int, rates: Array) -> Motion:
+    def on(self, intervals: int, rates: Array) -> CollocatedMotion:
         """Return it on other intervals: cubics with the `rates` (n + 1, nx), linear controls."""
         s = np.linspace(0.0, 1.0, self.intervals + 1)
         ends = np.linspace(0.0, 1.0, intervals + 1)
         cubic = CubicHermiteSpline(s, self.states, rates * self.duration)
         controls = np.stack([np.interp(ends, s, u) for u in self.controls.T], axis=-1)
         middles = 0.5 * (ends[1:] + ends[:-1])
-        return Motion(cubic(ends), cubic(middles), controls, self.duration)
+        return CollocatedMotion(cubic(ends), cubic(middles), controls, self.duration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +132,10 @@ class Ends:
     @classmethod
     def of(cls, stated: CheckedFormulation) -> Ends:
         """
-        Return what `invert` makes of the boundary values, whatever is put in for the free ones.
+        Return what `invert` makes of the boundary values.
 
-        What does not change with these is given.
+        A component is given if it does not change while the free boundary values are varied at
+        random.
         """
         rng, states, controls = np.random.default_rng(1), [], []
         complete = regular = True
@@ -283,14 +284,14 @@ class Collocation:
     def solve(
         self,
         numbers: Array,
-        guess: Motion,
+        guess: CollocatedMotion,
         ends: Ends,
         durations: tuple[float, float],
         kept: Array,
         budget: Budget,
         *,
         roughly: bool = False,
-    ) -> Motion | None:
+    ) -> CollocatedMotion | None:
         """
         Return the optimum near `guess`; None if Ipopt does not converge to one in time.
 
@@ -353,7 +354,9 @@ class Collocation:
         states, controls = states.reshape(n + 1, nx) * sx, controls.reshape(n + 1, nu) * su
         for values, wanted in ((states, ends.states), (controls, ends.controls)):
             values[[0, -1]] = np.where(np.isfinite(wanted), wanted, values[[0, -1]])  # unscaled
-        return Motion(states, middles.reshape(n, nx) * sx, controls, float(last[0] * st), cost)
+        return CollocatedMotion(
+            states, middles.reshape(n, nx) * sx, controls, float(last[0] * st), cost
+        )
 
 
 def _scales(values: Array) -> Array:

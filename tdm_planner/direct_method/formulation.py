@@ -52,7 +52,7 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
     return found
 
 
-def whole(value: Any, what: str, least: int, most: int) -> int:
+def checked_integer(value: Any, what: str, least: int, most: int) -> int:
     """Return an integer in [least, most]; if it is none, InvalidProblem names `what`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_whole and least <= value <= most):
@@ -102,7 +102,7 @@ class SineSeries(Shapes):
     terms: int
 
     def __post_init__(self) -> None:
-        whole(self.terms, 'the number of terms of a sine series', 1, _MOST)
+        checked_integer(self.terms, 'the number of terms of a sine series', 1, _MOST)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
@@ -139,7 +139,7 @@ class PowerProducts(Shapes):
             )
         for pair in pairs:
             for exponent in pair:  # at least 1, for the product to vanish at both ends
-                whole(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
+                checked_integer(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
         object.__setattr__(self, 'exponents', pairs)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -160,7 +160,7 @@ def product_derivative(s: Array, first: int, second: int, derivative: int) -> Ar
 
 def symmetric_powers(terms: int) -> PowerProducts:
     """Return s^k (s - 1)^k, k = 1..`terms`: symmetric about the middle of the arc."""
-    count = whole(terms, 'the number of terms of a series of powers', 1, _MOST)
+    count = checked_integer(terms, 'the number of terms of a series of powers', 1, _MOST)
     return PowerProducts(tuple((k, k) for k in range(1, count + 1)))
 
 
@@ -193,9 +193,11 @@ class Output:
     def __post_init__(self) -> None:
         for where in ('start', 'end'):
             for order in self.conditions(where):
-                whole(order, f'the order of a derivative given at the {where}', 0, _HIGHEST_ORDER)
-        whole(self.free, 'free', 0, _MOST_FREE)
-        whole(self.derivatives, 'derivatives', 0, _HIGHEST_ORDER)
+                checked_integer(
+                    order, f'the order of a derivative given at the {where}', 0, _HIGHEST_ORDER
+                )
+        checked_integer(self.free, 'free', 0, _MOST_FREE)
+        checked_integer(self.derivatives, 'derivatives', 0, _HIGHEST_ORDER)
         if self.scale is not None:
             number(self.scale, 'scale', positive=True)
         if self.shapes is not None and not isinstance(self.shapes, Shapes):
@@ -253,7 +255,7 @@ class Duration:
                 f'the duration: fixed = {self.fixed!r} is not allowed: must be True or False, '
                 'with the time in guess'
             )
-        whole(self.speed_factor_order, 'speed_factor_order', 0, _HIGHEST_ORDER)
+        checked_integer(self.speed_factor_order, 'speed_factor_order', 0, _HIGHEST_ORDER)
         shortest, longest = self.bounds
         if not shortest <= self.guess <= longest:
             raise InvalidProblem(

@@ -67,7 +67,7 @@ class MeasuredState:
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet."""
         return [
-            f'no state was received on {topic}{self._told(name)}'
+            f'no state was received on {topic}{self._fault(name)}'
             for name, topic in self._topics.items()
             if name not in self._newest
         ]
@@ -96,7 +96,7 @@ class MeasuredState:
             if age > max_age:
                 raise NoState(
                     f'the newest state on {topic} is {age:.3g} s old: must not be older than '
-                    f'{max_age:g} s (start.max_age){self._told(name)}'
+                    f'{max_age:g} s (start.max_age){self._fault(name)}'
                 )
             if age < -max_age:
                 raise NoState(
@@ -112,7 +112,7 @@ class MeasuredState:
         ages = {name: now - instant for name, (_, instant) in self._newest.items()}
         return {self._prefix + name: ages.get(name) for name in self._topics}
 
-    def _told(self, name: str) -> str:
+    def _fault(self, name: str) -> str:
         fault = self._faults.get(name)
         return f'; the last message there does not hold it: {fault}' if fault else ''
 

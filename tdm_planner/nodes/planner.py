@@ -208,7 +208,10 @@ class Planner(ManagedNode):
                 if not result.successful:
                     raise InvalidProblem(result.reason)
             else:
-                plan = replace(outcome, own={**outcome.own, **request.changes})
+                plan = replace(
+                    outcome,
+                    request_parameters={**outcome.request_parameters, **request.changes},
+                )
             stamp = self._time.stamp(plan.start)
             self._adapter.publish(plan, stamp)
             self._plan_id += 1

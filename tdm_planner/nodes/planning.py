@@ -230,8 +230,8 @@ class Replanning:
     """
     Reviews the active plan at a rate, and hands new plans to `publish`.
 
-    A plan is reviewed for the node's present parameters, except those that were given for this
-    plan alone (`ActivePlan.own`). Problems without a measured state are not reviewed.
+    A plan is reviewed for the node's present parameters, except those that were given for it alone
+    (`ActivePlan.request_parameters`). Problems without a measured state are not reviewed.
     """
 
     def __init__(
@@ -282,7 +282,7 @@ class Replanning:
         plan, adapter = self._plan, self._adapter
         if not self._node.active or plan is None or not adapter.measures:
             return
-        values, now = {**self._node.parameter_values, **plan.own}, self._clock.now()
+        values, now = {**self._node.parameter_values, **plan.request_parameters}, self._clock.now()
         inactive = adapter.inactive if plan.start <= now else []
         if inactive:
             reason = f'no replanning: no tracker is active for {", ".join(inactive)}'

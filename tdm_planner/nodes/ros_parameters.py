@@ -231,7 +231,7 @@ class ParameterNode(Node):
         if spec.name not in self._overrides:
             return spec.default
         value = self._overrides.pop(spec.name)
-        if value is None and get_origin(spec.kind) is list:
+        if value is None and get_origin(spec.value_type) is list:
             value = []  # rcl hands an empty list over as a parameter that is not set
         try:
             return spec.check(typed(spec, value))
@@ -248,7 +248,9 @@ class ParameterNode(Node):
         described = descriptor(spec)
         if isinstance(value, list) and not value:
             # An empty list says nothing of its type: declare the type first, then set it.
-            self.declare_parameter(spec.name, _TYPES[spec.kind], described, ignore_override=True)
+            self.declare_parameter(
+                spec.name, _TYPES[spec.value_type], described, ignore_override=True
+            )
             super().set_parameters_atomically([self._as_ros(spec.name, value)])
         else:
             self.declare_parameter(spec.name, value, described, ignore_override=True)
@@ -260,7 +262,11 @@ class ParameterNode(Node):
         return f"parameter '{name}' is unknown: {hint}"
 
     def _as_ros(self, name: str, value: Any) -> Parameter:
-        kind = Parameter.Type.NOT_SET if value is None else _TYPES[self._specifications[name].kind]
+        kind = (
+            Parameter.Type.NOT_SET
+            if value is None
+            else _TYPES[self._specifications[name].value_type]
+        )
         return Parameter(name, kind, value)
 
 
@@ -278,10 +284,10 @@ def typed(spec: ParameterSpec, value: Any) -> Any:
     have no type for: ``null``, and lists that mix numbers and integers. ``ros2 param load`` writes
     ``None`` for null.
     """
-    if spec.kind == list[float] and isinstance(value, list):
-        number = replace(spec, kind=float, optional=False)
+    if spec.value_type == list[float] and isinstance(value, list):
+        number = replace(spec, value_type=float, optional=False)
         return [typed(number, item) for item in value]
-    if spec.kind is str or not isinstance(value, str) or len(value) > _LONGEST_TEXT:
+    if spec.value_type is str or not isinstance(value, str) or len(value) > _LONGEST_TEXT:
         return value
     try:
         read = None if value == 'None' else parse_yaml(value)
@@ -295,17 +301,17 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     unit = f' [{spec.unit}]' if spec.unit else ''
     described = ParameterDescriptor(
         name=spec.name,
-        type=_TYPES[spec.kind].value,
+        type=_TYPES[spec.value_type].value,
         description=spec.description + unit,
         additional_constraints=f'must be {spec.allowed}' + (', or unset' if spec.optional else ''),
         read_only=spec.read_only,
         dynamic_typing=spec.optional,
     )
-    if spec.range.bounded and spec.kind is float:
+    if spec.range.bounded and spec.value_type is float:
         described.floating_point_range = [
             FloatingPointRange(from_value=spec.range.lower, to_value=spec.range.upper)
         ]
-    elif spec.range.bounded and spec.kind is int:
+    elif spec.range.bounded and spec.value_type is int:
         lower = math.ceil(max(spec.range.lower, -_INT64))
         upper = min(math.floor(min(spec.range.upper, _INT64)), _INT64 - 1)
         lower += spec.range.lower_open and lower == spec.range.lower

@@ -113,7 +113,12 @@ def create_plan_service(
     name: str,
     handler: Callable[[Request, Sequence[Any]], None],
 ) -> None:
-    """Serve `name`; `handler(request, parameters)` has the request answered now or later, once."""
+    """
+    Serve `name`; `handler(request, parameters)` calls `request.answer` once, now or later.
+
+    rclpy sends at once what a service's callback returns. Here the callback returns the request
+    itself, and `send_response` is replaced: it hands that to `handler` instead of sending it.
+    """
 
     def asked(message: Any, header: Any) -> None:
         def answer(outcome: str | Failure) -> None:

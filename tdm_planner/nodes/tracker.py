@@ -33,7 +33,7 @@ from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
-from tdm_planner.tracking.tracked_plants import tracked_plant
+from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
@@ -50,7 +50,7 @@ _WAITING = 'waiting for the first state'
 
 _KIND = ParameterSpec(
     name='kind',
-    kind=str,
+    value_type=str,
     default='pendulum',
     description='kind of plant to track: pendulum, robot, or a stated problem (module:Class)',
     read_only=True,
@@ -59,7 +59,7 @@ _KIND = ParameterSpec(
 
 def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
     """Return every parameter of the tracker of a kind of plant, by dotted name."""
-    own = specifications(tracked_plant(kind).parameters)
+    own = specifications(tracker_type(kind).parameters)
     return {_KIND.name: _KIND, AUTOSTART.name: AUTOSTART, **own}
 
 
@@ -70,8 +70,8 @@ class TrackerNode(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
-        self.plant = tracked_plant(self.parameter_values[_KIND.name])
-        self.declare(specifications(self.plant.parameters))
+        self.type = tracker_type(self.parameter_values[_KIND.name])
+        self.declare(specifications(self.type.parameters))
         self.warn_of_unknown_overrides()
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
@@ -104,7 +104,7 @@ class TrackerNode(ManagedNode):
         self._measured = MeasuredState(
             self,
             self._time,
-            self.plant.kind,
+            self.type.kind,
             '',
             self._on_state,
             self._ignore_state,
@@ -142,7 +142,7 @@ class TrackerNode(ManagedNode):
 
     def _make_tracker(self, values: Mapping[str, Any]) -> TrajectoryTracker:
         try:
-            return self.plant.make_tracker(build(self.plant.parameters, values))
+            return self.type.make_tracker(build(self.type.parameters, values))
         except BREAKDOWN as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
@@ -183,7 +183,7 @@ class TrackerNode(ManagedNode):
             try:
                 self.tracker.observe(state, at)
             except Exception as error:  # noqa: B902
-                self._ignore_state(self._told(error))
+                self._ignore_state(self._sentence_of(error))
 
     def _ignore_state(self, reason: str) -> None:
         self._states_ignored += 1
@@ -205,7 +205,7 @@ class TrackerNode(ManagedNode):
         begins = nanoseconds_of(stamp) or int(self.get_clock().now().nanoseconds)
         try:
             message = from_wire(data, JointTrajectory)
-            trajectory = read_plan(self.plant.kind, message)
+            trajectory = read_plan(self.type.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._time.instant_of(stamp) + float(trajectory.times[0])
@@ -214,7 +214,7 @@ class TrackerNode(ManagedNode):
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except Exception as error:  # noqa: B902
-            self._reject(self._told(error))
+            self._reject(self._sentence_of(error))
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
@@ -233,7 +233,7 @@ class TrackerNode(ManagedNode):
         self._rejection = f'trajectory rejected: {reason}'
         self.get_logger().error(self._rejection)
 
-    def _told(self, error: Exception) -> str:
+    def _sentence_of(self, error: Exception) -> str:
         """Return an error as a sentence; of a fault of the program, log the traceback."""
         failure = Failure.of(error)
         if failure.trace:
@@ -263,7 +263,7 @@ class TrackerNode(ManagedNode):
             command = self.tracker.command(now)
         except Exception as fault:  # noqa: B902
             # The actuators must be off now, not when the node has died.
-            command = self.tracker.break_down(now, self._told(fault))
+            command = self.tracker.break_down(now, self._sentence_of(fault))
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)
@@ -274,14 +274,14 @@ class TrackerNode(ManagedNode):
             self._ask_for_plan()
 
     def _send(self, control: Array, stamp: Time) -> None:
-        message = command_message(self.plant.kind, control)
+        message = command_message(self.type.kind, control)
         message.header.stamp = stamp
         self._command_publisher.publish(message)
         self._commands += 1
 
     def _tell_error(self, action: Action, stamp: Time) -> None:
         """Publish the deviation of the states, and the feedback within the command as efforts."""
-        kind = self.plant.kind
+        kind = self.type.kind
         names, values = (*kind.state_names, *kind.control_names), (*action.error, *action.feedback)
         message = joint_states(kind.joints, dict(zip(names, map(float, values), strict=True)))
         message.header.stamp = stamp

@@ -150,7 +150,7 @@ class TrackerStatus:
         if any(plan.start == start for plan in self._plans):
             return
         canceling = GoalStatus.STATUS_CANCELING
-        begun = tracker.unquiet and all(plan.status != canceling for plan in self._plans)
+        begun = tracker.braking and all(plan.status != canceling for plan in self._plans)
         status = canceling if begun else GoalStatus.STATUS_ABORTED
         self._plans.append(_Plan(None, start, status=status))
         self._changed = True
@@ -162,9 +162,9 @@ class TrackerStatus:
         if tracker.current is not None:
             unknown = GoalStatus.STATUS_UNKNOWN
             active[id(tracker.current.trajectory)] = _ACTIVE.get(tracker.phase, unknown)
-        if tracker.following is not None:
-            active[id(tracker.following.trajectory)] = GoalStatus.STATUS_ACCEPTED
-        gone = GoalStatus.STATUS_CANCELING if tracker.unquiet else GoalStatus.STATUS_ABORTED
+        if tracker.pending is not None:
+            active[id(tracker.pending.trajectory)] = GoalStatus.STATUS_ACCEPTED
+        gone = GoalStatus.STATUS_CANCELING if tracker.braking else GoalStatus.STATUS_ABORTED
         superseded = False
         for plan in reversed(self._plans):
             before = plan.status
@@ -211,19 +211,24 @@ class TrackerWatch:
     """
     Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
 
-    `parameters` are the tracker's, of the class `kind`; None until they are known. They are read
-    when a tracker becomes active, and whenever one of them has changed. Of a tracker of no `kind`
-    nothing is known but what it publishes. Instants are those of `clock` [s]. Safe in any thread.
+    `parameters` are the tracker's, of `parameter_class`; None until they are known. They are read
+    when a tracker becomes active, and whenever one of them has changed. Of a tracker without
+    `parameter_class` nothing is known but what it publishes. Instants are those of `clock` [s].
+    Safe in any thread.
     """
 
     def __init__(
-        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters] | None
+        self,
+        node: Node,
+        clock: MotionClock,
+        prefix: str,
+        parameter_class: type[TrackerParameters] | None,
     ) -> None:
-        self._node, self._clock, self._kind = node, clock, kind
+        self._node, self._clock, self._class = node, clock, parameter_class
         # Status by start [ns], and that start's instant when it was first told; None: none heard.
         self._plans: dict[int, tuple[int, float]] | None = None
         self.parameters: TrackerParameters | None = None
-        self._names = [] if kind is None else list(specifications(kind))
+        self._names = [] if parameter_class is None else list(specifications(parameter_class))
         self._due = math.inf  # when to ask for the parameters [s]
         self._asked: Future | None = None
         self._topic = node.create_subscription(
@@ -240,7 +245,7 @@ class TrackerWatch:
     def inactive(self) -> bool:
         """Whether the tracker is not active yet, not any more, or gone after it was heard."""
         if self._plans is None:  # its node may be there; it tells nothing until it is active
-            return self._kind is not None and bool(self._client.service_is_ready())
+            return self._class is not None and bool(self._client.service_is_ready())
         canceled = all(s == GoalStatus.STATUS_CANCELED for s, _ in self._plans.values())
         return canceled or self._node.count_publishers(self._topic) == 0
 
@@ -289,7 +294,7 @@ class TrackerWatch:
     def _ask(self) -> None:
         """Ask for the parameters when that is due, and again where no answer comes."""
         now, ready = time.monotonic(), self._plans is not None and self._client.service_is_ready()
-        if now < self._due or self._kind is None or not ready:
+        if now < self._due or self._class is None or not ready:
             return
         self._due = now + _PATIENCE
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
@@ -297,13 +302,13 @@ class TrackerWatch:
 
     def _on_answer(self, answer: Future) -> None:
         response: Any = answer.result()
-        if answer is not self._asked or self._kind is None:
+        if answer is not self._asked or self._class is None:
             return
         if self._due > 0.0:  # else a parameter has changed meanwhile
             self._due = math.inf
         values = [parameter_value_to_python(value) for value in response.values]
         try:
-            found = build(self._kind, dict(zip(self._names, values, strict=True)))
+            found = build(self._class, dict(zip(self._names, values, strict=True)))
         except (InvalidProblem, ValueError) as error:
             self._node.get_logger().warning(f'parameters of {self._name} cannot be read: {error}')
         else:
@@ -321,16 +326,16 @@ class Recovery:
     def __init__(self, node: Node, kind: PlantKind, prefixes: Mapping[str, str]) -> None:
         self._kind, self._names = kind, list(prefixes)
         self._until = time.monotonic() + WINDOW
-        self._told: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
+        self._by_vehicle: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
         self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
         self._waits = False  # for GRACE to pass, and for the planner to be ready
         for name, prefix in prefixes.items():
-            take = partial(self._told.__setitem__, name)
+            take = partial(self._by_vehicle.__setitem__, name)
             node.create_subscription(JointTrajectory, f'{prefix}{FOLLOWED}', take, LATCHED)
 
     def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""
-        now, told = time.monotonic(), self._told
+        now, told = time.monotonic(), self._by_vehicle
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
         start = starts.pop() if len(told) == len(self._names) and len(starts) == 1 else 0
         if start != self._start:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LARGEST_STEP = 1e-3  # s
+SIMULATION_STEP = 1e-3  # s
 
 
 class Named(Protocol):
@@ -114,7 +114,7 @@ def integrate(
     state: Array,
     control: Array,
     duration: float,
-    largest_step: float = LARGEST_STEP,
+    largest_step: float = SIMULATION_STEP,
 ) -> Array:
     """
     State(s) after `duration` s under held control(s), in equal steps of at most `largest_step`.

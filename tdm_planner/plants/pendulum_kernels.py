@@ -75,10 +75,10 @@ _step_with_slopes = _written(stated.runge_kutta, 'theta', 'theta_dot', 'psi_dot'
 @inlined
 def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
     """
-    Time scale of the motion about a state [s], which steps are to be a share of.
+    Time scale of the motion about a state [s]; an integration step is to be a share of it.
 
-    With D the determinant of the mass matrix: that of small swings where the disk turns at psi'
-    and with them, and the time in which D, by which everything is divided, changes.
+    It is short where gravity or the disk's rate pull strongly, and where the determinant of the
+    mass matrix, the divisor of both accelerations, changes quickly with theta.
     """
     sine, cosine = sine_and_cosine(theta)
     j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine

@@ -73,8 +73,9 @@ def with_slopes(
     them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
     sequences: their length, or the type of a named tuple.
 
-    Where so many of the first values are `weighted`, the new one takes their weights and an array
-    as well. That it fills: with what it returns else, then the Hessian of the weighted sum.
+    With `weighted` = n > 0 the new function takes two more arguments: weights (n,) of the first n
+    values, and an array. It writes into the array what it else returns, then the Hessian of the
+    weighted sum.
     """
     kind = 'curvature' if weighted else 'slopes'
     file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.{kind}.py'

@@ -26,7 +26,7 @@ class SolverParameters(Validated):
         allowed=SEED,
     )
     tolerance: float = parameter(
-        1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
+        1e-8, 'largest penalty that minimisers count as feasible, eps of (10)', allowed=POSITIVE
     )
 
 

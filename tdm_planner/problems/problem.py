@@ -61,9 +61,10 @@ class Search(ABC, Generic[C]):
     @abstractmethod
     def plans(self, candidate: C) -> Iterator[Solution]:
         """
-        Yield plans of a candidate: each, better refined, is asked for if the last one failed.
+        Yield plans of one candidate, the next one more finely refined than the one before.
 
-        Once the budget is spent it should end, except that the first candidate deserves its check.
+        `run` takes the next one only where the last one failed its verification. Ends when the
+        budget is spent; but of the first candidate one plan is yielded in any case.
         """
 
     @abstractmethod
@@ -74,8 +75,8 @@ class Search(ABC, Generic[C]):
         """Whether a candidate is worth a check though another has given a plan."""
         return True
 
-    def is_good_enough(self, plan: Solution) -> bool:
-        """Whether a verified plan ends the search at once."""
+    def accept(self, plan: Solution) -> bool:
+        """Take a verified plan; return whether it ends the search at once."""
         return True
 
     def widen(self) -> bool:
@@ -97,7 +98,7 @@ class Search(ABC, Generic[C]):
             for candidate in self.candidates():
                 if best is None or self.is_worth_checking(candidate, best[0]):
                     plan = self._verified(candidate)
-                    if plan is not None and self.is_good_enough(plan):
+                    if plan is not None and self.accept(plan):
                         return plan
                     if plan is not None and (best is None or plan.cost < best[1].cost):
                         best = candidate, plan
@@ -240,7 +241,7 @@ class Problem(ABC):
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
         with _computed():
             plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
-        return self._told(plan, budget.evaluations, budget.age)
+        return self._with_figures(plan, budget.evaluations, budget.age)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
         """
@@ -267,9 +268,11 @@ class Problem(ABC):
             raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
         if not plan.verification.ok:
             raise VerificationFailed('; '.join(plan.verification.reasons))
-        return self._told(plan)
+        return self._with_figures(plan)
 
-    def _told(self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0) -> Solution:
+    def _with_figures(
+        self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0
+    ) -> Solution:
         """Return a plan of a search with all that a user is told of it."""
         return replace(
             plan,

@@ -53,20 +53,20 @@ class ActivePlan:
     """
     A verified plan and the problem it solves; its motion starts at the instant `start` [s].
 
-    `whole` is the cost of the plan for the whole way, where this one was made on the way; its own
-    by default. `own` are the parameters that were given for this plan alone, by name.
+    `earlier_cost` is that of the plan for the whole way, where this one was made on it; its own
+    by default. `request_parameters` are those given for this plan alone, by name.
     """
 
     problem: Problem
     solution: Solution
     start: float
-    whole: float | None = None
-    own: Mapping[str, Any] = field(default_factory=dict)
+    earlier_cost: float | None = None
+    request_parameters: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def whole_cost(self) -> float:
         """Cost of the whole way, of which this plan may be the last part."""
-        return self.solution.cost if self.whole is None else self.whole
+        return self.solution.cost if self.earlier_cost is None else self.earlier_cost
 
     @property
     def end(self) -> float:
@@ -87,7 +87,7 @@ class ActivePlan:
         """
         Return what is left of the plan at the instant `time` [s], to start a new one from.
 
-        Its trajectories begin at zero again; switching instants and parameters shift with them.
+        Its trajectories begin at zero again; `parameters` stay those of the whole plan.
         None before the start and where (nearly) nothing is left.
         """
         elapsed = self.elapsed(time)
@@ -128,8 +128,8 @@ class Predicted:
     """
     State (nx,) of a vehicle at a later instant, and the controls (nu,) that act there.
 
-    `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way; `planned` what
-    the plan has there, given where the vehicle is to be taken to be on it.
+    `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way. `planned` is what
+    the plan has at that instant, where a new plan is to start from there instead of from `state`.
     """
 
     state: Array

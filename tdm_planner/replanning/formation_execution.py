@@ -32,7 +32,7 @@ from tdm_planner.replanning.execution import (
     Outlook,
     Predicted,
 )
-from tdm_planner.tracking.estimator import LARGEST_STEP
+from tdm_planner.tracking.estimator import PREDICTION_STEP
 from tdm_planner.tracking.motion import Motion
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
@@ -125,7 +125,7 @@ class FormationExecution(Execution):
                 control = act(motion, time, state).control
             elif seen.mode is Mode.RECOVERING:
                 control = tracker.recover(state)
-            state[:7] = integrate(self._plant, state[:7], control, step, LARGEST_STEP)
+            state[:7] = integrate(self._plant, state[:7], control, step, PREDICTION_STEP)
             time += step
         return state[:7], control
 

@@ -48,7 +48,7 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
     TrackerParameters,
 )
-from tdm_planner.tracking.tracked_plants import tracked_problem
+from tdm_planner.tracking.tracked_plants import stated_tracker_type
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -237,7 +237,7 @@ def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
     ]
     if not issubclass(problem, DirectProblem):
         return PlannedPlant(problem, named_kind(wanted), None)
-    tracked = tracked_problem(problem)
+    tracked = stated_tracker_type(problem)
     names = tracked.kind.state_names
     if not set(wanted) <= set(names):
         return PlannedPlant(problem, named_kind(wanted), tracked.parameters)

@@ -204,7 +204,7 @@ class Replanner:
         if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
-            taking_over = ActivePlan(new_problem, new, at, whole, plan.own)
+            taking_over = ActivePlan(new_problem, new, at, whole, plan.request_parameters)
         return Review(taking_over, reason, outlook, necessary, time.perf_counter() - began)
 
     def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:

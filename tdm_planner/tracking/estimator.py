@@ -23,7 +23,7 @@ from tdm_planner.plants.base import integrate, Plant, StatedPlant
 
 Array = NDArray[np.float64]
 
-LARGEST_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
+PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
 _GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
@@ -124,7 +124,7 @@ class StateEstimator:
         noise: EstimatorNoise,
         angles: Sequence[int],
         longest_gap: float,
-        longest_step: float = LARGEST_STEP,
+        longest_step: float = PREDICTION_STEP,
     ) -> None:
         self._plant = plant
         self.noise = noise

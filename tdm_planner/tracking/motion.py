@@ -28,7 +28,12 @@ NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed w
 
 @dataclass(frozen=True)
 class Tolerances(Validated):
-    """How far the state may be from the trajectory: an angle, unless a plant says otherwise."""
+    """
+    How far the state may be from the trajectory.
+
+    The pendulum's deviation is an angle, a robot's a distance; a stated plant's is a share of its
+    states' ranges.
+    """
 
     start: float = parameter(
         0.3,

@@ -8,15 +8,19 @@ The torque over the coming command interval is
 
     T = mean of the planned torque - K(s) (x - x_plan(s)),
 
-saturated at the actuator's limit, of which the plan leaves a share to the feedback. A pendulum
-that swings more slowly than its model is late after a few swings, and no weak motor brings it
-forward: s, how far the plan has come, follows the state, and the plan is played at the pendulum's
-own pace, the root of its gravity over the model's, which is estimated on the way. Planned rates
-grow with the pace, planned torques with its square. The other constants are estimated as well.
-What they differ by is a constant part of x: the feedback takes into account what that does along
-the rest of the plan. The regulator about upright is active from the plan's end. It is so before
-where the plan is lost, if the state is inside the largest level set of its cost to go,
-x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
+saturated at the actuator's limit, of which the plan leaves a share to the feedback.
+
+A pendulum may swing more slowly than its model, and a weak motor cannot make up for that. The
+tracker therefore shifts the plan in time towards the instant s at which it is nearest to the
+state. It plays the plan at the pendulum's own pace, the root of its gravity over the model's; that
+gravity is estimated on the way. Planned rates grow with the pace, planned torques with its square.
+
+The other constants are estimated, too. Their errors are a constant part of x: the feedback takes
+into account what they do along the rest of the plan.
+
+After the plan's end the regulator about upright is active. It is active earlier where the plan is
+lost, and the state is inside the largest level set of the regulator's cost to go in which its
+torque does not saturate, x'P x <= T_max^2 / (K P^-1 K').
 """
 
 from __future__ import annotations
@@ -33,8 +37,8 @@ from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import Coefficients, PendulumLimits, RotaryPendulum
 from tdm_planner.tracking.estimator import (
     EstimatorNoise,
-    LARGEST_STEP,
     PlantWithGains,
+    PREDICTION_STEP,
     StateEstimator,
 )
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
@@ -138,7 +142,7 @@ class EstimatedPendulum(PlantWithGains):
 
 def longest_step(plant: RotaryPendulum) -> float:
     """Return the longest step [s] in which a prediction is accurate."""
-    return min(LARGEST_STEP, _FINE / plant.natural_frequency / plant.quickness)
+    return min(PREDICTION_STEP, _FINE / plant.natural_frequency / plant.quickness)
 
 
 class PendulumTracker(TrajectoryTracker):

@@ -83,9 +83,9 @@ def problem_of(problem: type[DirectProblem], parameters: Any) -> DirectProblem:
 @dataclass(frozen=True)
 class TrackerType:
     """
-    A plant as its tracker knows it.
+    What the tracker's node must know of a plant: joints, parameters, how its tracker is made.
 
-    `make_tracker` returns the feedback law for parameters of the class `parameters`; it raises
+    `make_tracker` returns the tracker for parameters of the class `parameters`; it raises
     InvalidProblem for values that contradict each other.
     """
 
@@ -105,7 +105,7 @@ _BUILT_IN: Mapping[str, TrackerType] = {
 }
 
 
-def tracked_problem(problem: type[DirectProblem]) -> TrackerType:
+def stated_tracker_type(problem: type[DirectProblem]) -> TrackerType:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
     return TrackerType(
         kind_of(problem()),
@@ -114,7 +114,7 @@ def tracked_problem(problem: type[DirectProblem]) -> TrackerType:
     )
 
 
-def tracked_plant(kind: str) -> TrackerType:
+def tracker_type(kind: str) -> TrackerType:
     """
     Return the plant of a kind: pendulum, robot, or the problem of that name.
 
@@ -127,4 +127,4 @@ def tracked_plant(kind: str) -> TrackerType:
             f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of pendulum, "
             'robot, or a stated problem such as my_module:MyProblem'
         )
-    return tracked_problem(stated_problem(kind))
+    return stated_tracker_type(stated_problem(kind))

@@ -5,12 +5,12 @@
 What every tracker does, whatever the plant: which trajectory is active, and what phase it is.
 
     idle        no trajectory yet: nothing is commanded
-    waiting     a trajectory is accepted, its start lies ahead: nothing is commanded, but that a
-                robot turns its thruster
+    waiting     a trajectory is accepted, its start lies ahead: what the plant's tracker does then;
+                a pendulum gets no torque, a robot turns its thruster, a stated plant is held
     tracking    feedforward and feedback along the trajectory
     holding     the end has been reached: feedback about the goal
     stopped     the motion was aborted: nothing is commanded until the next trajectory
-    recovering  likewise, where a new plan is asked for: the plant is brought to rest first
+    recovering  the motion was aborted: the plant is brought to rest, then a new plan is requested
 
 A trajectory that arrives while another is being tracked or held supersedes it at its own start.
 Instants are seconds of one clock; which one does not matter.
@@ -48,7 +48,7 @@ BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
-_LATELY = 10.0  # s since the end of a plan, in which a tracker that is restarted goes on with it
+_LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
 
 class TrajectoryTracker(ABC):
@@ -72,10 +72,10 @@ class TrajectoryTracker(ABC):
         self.reason = ''
         self.wants_plan = False
         self.current: Motion | None = None
-        self.following: Motion | None = None
+        self.pending: Motion | None = None
         self.growth_rate = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
-        self._restless = False
+        self._brakes = False
         self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
 
     # What a plant's tracker must say.
@@ -90,7 +90,7 @@ class TrajectoryTracker(ABC):
 
     @abstractmethod
     def deviation(self, error: Array) -> float:
-        """Return the error as one number, to be compared with the tolerances [rad or m]."""
+        """Return the error as one number, in the unit of the plant's tolerances."""
 
     @abstractmethod
     def track(self, motion: Motion, time: float, state: Array) -> Action:
@@ -114,7 +114,7 @@ class TrajectoryTracker(ABC):
         return 0.0
 
     def wait(self, motion: Motion, state: Array) -> Array:
-        """Return the controls (nu,) before the start of `motion`: nothing that moves the plant."""
+        """Return the controls (nu,) before the start of `motion`."""
         return self.nothing
 
     def recover(self, state: Array) -> Array:
@@ -158,11 +158,11 @@ class TrajectoryTracker(ABC):
     @property
     def newest(self) -> Motion | None:
         """Return the active motion that was accepted last."""
-        return self.following or self.current
+        return self.pending or self.current
 
     def follows(self, trajectory: Trajectory, start: float) -> bool:
         """Whether the very trajectory, from the instant `start` [s] on, is active already."""
-        motions = (self.current, self.following)
+        motions = (self.current, self.pending)
         return any(motion is not None and motion.is_of(trajectory, start) for motion in motions)
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
@@ -174,9 +174,8 @@ class TrajectoryTracker(ABC):
         Raises
         ------
         TrajectoryRejected
-            If it lies in the past, is not this plant's, or the state is too far from it. An idle
-            tracker, which has just been started into a running plan, then stops or recovers as
-            after a deviation.
+            If it lies in the past, is not this plant's, or the state is too far from it. A tracker
+            that has just been restarted into a plan recovers then, with `replan.on_deviation`.
 
         """
         try:
@@ -189,10 +188,10 @@ class TrajectoryTracker(ABC):
             raise
         motion = Motion(trajectory, start, self._prepared(trajectory))
         if self.phase in (Phase.TRACKING, Phase.HOLDING):
-            self.following = motion
+            self.pending = motion
         else:
-            self._restless = self.unquiet
-            self.current, self.following = motion, None
+            self._brakes = self.braking
+            self.current, self.pending = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
     def _prepared(self, trajectory: Trajectory) -> Any:
@@ -209,7 +208,7 @@ class TrajectoryTracker(ABC):
         at, stale = max(motion.start, now), self.state_age(now) > self.parameters.state_timeout
         if stale or at - now > _LONGEST_FORESEEN:
             return  # nothing to compare with; the comparison is made at the start
-        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.unquiet:
+        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.braking:
             expected = self._predicted_state(now, at)
         else:
             # From now on nothing is commanded.
@@ -218,10 +217,10 @@ class TrajectoryTracker(ABC):
         self._compare(motion, expected, at)
 
     @property
-    def unquiet(self) -> bool:
+    def braking(self) -> bool:
         """Whether the plant is being brought to rest, and goes on to be until a plan starts."""
         if self.phase is Phase.WAITING:
-            return self._restless
+            return self._brakes
         return self.phase is Phase.RECOVERING and not self.wants_plan
 
     def _predicted_state(self, now: float, at: float) -> Array:
@@ -286,7 +285,7 @@ class TrajectoryTracker(ABC):
     def _idle(self, state: Array) -> Array:
         if self.phase is Phase.WAITING and self.current is not None:
             # A plan made while the plant moves reckons with what brings it to rest meanwhile.
-            return self.recover(state) if self._restless else self.wait(self.current, state)
+            return self.recover(state) if self._brakes else self.wait(self.current, state)
         if self.phase is Phase.RECOVERING:
             # Plans assume that nothing is commanded until they start.
             self.wants_plan = self.calm(state, _CALM_SLACK if self.wants_plan else 1.0)
@@ -343,10 +342,10 @@ class TrajectoryTracker(ABC):
     def _take_over(self, time: float, state: Array) -> None:
         """Let a trajectory whose start has come take over."""
         waiting = self.phase is Phase.WAITING
-        motion = self.current if waiting else self.following
+        motion = self.current if waiting else self.pending
         if motion is None or time < motion.start:
             return
-        self.following = None
+        self.pending = None
         try:
             self._compare(motion, state, time)
         except TrajectoryRejected as refusal:
@@ -364,11 +363,11 @@ class TrajectoryTracker(ABC):
         Raise TrajectoryRejected if there are none for an active trajectory.
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
-        self.current, self.following = (
+        self.current, self.pending = (
             None if motion is None else replace(motion, law=self._prepared(motion.trajectory))
-            for motion in (other.current, other.following)
+            for motion in (other.current, other.pending)
         )
-        self.wants_plan, self._restless = other.wants_plan, other._restless
+        self.wants_plan, self._brakes = other.wants_plan, other._brakes
         self.history = self.estimator.history = other.history
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
         if other.estimator.stamp is not None:
@@ -386,4 +385,4 @@ class TrajectoryTracker(ABC):
     def stop(self, reason: str) -> None:
         """Give the motion up: nothing is commanded until the next trajectory."""
         self.phase, self.reason = Phase.STOPPED, reason
-        self.current = self.following = None
+        self.current = self.pending = None

@@ -86,7 +86,7 @@ def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -
     spec = problem.parameter_specifications(parameters).get(axis.name)
     values = []
     for value in axis.values:
-        number = spec is not None and spec.kind is int and isinstance(value, float)
+        number = spec is not None and spec.value_type is int and isinstance(value, float)
         if number and math.isfinite(value) and abs(value - round(value)) < _WHOLE:
             value = round(value)
         found = problem_parameters(problem, {**parameters, axis.name: value})

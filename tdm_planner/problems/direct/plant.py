@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.collocation import Ends, Motion
+from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -138,7 +138,7 @@ class DirectPlant:
         slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
         return left, slopes[..., :nx], slopes[..., nx:]
 
-    def limit_tolerances(self, plan: Trajectory | Motion) -> Array:
+    def limit_tolerances(self, plan: Trajectory | CollocatedMotion) -> Array:
         """
         Return by how much a plan may violate every limit, (nm,).
 
@@ -173,11 +173,11 @@ class DirectPlant:
 @np.errstate(all='ignore')
 def corrected(
     plant: DirectPlant,
-    motion: Motion,
+    motion: CollocatedMotion,
     ends: Ends,
     durations: tuple[float, float],
     tolerance: Array,
-) -> Motion | None:
+) -> CollocatedMotion | None:
     """
     Return a collocated motion that whoever integrates its controls ends at the goal with.
 
@@ -251,7 +251,7 @@ def corrected(
         moved[k + 1] = transition[k] @ moved[k] + defects[k] + by_duration[k, :, 0] * longer
         moved[k + 1] += by_first[k] @ du[k] + by_last[k] @ du[k + 1]
     middles = m + 0.5 * (moved[:-1] + moved[1:])
-    return Motion(x + moved, middles, u + du, motion.duration + longer)
+    return CollocatedMotion(x + moved, middles, u + du, motion.duration + longer)
 
 
 def _room(margins: Array, slopes: Array, sizes: Array) -> Array:

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.collocation import (
     COLD,
+    CollocatedMotion,
     Collocation,
     Ends,
-    Motion,
     Settings,
     WARM,
 )
@@ -94,11 +94,11 @@ class Refinement:
     def solve(
         self,
         intervals: int,
-        guess: Motion,
+        guess: CollocatedMotion,
         settings: Settings,
         until: Budget | None = None,
         reserve: Array | float = 0.0,
-    ) -> Motion | None:
+    ) -> CollocatedMotion | None:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
 
@@ -114,7 +114,7 @@ class Refinement:
             found = program.solve(*given, roughly=True)
         return found
 
-    def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
+    def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
         """
         Return lines between the given ends, bent by random sines of a share of their range.
 
@@ -137,9 +137,9 @@ class Refinement:
                 wave = np.cos(k * np.pi * s) / k
                 controls = controls + bend * half * rng.normal(size=half.size) * wave
             duration *= float(np.exp(0.4 * rng.normal()))
-        return Motion(states[::2], states[1::2], controls[::2], duration)
+        return CollocatedMotion(states[::2], states[1::2], controls[::2], duration)
 
-    def warm(self, plan: Trajectory) -> Motion | None:
+    def warm(self, plan: Trajectory) -> CollocatedMotion | None:
         """Solve from what is left of an earlier plan; None if that leads nowhere."""
         if plan.states.shape[1] != self.ends.states.shape[1]:
             return None
@@ -153,7 +153,7 @@ class Refinement:
         for side, share in ((0, 1.0 - s), (-1, s)):
             for values, given in ((states, self.ends.states), (controls, self.ends.controls)):
                 values += np.nan_to_num(given[side] - values[side]) * share[:, None]
-        guess = Motion(states[::2], states[1::2], controls[::2], rest)
+        guess = CollocatedMotion(states[::2], states[1::2], controls[::2], rest)
         motion = self.solve(COARSE, guess, WARM)
         if motion is None:
             longer = replace(self._on(guess, FIRST), duration=_LONGER * rest)
@@ -168,18 +168,18 @@ class Refinement:
         gaps = np.nan_to_num((states - self.ends.states[0]) / (np.ptp(states, axis=0) + 1e-9))
         return float(times[np.argmin(np.square(gaps).sum(axis=1))])
 
-    def finer(self, motion: Motion, intervals: int) -> Motion | None:
+    def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
         return self.solve(intervals, self._on(motion, intervals), WARM)
 
-    def refined(self, motion: Motion) -> Iterator[tuple[Motion, Array]]:
+    def refined(self, motion: CollocatedMotion) -> Iterator[tuple[CollocatedMotion, Array]]:
         """
         Yield a motion that its replay confirms, then on ever more intervals.
 
         With each, whose cost is that of the replay, the states at its nodes by replay,
         (n + 1, nx).
         """
-        found: Motion | None = motion
+        found: CollocatedMotion | None = motion
         while found is not None:
             found, states = self._repaired(found)
             yield found, states
@@ -187,7 +187,7 @@ class Refinement:
                 return
             found = self.finer(found, 2 * found.intervals)
 
-    def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
+    def _repaired(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, Array]:
         """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
         reserve = np.zeros(self._reserve.size)
         for turn in range(_REPAIRS + 1):
@@ -211,7 +211,7 @@ class Refinement:
             motion = again
         return replace(motion, cost=flown.cost), flown.states[::_LOOKS]
 
-    def _landed(self, motion: Motion) -> tuple[Motion, _Replay]:
+    def _landed(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
         flown = self._replayed(motion)
         for _ in range(_CORRECTIONS):
@@ -229,7 +229,7 @@ class Refinement:
             motion, flown = other, again
         return motion, flown
 
-    def _replayed(self, motion: Motion) -> _Replay:
+    def _replayed(self, motion: CollocatedMotion) -> _Replay:
         """Replay a motion, controls linear in every interval, to look before the check proper."""
         n, u = motion.intervals, motion.controls
         ends = motion.times
@@ -260,7 +260,7 @@ class Refinement:
         """Whether the time that is left is for the check."""
         return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
 
-    def _on(self, motion: Motion, intervals: int) -> Motion:
+    def _on(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion:
         rates = self._plant.rates(motion.states, motion.controls)  # 0 / 0 for some at rest
         return motion.on(intervals, np.nan_to_num(rates, posinf=0.0, neginf=0.0))
 

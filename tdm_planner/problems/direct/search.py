@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import check_finite
-from tdm_planner.direct_method.collocation import COLD, Motion
+from tdm_planner.direct_method.collocation import COLD, CollocatedMotion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
@@ -59,7 +59,7 @@ _LEAST_CHECK = 0.04  # s that a check may take past the deadline
 _GUESS_ROUNDS = 4  # of initial guesses while none leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
-Candidate = Motion | Minimum
+Candidate = CollocatedMotion | Minimum
 
 
 class DirectSearch(Search[Candidate]):
@@ -110,13 +110,15 @@ class DirectSearch(Search[Candidate]):
     def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
         costs = [
-            c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
+            c.cost
+            if isinstance(c, CollocatedMotion)
+            else c.point.cost * self._minima.program.cost_scale
             for c in (candidate, than)
         ]
         return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
-    def is_good_enough(self, plan: Solution) -> bool:
-        """Whether it came of a warm start: others are not tried."""
+    def accept(self, plan: Solution) -> bool:
+        """Take it; after a warm start no other is tried."""
         self._planned_for = True
         return self._warm
 
@@ -155,7 +157,7 @@ class DirectSearch(Search[Candidate]):
                 return
             yield plan
 
-    def _refined(self) -> Iterator[Motion]:
+    def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
         if self._previous is not None:
             motion = self._refinement.warm(self._previous.trajectory)
@@ -163,7 +165,7 @@ class DirectSearch(Search[Candidate]):
                 self._warm = True
                 yield motion
                 self._warm = False
-        solved: list[Motion] = []
+        solved: list[CollocatedMotion] = []
         hurried = False
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
@@ -191,7 +193,7 @@ class DirectSearch(Search[Candidate]):
         if hurried:  # there was time after all
             yield self._settled(solved[0])
 
-    def _guesses(self) -> Iterator[Motion]:
+    def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
         try:
             minima: DirectMinima | None = self._minima
@@ -214,7 +216,7 @@ class DirectSearch(Search[Candidate]):
                 self._keep_nearest(minima.rough, minimum)
                 yield from self._finite(minimum.point.xi)
 
-    def _finite(self, xi: Array) -> Iterator[Motion]:
+    def _finite(self, xi: Array) -> Iterator[CollocatedMotion]:
         """Yield the direct method's motion on the first intervals if it is finite everywhere."""
         motion, parts = self._halves.motion(xi), self._minima.parts
         times = motion.times[::parts]
@@ -223,13 +225,13 @@ class DirectSearch(Search[Candidate]):
             np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
-        found = Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        found = CollocatedMotion(states[::2], states[1::2], controls[::2], float(even[-1]))
         given = self._stated.duration()
         bounded = given.fixed or given.shortest is not None
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def _settled(self, motion: Motion, hurried: bool = False) -> Motion:
+    def _settled(self, motion: CollocatedMotion, hurried: bool = False) -> CollocatedMotion:
         """Solve on more intervals, as many as J asks for; in a hurry on few."""
         intervals = COARSE if hurried else FINE
         while self._refinement.affords(intervals):

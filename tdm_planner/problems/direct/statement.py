@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.direct_method.formulation import Formulation, shown, whole
+from tdm_planner.direct_method.formulation import checked_integer, Formulation, shown
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
@@ -54,8 +54,8 @@ def check_statement(problem: Formulation) -> None:
             raise InvalidProblem(
                 f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
             )
-    whole(problem.nodes, 'nodes', *_NODES)
-    whole(problem.starts, 'starts', *_STARTS)
+    checked_integer(problem.nodes, 'nodes', *_NODES)
+    checked_integer(problem.starts, 'starts', *_STARTS)
     tolerance, count = problem.terminal_tolerance, len(stated.state_names)
     if tolerance is not None:
         values = list(tolerance) if np.iterable(tolerance) else []

@@ -4,9 +4,10 @@
 """
 Problem `robot_formation`: robots on a flat arena move into formation without collision.
 
-Section 4.2 of Yakimenko (2006). The arrival times and the free derivatives at the ends of the
-reference polynomials of x, y (and yaw) are varied; thrust, its direction and the torque follow by
-inverse dynamics.
+Section 4.2 of Yakimenko (2006). By `method: thrust_arcs` the durations of a robot's burns and
+coasts are varied. By `polynomials`, the paper's, the arrival times and the free derivatives at the
+ends of the reference polynomials of x, y (and yaw) are varied; thrust and torque follow by inverse
+dynamics.
 """
 
 from __future__ import annotations

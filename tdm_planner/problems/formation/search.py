@@ -168,7 +168,7 @@ class FormationSearch(Search[C]):
         """Return the motions with their check and cost, those that were kept among them."""
         return assessed(self._stated, self.settings, {**motions, **self.kept}, parameters)
 
-    def is_good_enough(self, plan: Solution) -> bool:
+    def accept(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
         return keeps_reserve(self._stated, plan.verification)
 

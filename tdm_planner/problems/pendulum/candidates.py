@@ -334,10 +334,10 @@ def with_new_arcs(
     task: SwingUpTask, candidate: Candidate, steps: int, most: int
 ) -> Candidate | None:
     """
-    Return a candidate, all of whose arcs are varied, with empty arcs where they pay.
+    Insert empty arcs of the opposite torque where longer ones promise a lower cost.
 
-    There are at most `most` arcs. Where none pays it comes back as it is to be minimised further,
-    or None at a minimum, and where the motion runs away.
+    All arcs of `candidate` must be varied; the longer one has at most `most`. Where no new arc
+    pays, return the candidate as it is; None where it is a minimum, too, or its motion diverges.
     """
     durations = np.zeros(2 * _PARTS * candidate.durations.size + 1)
     durations[1::2] = np.repeat(candidate.durations / _PARTS, _PARTS)

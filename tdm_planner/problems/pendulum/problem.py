@@ -60,7 +60,7 @@ class PendulumStart(Validated):
     )
     torque: float | None = parameter(
         None,
-        'torque from which method smooth goes on without a jump; unset: any',
+        'torque from which methods smooth and virtual_arc go on without a jump; unset: any',
         unit='N m',
         allowed=SIGNED,
     )
@@ -96,7 +96,7 @@ class PendulumSwingUp(Problem, Validated):
     torque_reserve: float = parameter(
         0.3,
         'share of limits.torque that plans leave to the feedback; method switching also leaves a '
-        'tenth of this share of limits.disk_angle, except in replans',
+        'tenth of this share of limits.disk_angle, where that leads to a plan, except in replans',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
     start: PendulumStart = group(PendulumStart)

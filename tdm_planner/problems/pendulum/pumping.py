@@ -66,16 +66,17 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
 _VARIANTS, _AT_ONCE = 128, 2 * LANES  # simulated, and so many between two looks at the clock
 _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
-# Of 1/w0, what a pump may take: times drive, but so much at least and at most.
+# Longest time of a pump, in 1/w0: the work over the drive, within bounds.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.1  # share of the time after which one variant near upright for every lane is enough
 _MANY, _AT_LEISURE = 3, 0.2  # so many for every lane are collected until that share of the time
 # The most promising variants, whose tails are shot; arrivals that are enough; share of the time
 # after which one arrival is.
 _LANDED, _ENOUGH, _ONE_DOES = 48, 5, 0.3
-_WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
+# Weight of the root of the distance beside the time: at least; over the drive.
+_WEIGHT, _WORK = 8.0, 2.5
 _PATIENCE, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
-_TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
+_TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied: at least and at most; over the drive
 _EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _PUMPS, _LAW = 1, 2  # stages: the first arc, its reversal is awaited, as the law has it
@@ -287,7 +288,7 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     """Return variants of the law at random."""
     crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle_limit
     weakest = 0.3 / max(crossing, 2.0)
-    weight = _times_drive(task, _WORK, _WEIGHT)
+    weight = _over_drive(task, _WORK, _WEIGHT)
 
     def spread(least: float, most: float) -> Array:
         return np.exp(rng.uniform(math.log(least), math.log(most), count))
@@ -349,7 +350,7 @@ def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     ends, _ = roll_ends(task.plant.coefficients, task.start, *given, TAIL_STEPS.share, np.inf)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
-    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
+    weight = _RANK * _over_drive(task, _WORK, _WEIGHT)
     promises = [w0 * each.total for each in swings] + weight * distances
     return [swings[i] for i in np.argsort(promises)]
 
@@ -359,9 +360,9 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
     w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
     durations, torques = np.zeros((_VARIANTS, room)), np.zeros((_VARIANTS, room))
     arcs, distances = np.zeros(_VARIANTS, np.intp), np.full(_VARIANTS, np.inf)
-    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
+    weight = _RANK * _over_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
-    longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
+    longest = min(_over_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
     common = PumpingConstants(task.planned_torque, task.planned_disk_angle, w0, turn, longest)
 
     def work(first: int) -> int:
@@ -390,7 +391,7 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
     """Return arcs that pump and a few more; all but the last ones are to stay as they are."""
     extra = max(_EXTRA, FEWEST_ARCS - durations.size)
     signs = -math.copysign(task.planned_torque, torques[-1]) * (-1.0) ** np.arange(extra)
-    tail = round(min(_times_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
+    tail = round(min(_over_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
     return Candidate(
         np.append(durations, np.full(extra, _SHORT / task.plant.natural_frequency)),
         np.append(torques, signs),
@@ -399,6 +400,6 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
     )
 
 
-def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
-    """Return what takes so much, times drive; as if the drive were at least 1e-6."""
+def _over_drive(task: SwingUpTask, work: float, least: float) -> float:
+    """Return `work` over the drive, or `least` where that is more; the drive is 1e-6 at least."""
     return max(work / max(task.swing_drive, 1e-6), least)

@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.collocation import Collocation, Motion, WARM
+from tdm_planner.direct_method.collocation import CollocatedMotion, Collocation, WARM
 from tdm_planner.direct_method.formulation import Duration, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
@@ -189,7 +189,7 @@ class StatedSearch(Search[Solution]):
         """Whether it is quicker."""
         return candidate.cost < than.cost
 
-    def is_good_enough(self, plan: Solution) -> bool:
+    def accept(self, plan: Solution) -> bool:
         """Whether it goes on from another one."""
         return self._previous is not None
 
@@ -243,7 +243,7 @@ def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterat
     motion = trajectory(task, candidate)
     sample = motion.sample(motion.duration * np.linspace(0.0, 1.0, 2 * _INTERVALS + 1))
     states, torques = sample.state, sample.control[::2]
-    guess = Motion(states[::2], states[1::2], torques, motion.duration)
+    guess = CollocatedMotion(states[::2], states[1::2], torques, motion.duration)
     refinement = Refinement(DirectPlant(stated), until)
     found = refinement.solve(_INTERVALS, guess, _SETTINGS)
     if found is not None:

@@ -116,10 +116,10 @@ class SwingUpTask:
 
     def least_peak(self) -> float:
         """
-        Least |psi| [rad] found that some torque does not exceed at first.
+        Smallest peak of |psi| [rad] over a short horizon that a torque was found to lead to.
 
-        Tried are the extremes with two switches, each at any of 25 instants, denser at first.
-        Beyond `disk_angle` it is evidence that there is no plan, though no proof.
+        Tried are the extreme torques with at most two switches, on a grid of 25 instants. Where
+        the peak exceeds `disk_angle_limit`, there is probably no plan; that is no proof.
         """
         w0, limit = self.plant.natural_frequency, self.disk_angle_limit
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))

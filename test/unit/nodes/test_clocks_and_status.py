@@ -153,15 +153,15 @@ class Bench:
         self.plans[start] = object()
         self.status.accepted(self.plans[start], start, str(start).encode())
 
-    def tracker(self, phase: Phase, *starts: int, unquiet: bool = False):
+    def tracker(self, phase: Phase, *starts: int, braking: bool = False):
         motions = [SimpleNamespace(trajectory=self.plans[start]) for start in starts]
-        made = SimpleNamespace(phase=phase, unquiet=unquiet)
-        made.current, made.following = [*motions, None, None][:2]
-        made.newest = made.following or made.current
+        made = SimpleNamespace(phase=phase, braking=braking)
+        made.current, made.pending = [*motions, None, None][:2]
+        made.newest = made.pending or made.current
         return made
 
-    def tick(self, phase: Phase, *starts: int, unquiet: bool = False) -> dict[int, str]:
-        self.status.update(self.tracker(phase, *starts, unquiet=unquiet))
+    def tick(self, phase: Phase, *starts: int, braking: bool = False) -> dict[int, str]:
+        self.status.update(self.tracker(phase, *starts, braking=braking))
         return self.told[-1]
 
 
@@ -211,16 +211,16 @@ def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest():
     bench = Bench()
     bench.accept(5)
     bench.tick(Phase.TRACKING, 5)
-    assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}
+    assert bench.tick(Phase.RECOVERING, braking=True) == {5: 'CANCELING'}
     bench.accept(8)
-    told = bench.tick(Phase.WAITING, 8, unquiet=True)
+    told = bench.tick(Phase.WAITING, 8, braking=True)
     assert told == {5: 'CANCELING', 8: 'ACCEPTED'}
     assert bench.tick(Phase.TRACKING, 8) == {5: 'ABORTED', 8: 'EXECUTING'}
-    assert bench.tick(Phase.RECOVERING, unquiet=True) == {8: 'CANCELING'}
+    assert bench.tick(Phase.RECOVERING, braking=True) == {8: 'CANCELING'}
     assert bench.tick(Phase.RECOVERING) == {8: 'ABORTED'}
     # A tracker that was restarted recovers from a plan that it missed.
-    bench.status.rejected(9, bench.tracker(Phase.RECOVERING, unquiet=True))
-    assert bench.tick(Phase.RECOVERING, unquiet=True)[9] == 'CANCELING'
+    bench.status.rejected(9, bench.tracker(Phase.RECOVERING, braking=True))
+    assert bench.tick(Phase.RECOVERING, braking=True)[9] == 'CANCELING'
     assert bench.tick(Phase.RECOVERING)[9] == 'ABORTED'
 
 

@@ -113,7 +113,7 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
     it.now.return_value = 0.0
     replanning = Replanning(it, it, it, it, it.publish)
     plan = partial(ActivePlan, 'problem', 'solution')
-    replanning.follow(plan(0.0, own={'wide': 2.0}))
+    replanning.follow(plan(0.0, request_parameters={'wide': 2.0}))
     replanning._on_timer()
     ((asked, *_), _) = it.observations.call_args
     assert asked == {**values, 'wide': 2.0}

@@ -23,7 +23,7 @@ from tdm_planner.direct_method import (
     SineSeries,
 )
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.collocation import COLD, Ends, Motion
+from tdm_planner.direct_method.collocation import COLD, CollocatedMotion, Ends
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import Infeasible, VerificationFailed
@@ -175,7 +175,7 @@ def test_a_cost_may_have_kinks(cost):
 
 def test_a_guess_may_be_no_motion_at_all():
     budget = Budget(60.0)
-    rest = Motion(np.zeros((21, 2)), np.zeros((20, 2)), np.zeros((21, 1)), 3.0)
+    rest = CollocatedMotion(np.zeros((21, 2)), np.zeros((20, 2)), np.zeros((21, 1)), 3.0)
     found = refinement(FRUGAL(), budget).solve(20, rest, COLD)
     assert found.states[-1] == pytest.approx([1.0, 0.0])
     assert budget.evaluations < 40

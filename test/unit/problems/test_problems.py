@@ -40,7 +40,7 @@ class Scripted(Search[float]):
             check = Verification(ok=ok, terminal_error=np.zeros(1), reasons=reasons)
             yield Solution({}, check, candidate, np.zeros(0), 0.0)
 
-    def is_good_enough(self, plan: Solution) -> bool:
+    def accept(self, plan: Solution) -> bool:
         return self.satisfying is None or plan.cost in self.satisfying
 
     def widen(self) -> bool:
