@@ -17,11 +17,11 @@ import math
 from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from tdm_planner.arrays import Array
 from tdm_planner.plant_kind import PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
-Array = NDArray[np.float64]
 Point = Sequence[ArrayLike]
 Style = Literal['body', 'limit', 'reach', 'goal', 'force']
 Components = Mapping[str, Any]  # states or controls by name, numbers or (n,) each
@@ -30,9 +30,19 @@ Components = Mapping[str, Any]  # states or controls by name, numbers or (n,) ea
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#c05d94', '#9a7400', '#6f6fc8', '#5c7f8a', '#a0522d')
 LIMIT = '#c43d3d'
 SWITCH = '#8a8f98'
+WAY = '#4682eb'  # of the only vehicle
+STYLE_COLOURS: Mapping[Style, str] = {
+    'body': '#424854', 'limit': LIMIT, 'reach': '#dea028', 'goal': '#18965a', 'force': '#eb5f1e',
+}  # fmt: skip
 
 _ARC = 60  # parts that an arc is drawn in
 _BODY: Final = 0.62  # of the safety radius that a robot's body is drawn with
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return red, green and blue, 0 to 255, of a colour such as '#c43d3d'."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
 
 
 @dataclass(frozen=True, eq=False)

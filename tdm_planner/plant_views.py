@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.drawing import (
@@ -38,8 +38,6 @@ from tdm_planner.tracking import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-Array = NDArray[np.float64]
 
 THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
 
@@ -140,7 +138,7 @@ class PlantView:
         """Return the difference of two values of a state, the shorter way round for angles."""
         if state not in self.kind.angles:
             return difference
-        return np.asarray(np.angle(np.exp(1j * difference)))
+        return wrapped(difference)
 
 
 class PendulumView(PlantView):

@@ -16,15 +16,23 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 import numpy as np
-from numpy.typing import NDArray
-from tdm_planner.drawing import COLOURS, Disc, LIMIT, points_of, Shape, SWITCH, way_of
+from tdm_planner.arrays import Array
+from tdm_planner.drawing import (
+    COLOURS,
+    Disc,
+    LIMIT,
+    points_of,
+    Shape,
+    STYLE_COLOURS,
+    SWITCH,
+    way_of,
+)
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import dense_times
 
-Array = NDArray[np.float64]
 Plans = Mapping[str, Trajectory]
 
 TIME_LABEL = 'time from the start of the motion [s]'
@@ -32,7 +40,6 @@ TIME_LABEL = 'time from the start of the motion [s]'
 _INSTANTS = 1000  # of margins and ways
 _BODIES = 9  # instants at which the plants are drawn
 _FEW = 4  # pairs of vehicles that a legend names
-_COLOURS = {'limit': LIMIT, 'reach': '0.6', 'force': '#f0a020'}
 
 
 class PlanMargin(NamedTuple):
@@ -178,7 +185,8 @@ def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
 
 
 def _draw_shape(axis: Axes, shape: Shape, count: int, colour: str, faint: bool = True) -> None:
-    points, colour = points_of(shape, count), _COLOURS.get(shape.style, colour)
+    points = points_of(shape, count)
+    colour = STYLE_COLOURS[shape.style] if shape.style in ('limit', 'reach', 'force') else colour
     ls = '--' if shape.style in ('limit', 'reach') else '-'
     for k, at in enumerate(points):
         alpha = 0.2 + 0.6 * k / count if faint else 1.0

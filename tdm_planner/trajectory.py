@@ -11,14 +11,14 @@ from functools import cached_property
 from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.exceptions import InvalidProblem
 
 if TYPE_CHECKING:
     from tdm_planner.plants.base import Named
 
-Array = NDArray[np.float64]
 Interpolation = Literal['zero_order_hold', 'linear', 'cubic']
 
 NANOSECOND = 1e-9
@@ -110,7 +110,7 @@ class Trajectory:
         }
 
     @cached_property
-    def switches(self) -> NDArray[np.intp]:
+    def switches(self) -> Integers:
         """Return the samples (m,) at which a held control jumps; none of other controls."""
         if self.interpolation != 'zero_order_hold':
             return np.zeros(0, dtype=np.intp)

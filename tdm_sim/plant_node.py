@@ -15,8 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nav_msgs.msg import Odometry
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC
@@ -24,6 +22,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
@@ -47,8 +46,6 @@ from tdm_planner.plant_kind import PlantKind
 from tdm_sim.clock_source import ClockSource
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from visualization_msgs.msg import MarkerArray
-
-Array = NDArray[np.float64]
 
 LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind

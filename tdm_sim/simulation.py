@@ -16,14 +16,13 @@ import math
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, Plant, SIMULATION_STEP
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
-Array = NDArray[np.float64]
 PlantType = TypeVar('PlantType')
 
 

@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 from tdm_planner import tracking
+from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
-from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 from tdm_sim.study.flights import CommandedPlant

@@ -19,7 +19,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import (
     arc_derivatives,
     basis_of,
@@ -33,8 +33,6 @@ from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import InvalidProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -34,13 +34,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.interpolate import BPoly
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.formulation import product_derivative, Shapes
 from tdm_planner.exceptions import InvalidProblem
 
-Array = NDArray[np.float64]
 Orders = tuple[int, ...]
 Sampled = Callable[[ArrayLike, int], Array]  # of s (...) and the derivative's order, (..., m)
 
@@ -208,7 +208,7 @@ def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Samp
     pairs = (start, basis.start), (end, basis.end)
     is_given = np.array([k < len(few) for few, all_of in pairs for k in range(len(all_of))])
 
-    def part(which: NDArray[np.bool_]) -> Sampled:
+    def part(which: Mask) -> Sampled:
         return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
 
     return part(is_given), part(~is_given)

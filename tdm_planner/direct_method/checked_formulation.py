@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.formulation import (
     components,
     Duration,
@@ -28,7 +29,6 @@ from tdm_planner.direct_method.formulation import (
 )
 from tdm_planner.exceptions import InvalidProblem, NotFinite, TdmError
 
-Array = NDArray[np.float64]
 Values = NDArray[Any]
 
 _SAME = 1e-9  # share by which a state passed on may differ from itself

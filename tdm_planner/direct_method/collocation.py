@@ -20,15 +20,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import to_nanoseconds
-
-Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least

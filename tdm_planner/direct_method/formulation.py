@@ -20,9 +20,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 
-Array = NDArray[np.float64]
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
 Conditions = Sequence[float | None] | Mapping[int, float]
 Components = Sequence[Values] | Values

@@ -12,9 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from tdm_planner.arrays import Array, Mask
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
 _MOST_ROWS = 16  # of one limit without kinks, whose number each kink may double
@@ -198,7 +196,7 @@ class Unfolded:
         return bool(np.array_equal(self._decided(numbers), self._signs))
 
 
-def bent(margins: Any, numbers: Array, of: str) -> NDArray[np.bool_]:
+def bent(margins: Any, numbers: Array, of: str) -> Mask:
     """
     Return which limits (nm,) may be violated between two points that keep them.
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.replayed_motion import (
@@ -29,8 +29,6 @@ from tdm_planner.direct_method.replayed_motion import (
     TOLERANCES,
 )
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _SOME_STEPS = 64  # between looks at the clock
 _PARTS = 4  # steps where their errors are not looked at

@@ -11,9 +11,7 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from tdm_planner.arrays import Array, Integers
 
 
 class Budget:
@@ -117,7 +115,7 @@ class Linearisation:
     equality_jacobian: Array
     inequalities: Array
     inequality_jacobian: Array
-    inequality_groups: NDArray[np.intp]
+    inequality_groups: Integers
     terms: Array = field(default_factory=lambda: np.zeros(0))
     terms_jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)))
     term_weights: Array = field(default_factory=lambda: np.zeros(0))

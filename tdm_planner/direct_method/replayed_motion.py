@@ -12,11 +12,9 @@ plant whose right-hand side can be traced, and a compiled kernel for the rotary 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.interpolate import PPoly
-
-Array = NDArray[np.float64]
+from tdm_planner.arrays import Array
 
 TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next

@@ -21,14 +21,13 @@ from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation, HINT, HINTS, told
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
 from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
 
-Array = NDArray[np.float64]
 T = TypeVar('T')
 
 _SAMPLES = 7
@@ -333,7 +332,7 @@ def _column(values: Sequence[Any]) -> Any:
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 
-def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
+def _depends(values: Any, on: Any) -> Mask:
     which: Any = ca.which_depends  # typed in some versions only
     return np.array(which(values, on, 1, True), dtype=bool)
 

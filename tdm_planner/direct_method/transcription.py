@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.arc_basis import ArcBasis, NodeGraphs
 from tdm_planner.direct_method.bases import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import (
@@ -41,8 +41,6 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.direct_method.tracing import Trace
-
-Array = NDArray[np.float64]
 
 _NEAR = 1.0  # margin within which a node gets a row
 _LEAST_CURVATURE = 1e-4

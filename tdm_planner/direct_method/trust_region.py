@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -26,8 +26,6 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-
-Array = NDArray[np.float64]
 
 _INFINITE = 1e30
 SLACK_CURVATURE = 1e-4

@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.drawing import DrawnPath
 from tdm_planner.exceptions import Failure, InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
@@ -35,7 +35,6 @@ from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
-Array = NDArray[np.float64]
 T = TypeVar('T')
 
 _MARKER_RATE = 20.0  # Hz
@@ -140,7 +139,7 @@ class Vehicle:
         motion, wait = None if plan is None else self.follows(plan, now), start - measured
         if motion is not None:
             away = state - motion.reference(measured)
-            away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
+            away[self._angles] = wrapped(away[self._angles])
             if (np.abs(away) <= self._plant.tracking_tolerance(motion.trajectory, values)).all():
                 return np.asarray(
                     motion.reference(start) + self._plant.remaining_deviation(away, wait)

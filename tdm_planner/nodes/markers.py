@@ -12,7 +12,7 @@ numbers, and disappears by its lifetime when its publisher is gone.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import re
@@ -22,13 +22,26 @@ import zlib
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Vector3
 import numpy as np
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
-from tdm_planner.drawing import Box, Disc, Drawn, DrawnPath, Line, points_of, Shape, way_of
+from tdm_planner.arrays import Array
+from tdm_planner.drawing import (
+    Box,
+    COLOURS,
+    Disc,
+    Drawn,
+    DrawnPath,
+    Line,
+    points_of,
+    rgb,
+    Shape,
+    Style,
+    STYLE_COLOURS,
+    SWITCH,
+    WAY,
+    way_of,
+)
 from tdm_planner.nodes.messages import to_duration, to_quaternion
 from visualization_msgs.msg import Marker, MarkerArray
-
-Array = NDArray[np.float64]
 
 MARKER_DEPTH = 5  # messages a slow viewer may lag behind
 LONGEST_LIFETIME = 3600.0  # s
@@ -41,27 +54,17 @@ _SHORTEST_SPACING = 0.02  # s between places of a trail
 _ROUNDING = 1e-6  # s
 _WIDTH = 0.012  # of lines, as a share of the drawing's size
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
-_WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
-_TRAIL = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
-_PATH = ColorRGBA(r=0.2, g=0.5, b=1.0, a=0.9)
-_COLOURS = {
-    'body': ColorRGBA(r=0.25, g=0.25, b=0.3, a=1.0),
-    'limit': ColorRGBA(r=0.85, g=0.2, b=0.2, a=0.7),
-    'reach': ColorRGBA(r=0.95, g=0.7, b=0.1, a=0.8),
-    'goal': ColorRGBA(r=0.1, g=0.75, b=0.35, a=0.7),
-    'force': _PATH,
-}
+_OPACITY: Mapping[Style, float] = {
+    'body': 1.0, 'limit': 0.7, 'reach': 0.8, 'goal': 0.7, 'force': 0.9,
+}  # fmt: skip
 
-# Okabe and Ito's colours, which colour-blind people can tell apart.
-_PALETTE = (
-    (0.902, 0.624, 0.0),
-    (0.337, 0.706, 0.914),
-    (0.0, 0.620, 0.451),
-    (0.941, 0.894, 0.259),
-    (0.835, 0.369, 0.0),
-    (0.800, 0.475, 0.655),
-    (0.0, 0.447, 0.698),
-)
+
+def _painted(colour: str, alpha: float = 1.0) -> ColorRGBA:
+    red, green, blue = (part / 255.0 for part in rgb(colour))
+    return ColorRGBA(r=red, g=green, b=blue, a=alpha)
+
+
+_WHITE, _TRAIL, _PATH = _painted('#ffffff'), _painted(SWITCH), _painted(WAY, 0.9)
 
 
 def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
@@ -72,8 +75,7 @@ def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
     """
     number = re.search(r'\d{1,9}$', name)
     index = int(number.group()) - 1 if number else zlib.crc32(name.encode())
-    red, green, blue = _PALETTE[index % len(_PALETTE)]
-    return ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    return _painted(COLOURS[index % len(COLOURS)], alpha)
 
 
 def lifetime_at(rate: float) -> float:
@@ -236,7 +238,8 @@ def _size(shapes: Iterable[Shape]) -> float:
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
-    style, colour, points = shape.style, _COLOURS[shape.style], points_of(shape, 1)[0]
+    style, points = shape.style, points_of(shape, 1)[0]
+    colour = _painted(STYLE_COLOURS[style], _OPACITY[style])
     flat = points.shape[1] == 2
     if isinstance(shape, Line):
         if flat:  # above what is drawn in the plane

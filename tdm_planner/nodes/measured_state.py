@@ -12,16 +12,14 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
-
-Array = NDArray[np.float64]
 
 
 class MeasuredState:

@@ -18,10 +18,10 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, SECOND, Trajectory
@@ -41,7 +41,6 @@ NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # be overwritten while the node is busy, and whoever sent it would wait for ever.
 SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
-Array = NDArray[np.float64]
 
 # Rates below it, and below that share of the largest, are rest: what a plan may be off by at its
 # end. Trajectory controllers want the last velocities to be exactly zero

@@ -15,13 +15,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import LARGEST, shown
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
-
-Array = NDArray[np.float64]
 
 _UNIT_TOLERANCE = 1e-3
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`

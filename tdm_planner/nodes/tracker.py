@@ -17,11 +17,11 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
@@ -37,8 +37,6 @@ from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
-
-Array = NDArray[np.float64]
 
 QUEUE = 10  # messages
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive

@@ -10,9 +10,7 @@ import math
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from tdm_planner.arrays import Array
 
 SIMULATION_STEP = 1e-3  # s
 

@@ -21,11 +21,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.parameters import parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
-
-Array = NDArray[np.float64]
 
 
 class RobotInertia(NamedTuple):

@@ -18,8 +18,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.replayed_motion import (
     LEAST_STEP,
     MOST_REPLAYED,
@@ -33,9 +33,6 @@ from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 LANES = 16  # with 8 the compiler unrolls the loops instead
 STATE = 4 * LANES

@@ -13,13 +13,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 # Gauss-Legendre on [0, 1] with two and three nodes. While the heading turns by d, the velocity
 # gained is off by d^4 / 4320 or d^6 / 2e6 of itself: by 1e-10 at these angles [rad].

@@ -28,12 +28,10 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
-
-Array = NDArray[np.float64]
 
 # Below this share of A J the mass matrix's determinant is lost in rounding.
 _SMALLEST_DETERMINANT = 1e-9

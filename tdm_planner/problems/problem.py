@@ -14,7 +14,6 @@ import math
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.parameters import (
@@ -32,7 +31,6 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
-Array = NDArray[np.float64]
 C = TypeVar('C')
 P = TypeVar('P', bound='Problem')
 _FEW = 30  # parameters that a message can list

@@ -11,11 +11,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

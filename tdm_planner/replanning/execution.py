@@ -18,15 +18,13 @@ import math
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 from tdm_planner.verification import replay
-
-Array = NDArray[np.float64]
 
 PLANT_NAME: Final = 'plant'  # the name of the only observation
 START: Final = 'start.'
@@ -214,7 +212,9 @@ class GenericExecution(Execution):
         # As smooth as the whole: a spline through the few samples left is another one.
         moved = replace(rest, states=states)
         found = np.empty_like(seen.state)
-        found[order] = replay(DirectPlant(problem), moved).states(np.array([wait]))[-1]
+        plant = DirectPlant(problem)
+        ahead = plant.replay(moved, None) or replay(plant, moved)
+        found[order] = ahead.states(np.array([wait]))[-1]
         return found if np.isfinite(found).all() else None
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
@@ -248,7 +248,5 @@ class GenericExecution(Execution):
 
 def ranges_of(motion: Trajectory) -> Array:
     """Return the largest range of a state of the same unit, for every state (nx,)."""
-    ranges = np.ptp(motion.states, axis=0)
-    units = [motion.units.get(name) for name in motion.state_names]
-    alike = [[k for k, other in enumerate(units) if other == unit and unit] for unit in units]
-    return np.array([ranges[same or [i]].max() for i, same in enumerate(alike)])
+    units = [motion.units.get(name) or name for name in motion.state_names]
+    return largest_of_unit(np.ptp(motion.states, axis=0), units)

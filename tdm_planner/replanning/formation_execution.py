@@ -18,7 +18,7 @@ import math
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.problem import RobotFormation
@@ -36,8 +36,6 @@ from tdm_planner.tracking.estimator import PREDICTION_STEP
 from tdm_planner.tracking.motion import Motion
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
-
-Array = NDArray[np.float64]
 
 _STEP = 0.05  # s between the commands that are looked ahead with
 _GRID = 0.1  # s between the instants at which distances are looked at

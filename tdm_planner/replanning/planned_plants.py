@@ -15,8 +15,8 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import (
     arena_drawing,
     Drawn,
@@ -51,7 +51,6 @@ from tdm_planner.tracking import (
 from tdm_planner.tracking.tracked_plants import stated_tracker_type
 from tdm_planner.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
 _OF_THE_NODE = specifications(PlannerParameters).keys()

@@ -10,7 +10,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
@@ -23,10 +23,7 @@ from tdm_planner.replanning.execution import (
     Predicted,
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
-from tdm_planner.tracking.motion import wrapped
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
-
-Array = NDArray[np.float64]
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
 _SLIP = 0.1  # of the time that passes, by which a plan may come to be late or early

@@ -18,10 +18,8 @@ import math
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants.base import integrate, Plant, StatedPlant
-
-Array = NDArray[np.float64]
 
 PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered

@@ -24,13 +24,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_are
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 # |A| h is halved until it is below this, where the series reaches rounding within its terms.
 _SERIES_NORM = 0.25
@@ -188,7 +187,7 @@ class PlanLaw:
             raise TrajectoryRejected('there is no finite feedback along the trajectory')
         return cls(trajectory, regulator.gain, regulator.cost_to_go[:-1], step)
 
-    def places(self, elapsed: Array) -> NDArray[np.intp]:
+    def places(self, elapsed: Array) -> Integers:
         """Places of the gains at instants (n,) [s] after the start; the ends are held."""
         return np.clip(np.round(elapsed / self.step), 0, len(self.gains) - 1).astype(np.intp)
 

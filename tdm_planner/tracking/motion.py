@@ -11,13 +11,12 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import group, LARGEST, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
-
-Array = NDArray[np.float64]
 
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
@@ -209,8 +208,3 @@ def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: fl
         raise TrajectoryRejected(
             f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
         )
-
-
-def wrapped(angle: Array) -> Array:
-    """Angle(s) [rad] brought into [-pi, pi) by whole turns."""
-    return np.asarray((angle + math.pi) % math.tau - math.pi)

@@ -31,7 +31,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import Coefficients, PendulumLimits, RotaryPendulum
@@ -42,11 +42,9 @@ from tdm_planner.tracking.estimator import (
     StateEstimator,
 )
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, NOISE, TrackerParameters, wrapped
+from tdm_planner.tracking.motion import Action, Motion, NOISE, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
 _GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them

@@ -26,7 +26,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
@@ -37,12 +37,9 @@ from tdm_planner.tracking.motion import (
     NOISE,
     Tolerances,
     TrackerParameters,
-    wrapped,
 )
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _YAW, _OMEGA, _ALPHA = 4, 5, 6
 _ACTUATORS_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
@@ -24,8 +24,6 @@ from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_contr
 from tdm_planner.tracking.motion import Action, Motion, Phase, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
@@ -99,8 +97,7 @@ class StatedTracker(TrajectoryTracker):
         Nor less than a share of what the controls could change it by: all of a unit may rest.
         """
         found = np.ptp(trajectory.states, axis=0)
-        units = np.array(self.problem.state_units)
-        least = np.array([_LEAST_RANGE * found[units == unit].max() for unit in units])
+        least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
         jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
         driven, reach = b @ self._sizes(trajectory), np.zeros(found.size)

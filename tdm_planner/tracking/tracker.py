@@ -24,7 +24,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants.base import Named
 from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator
 from tdm_planner.tracking.motion import (
@@ -38,8 +38,6 @@ from tdm_planner.tracking.motion import (
     TrajectoryRejected,
 )
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _CALM_SLACK = 3.0
 _SLOWEST = 12.0  # commands while a deviation grows by e

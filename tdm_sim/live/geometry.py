@@ -16,27 +16,21 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.drawing import Box, Disc, Line, points_of, Shape, Style
+from tdm_planner.arrays import Array
+from tdm_planner.drawing import Box, Disc, Line, points_of, rgb, Shape, Style, STYLE_COLOURS, WAY
 from viser.transforms import SO3
 
-Array = NDArray[np.float64]
 Rotation = NDArray[np.floating[Any]]  # wxyz (4,)
 Colour = tuple[int, int, int]
 Kind = tuple[str, float]  # of solids, and their opacity
 
-_PAINT: dict[Style, Colour] = {
-    'body': (66, 72, 84),
-    'limit': (203, 62, 62),
-    'reach': (222, 160, 40),
-    'goal': (24, 150, 90),
-    'force': (235, 95, 30),
-}
+_PAINT: dict[Style, Colour] = {style: rgb(text) for style, text in STYLE_COLOURS.items()}
 _CLEAR: dict[Style, float] = {'limit': 0.5, 'reach': 0.3}  # opacity of discs and boxes
 _THICK: dict[Style, float] = {'body': 1.0, 'force': 1.8}  # of lines that are tubes, in widths
 _FLAT: dict[Style, float] = {'body': 1.2, 'limit': 2.0, 'reach': 0.15}  # height of discs, widths
 _WIDTH = 0.007  # of a tube, as a share of the drawing's size
 _THIN = 0.2  # along y, as a share of its size, of what moves in the plane of x and z
-PATH: Final = (70, 130, 235)  # of the only vehicle
+PATH: Final = rgb(WAY)  # of the only vehicle
 
 
 class Look(NamedTuple):

@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import numpy as np
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
-from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, PATH, picture, view_on
+from tdm_sim.live.geometry import GHOST, GOAL, Look, PATH, picture, view_on
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
 from tdm_sim.live.operations import Operations, Recordings
 from tdm_sim.live.panel import in_order, Panel, Slider, slider_of

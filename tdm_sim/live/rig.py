@@ -15,8 +15,9 @@ import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from tdm_planner.arrays import Array
 from tdm_planner.client import PlanResult
-from tdm_planner.drawing import COLOURS
+from tdm_planner.drawing import COLOURS, rgb
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
 from tdm_planner.plant_kind import PENDULUM, PlantKind
@@ -26,7 +27,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.trajectory import NANOSECOND, Sample, TimedTrajectory, Trajectory
 from tdm_planner.verification import Constraint
-from tdm_sim.live.geometry import Array, Colour
+from tdm_sim.live.geometry import Colour
 from tdm_sim.live.listener import Listener
 
 SPAN = 12.0  # s that are shown
@@ -146,8 +147,7 @@ class Rig:
         """Return the colour of a vehicle; None where there is only one."""
         if len(self.vehicles) == 1:
             return None
-        text = COLOURS[list(self.vehicles).index(name) % len(COLOURS)]
-        return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+        return rgb(COLOURS[list(self.vehicles).index(name) % len(COLOURS)])
 
     def planned(self, name: str) -> TimedTrajectory | None:
         """Return what is planned for a vehicle, by instants [s] of the nodes' clock."""

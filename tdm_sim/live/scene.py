@@ -19,10 +19,11 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation.parameters import place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_sim.live.geometry import Array, Kind, Picture, Rotation, View
+from tdm_sim.live.geometry import Kind, Picture, Rotation, View
 import trimesh
 import viser
 from viser.transforms import SO3

@@ -10,12 +10,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS, Disc, points_of, Shape
 from tdm_sim.report.charts import packed
 from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
 
-Array = NDArray[np.float64]
 Frames = dict[str, Array]  # states or controls by name, (n,)
 
 RATE = 60.0  # frames per second of the motion; the page reads between frames

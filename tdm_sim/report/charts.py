@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.margins import History, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
-Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
 Sources = Mapping[Kind, Sequence[Signals | None]]  # of every vehicle, by the kind of their curves
 

@@ -13,12 +13,10 @@ import re
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_sim.report.margins import History, margin_history, ROUNDING, separations, smallest
 from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Severity, Signals
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
 
-Array = NDArray[np.float64]
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 'planner']
 
 _STEP, _MOST_STEPS = 0.001, 50_000  # between instants at which a plan is judged

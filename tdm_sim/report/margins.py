@@ -15,13 +15,11 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import LOWER_THRUST
 from tdm_planner.verification import Constraint, dense_times
 from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Signals
-
-Array = NDArray[np.float64]
 
 MOST_PAIRS = 200
 ROUNDING = 1e-6  # of a margin, in its unit

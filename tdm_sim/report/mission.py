@@ -18,11 +18,9 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ class Signals:
         if n <= most:
             return self
         edges = np.linspace(0, n, max(1, most // (2 + 2 * m)) + 1).astype(int)
-        kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
+        kept: list[Integers] = [edges[:-1], edges[1:] - 1]
         unknown = np.isnan(self.values)
         low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
         for start, end in itertools.pairwise(edges):

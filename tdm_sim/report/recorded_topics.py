@@ -28,14 +28,13 @@ from mcap.stream_reader import StreamReader
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.reading import nanoseconds_of, yaw_of
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
 import zstandard
-
-Array = NDArray[np.float64]
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ODOMETRY = 'nav_msgs/msg/Odometry'

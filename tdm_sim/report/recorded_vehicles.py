@@ -15,7 +15,6 @@ from itertools import starmap, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
@@ -33,8 +32,6 @@ from tdm_sim.report.recorded_topics import (
     UnreadableRecording,
 )
 from tdm_sim.report.untrusted import PlanSummary
-
-Array = NDArray[np.float64]
 
 _TURN = 2 * np.pi
 _STATES = 'joint_states', JOINT_STATE

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
-
-Array = NDArray[np.float64]
 
 HOLD_TIME = 5.0  # s
 _FIRST = 0.05  # s after the start, until when the command before it may act

@@ -15,7 +15,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.plant_views import view_of
@@ -37,8 +37,6 @@ from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.verdict import goal_errors, HOLD_TIME, judge
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
-
-Array = NDArray[np.float64]
 
 MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 FLOWN = 'flown.'  # before the name of a limit: what flights leave of it at worst

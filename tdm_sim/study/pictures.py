@@ -26,6 +26,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
 from tdm_planner.plan_files import write_file
 from tdm_planner.plotting import legend_above
@@ -34,7 +35,6 @@ from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis, cell
 from tdm_sim.study.flights import FLOWN, MARGIN
 
-Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any]]
 Codes = NDArray[np.object_]  # (N,) of every row why it is not verified; '': it is
 Rows = Sequence[Sequence[Any]]

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
@@ -17,8 +17,6 @@ from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegio
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics
-
-Array = NDArray[np.float64]
 
 _GUESS_NODES = 25
 _PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers

@@ -10,8 +10,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
@@ -21,8 +21,6 @@ from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 # Violation of a limit: in its unit, share of its size at least and at most, and by rounding.
@@ -147,12 +145,11 @@ class DirectPlant:
         largest range of their unit and all controls by their size. Its own values are no measure:
         they may have a pole elsewhere, or be 0 throughout.
         """
-        states, controls, units = plan.states, plan.controls, np.array(self.state_units)
+        states, controls = plan.states, plan.controls
         left, by_state, by_control = self.linear_limits(plan.times, states, controls)
         at = np.argmin(np.nan_to_num(left, nan=np.inf), axis=0), np.arange(left.shape[1])
         changes = np.nan_to_num(np.hstack([by_state[at], by_control[at]]), posinf=0.0, neginf=0.0)
-        spans = np.ptp(states, axis=0)
-        alike = [spans[units == unit].max() for unit in units]
+        alike = largest_of_unit(np.ptp(states, axis=0), self.state_units)
         sizes = np.abs(changes) @ np.concatenate([alike, np.abs(controls).max(axis=0)])
         sizes[sizes == 0.0] = 1.0
         usual, least, most, rounding = _ALLOWED

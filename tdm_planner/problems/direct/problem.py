@@ -33,7 +33,6 @@ import re
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.arc_basis import ArcLayout, NodeGraphs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
@@ -49,8 +48,6 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-Array = NDArray[np.float64]
 
 _AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 

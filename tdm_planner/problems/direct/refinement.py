@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.collocation import (
     COLD,
     CollocatedMotion,
@@ -32,8 +32,6 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems.direct.plant import corrected, DirectPlant
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
-
-Array = NDArray[np.float64]
 
 # Intervals of the collocation: from initial guesses, from earlier plans, of most plans, at most.
 FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
@@ -129,9 +127,8 @@ class Refinement:
         controls = np.tile(middle + _SMALL * half, (s.size, 1))
         duration = self._duration
         if bend:
-            units = self._plant.state_units
-            alike = np.array([[a == b for b in units] for a in units])
-            size = bend * ((alike * np.abs(last - first)).max(axis=1) + _LEAST_BEND)
+            alike = largest_of_unit(np.abs(last - first), self._plant.state_units)
+            size = bend * (alike + _LEAST_BEND)
             for k in (1, 2, 3):
                 states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
                 wave = np.cos(k * np.pi * s) / k

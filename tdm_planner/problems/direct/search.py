@@ -19,7 +19,7 @@ from functools import cached_property
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import check_finite
 from tdm_planner.direct_method.collocation import COLD, CollocatedMotion
@@ -41,8 +41,6 @@ from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
-
-Array = NDArray[np.float64]
 
 _MOST, _TRIED = 40, 8  # initial guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
@@ -347,6 +345,7 @@ class DirectSearch(Search[Candidate]):
             trajectory = Trajectory.of(
                 problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
+            until = self.budget.part(max(self.budget.remaining, _LEAST_CHECK))
             check = verify(
                 self._plant,
                 trajectory,
@@ -354,7 +353,8 @@ class DirectSearch(Search[Candidate]):
                 self._refinement.tolerance(states),
                 constraints_of(self._stated, trajectory, self._plant.limit_tolerances(trajectory)),
                 start=self._refinement.ends.states[0],
-                until=self.budget.part(max(self.budget.remaining, _LEAST_CHECK)),
+                until=until,
+                replayed=self._plant.replay(trajectory, until),
             )
         except (NotFinite, DeadlineExceeded) as error:
             self.rejected = str(error)

@@ -11,7 +11,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import checked_integer, Formulation, shown
@@ -21,8 +21,6 @@ from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-Array = NDArray[np.float64]
 
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
 _END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
@@ -76,7 +74,7 @@ def check_statement(problem: Formulation) -> None:
                 )
 
 
-def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, Mask]:
     """
     Return the rates (K, nx) by `invert` and by `derivative`, and which states' contradict (nx,).
 

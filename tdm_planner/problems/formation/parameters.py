@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import (
     build,
@@ -30,8 +30,6 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.problems.planner_parameters import SolverParameters
-
-Array = NDArray[np.float64]
 
 DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
 _DEFAULT_STARTS: Mapping[str, tuple[float | None, float | None, float]] = MappingProxyType(

@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_slopes
 from tdm_planner.problems.formation.program import approach_rows, approaches
 from tdm_planner.problems.formation.reference_motion import acceleration, arc_at, Grid, powers_at
 
-Array = NDArray[np.float64]
 Numbers = Sequence[Any]
 
 _GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
@@ -72,8 +71,8 @@ class Manoeuvre(NamedTuple):
     clearances: Array
     centres: Array
     interval: float
-    kept: NDArray[np.bool_]
-    varied: NDArray[np.bool_]
+    kept: Mask
+    varied: Mask
 
 
 class Values(NamedTuple):

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import bernstein_basis
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled
@@ -37,8 +37,6 @@ from tdm_planner.problems.formation.reference_motion import (
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.verification import flown
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01

@@ -13,7 +13,7 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
@@ -46,7 +46,6 @@ from tdm_planner.problems.formation.task import first_arrival, FormationTask, le
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Polynomials: TypeAlias = Candidate['PolynomialProgram']
 
 _USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
@@ -142,7 +141,7 @@ class PolynomialProgram(FormationProgram):
 
     def derive(
         self, flown: Values, multipliers: Multipliers | None
-    ) -> tuple[Array, Array, Array, Array, tuple[NDArray[np.intp], ...]]:
+    ) -> tuple[Array, Array, Array, Array, tuple[Integers, ...]]:
         """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
         thrust = flown.own[:, : self.manoeuvre.grid.weights.size]
         dual = np.zeros(thrust.shape)

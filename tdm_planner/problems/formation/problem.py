@@ -19,7 +19,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
@@ -39,8 +38,6 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=1)

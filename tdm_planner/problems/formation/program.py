@@ -21,7 +21,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -30,9 +30,6 @@ from tdm_planner.direct_method.nonlinear_program import (
 )
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.problems.formation.task import FormationTask
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
 # Columns of approaches: both indices, instant, distance / clearance - 1, way between them.
@@ -129,7 +126,7 @@ def _nearest(
 def approach_rows(
     add_slope: Any,
     motion: Any,
-    varied: NDArray[np.bool_],
+    varied: Mask,
     clearances: Array,
     found: Array,
     rows: Array,

@@ -26,7 +26,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import (
     bernstein_basis,
     chebyshev_nodes,
@@ -35,8 +35,6 @@ from tdm_planner.direct_method.bases import (
     quadrature_weights,
 )
 from tdm_planner.plants.compilation import compiled, inlined
-
-Array = NDArray[np.float64]
 
 _ACTIVE = 0.35, 0.5, 1.0  # margins of thrust, torque and walls that make a row
 _NEWTON_STEPS, _MOST_STEPS = 12, 80  # of the inversion of time

@@ -23,7 +23,7 @@ import math
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
@@ -42,8 +42,6 @@ from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 C = TypeVar('C')
 P = TypeVar('P', bound=FormationProgram)
 
@@ -193,7 +191,7 @@ def screened(
     wanted: float,
     price: float,
     rng: np.random.Generator,
-) -> Indices:
+) -> Integers:
     """
     Return combinations (m, n) of choices, the best of every set of sides, the best set first.
 
@@ -244,7 +242,7 @@ def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
             sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
 
 
-def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Indices:
+def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Integers:
     """
     Return combinations (m, n) of what every robot may choose, the cheapest first.
 
@@ -265,7 +263,7 @@ def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Indices:
     return np.asarray(every[np.argsort(total, kind='stable')])
 
 
-def _descended(single: Array, pair: Array, choice: Indices, rng: np.random.Generator) -> Indices:
+def _descended(single: Array, pair: Array, choice: Integers, rng: np.random.Generator) -> Integers:
     """Improve what every robot chooses (n,), one robot at a time and in random order."""
     n = len(choice)
     for _ in range(_SWEEPS):

@@ -14,11 +14,9 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
-
-Array = NDArray[np.float64]
 
 # Planned distances exceed the required ones by this share, for what happens between instants.
 _NUMERICAL_RESERVE = 0.01
@@ -73,7 +71,7 @@ class FormationTask:
         return len(self.names)
 
     @property
-    def staying(self) -> NDArray[np.bool_]:
+    def staying(self) -> Mask:
         """Robots that are at their goal, at rest, and so only turn (n,)."""
         still = np.linalg.norm(self.velocity, axis=1) < _ARRIVED
         return np.asarray(still & (np.linalg.norm(self.goal - self.start, axis=1) < _ARRIVED))

@@ -22,12 +22,10 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Mask
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_slopes
 from tdm_planner.problems.formation.program import approach_rows, approaches
-
-Array = NDArray[np.float64]
 
 X, Y, CENTRE, HALF = 0, 1, 2, 3  # columns of burns: p [m/s], tau, h [s]
 ALIGNED: Final = 0.01  # rad by which the thruster may turn on while it burns
@@ -60,7 +58,7 @@ class Fleet(NamedTuple):
     yaw: Array
     yaw_rate: Array
     goal_yaw: Array
-    varied: NDArray[np.bool_]
+    varied: Mask
     low: Array
     high: Array
     thrust: float

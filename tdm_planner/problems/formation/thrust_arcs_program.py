@@ -18,8 +18,8 @@ from collections.abc import Mapping
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.problems.formation.polynomial_plan import follow
 from tdm_planner.problems.formation.program import FormationProgram
@@ -36,8 +36,6 @@ from tdm_planner.problems.formation.thrust_arcs_kernels import (
 )
 from tdm_planner.problems.formation.verification import flown
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-
-Array = NDArray[np.float64]
 
 _RATE_SHARE = 0.97  # of the thruster's rate, with which turns are reckoned
 _SPEED = 0.02  # of a typical speed, by which |p| is rounded off

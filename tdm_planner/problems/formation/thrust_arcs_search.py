@@ -18,7 +18,7 @@ import itertools
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
@@ -73,7 +73,6 @@ _STRETCHES = 8  # times that a guess may be given more time
 _TOUCHING = 1.01  # clearances within which robots touch
 _STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
 _SEATED = 0.02  # of a duration, by which a corner must move to be worth it
-Array = NDArray[np.float64]
 Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide

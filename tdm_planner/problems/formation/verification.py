@@ -17,7 +17,7 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.parameters import FormationParameters
@@ -25,8 +25,6 @@ from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, even_times, judge, Verification
-
-Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = np.array([3.5e-3, 3.5e-3, 5e-3, 5e-3, 1e-2, 1e-2, np.inf])
 _RESOLUTION = 0.01

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
@@ -30,9 +30,6 @@ from tdm_planner.problems.pendulum.switching_program import (
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,

@@ -19,7 +19,6 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
@@ -38,8 +37,6 @@ from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-Array = NDArray[np.float64]
 
 _COMPILED_TORQUE = 0.012  # N m: of a motor with which a swing-up needs every kernel
 

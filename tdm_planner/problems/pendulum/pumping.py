@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import (
@@ -47,9 +47,6 @@ from tdm_planner.problems.pendulum.candidates import (
 )
 from tdm_planner.problems.pendulum.shooting import shared_out
 from tdm_planner.problems.pendulum.task import SwingUpTask
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 _SHARE = 0.15  # of `quick_time`
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time

@@ -18,14 +18,11 @@ import threading
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import LANES, PSI, PSI_DOT, roll_lanes, STATE, THETA_DOT
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 # Sum of squares at which a start has arrived, and the effort spent on one.
 ARRIVED = 1e-12

@@ -23,7 +23,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Collocation, WARM
 from tdm_planner.direct_method.formulation import Duration, Integrated, Output
@@ -39,8 +39,6 @@ from tdm_planner.problems.pendulum.candidates import Candidate, trajectory
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
-
-Array = NDArray[np.float64]
 
 _FREE = 12  # varied parameters of the disk's angle
 _ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough

@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array, Integers, Mask
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -36,9 +36,6 @@ from tdm_planner.plants.pendulum_kernels import (
     runge_kutta,
 )
 from tdm_planner.plants.rotary_pendulum import Coefficients
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 _LOOK = 0.2  # of `quick_time`: steps in which a motion is looked at for a mesh
 DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
@@ -261,7 +258,7 @@ def curvature(program: SwitchingData, point: ArcPoint, duals: Array) -> Array:
     return hessian
 
 
-def lagrangian_slopes(point: ArcPoint, there: NDArray[np.bool_]) -> Array:
+def lagrangian_slopes(point: ArcPoint, there: Mask) -> Array:
     """
     Return dL/dxi (K,), by multipliers with which it is nearest to zero for the arcs `there`.
 
@@ -316,7 +313,7 @@ class SwitchingProgram(NonlinearProgram):
             tags=near,
         )
 
-    def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
+    def correction_rows(self, point: Point, at: Linearisation, active: Mask) -> Array:
         """Return the ends, and what active peaks are beyond the limit by."""
         now: ArcPoint = point.cache
         beyond = np.minimum(now.margins[at.tags[active]], 0.0)

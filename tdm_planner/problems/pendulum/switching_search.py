@@ -17,7 +17,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import (
     DeadlineExceeded,
@@ -49,8 +49,6 @@ from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
-
-Array = NDArray[np.float64]
 
 # Random initial guesses.
 _ROUNDS = 3  # before pumping is tried

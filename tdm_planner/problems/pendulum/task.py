@@ -9,15 +9,13 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.pendulum_kernels import LANES, replay_pendulum, roll_ends
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
-
-Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 PENDULUM_NAME = 'pendulum'

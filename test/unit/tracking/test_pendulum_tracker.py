@@ -10,11 +10,11 @@ import closed_loop
 from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, STRONGLY, WEAK
 import numpy as np
 import pytest
+from tdm_planner.arrays import wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, Phase, TrajectoryRejected
-from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 
 
