@@ -265,9 +265,13 @@ class TrajectoryTracker(ABC):
             return self._nothing(acts_at, self._stale(now, age))
         try:
             with np.errstate(all='ignore'):
-                state = self.estimator.predict(acts_at)
-                action = self._act(acts_at, state)
+                time = self._start_within(acts_at)
+                state = self.estimator.predict(time)
+                before = self._idle(state) if time > acts_at else self.nothing
+                action = self._act(time, state)
                 control = self._idle(state) if action is None else action.control
+                share = (time - acts_at) / self.parameters.interval  # until the start
+                control = share * before + (1.0 - share) * control
         except BREAKDOWN as error:  # the command is to be zero now, not when the node has died
             return self.break_down(now, ' '.join(str(error).split()))
         if not np.isfinite(control).all():
@@ -279,6 +283,13 @@ class TrajectoryTracker(ABC):
         """Tell that the state could not be estimated, for as long as a state may be old."""
         told, stamp = self._breakdown
         return told if now - stamp <= self.parameters.state_timeout else ''
+
+    def _start_within(self, acts_at: float) -> float:
+        """Return the start awaited, if it lies in the coming interval; else where that begins."""
+        if self.phase is not Phase.WAITING or self.current is None:
+            return acts_at
+        start = self.current.start
+        return start if acts_at < start < acts_at + self.parameters.interval else acts_at
 
     def _idle(self, state: Array) -> Array:
         if self.phase is Phase.WAITING and self.current is not None:

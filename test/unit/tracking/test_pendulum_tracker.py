@@ -57,6 +57,17 @@ def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None
     assert held(loop, 0.01 + loop.tick, loop.tick)
 
 
+@pytest.mark.parametrize('ahead', [0.1, 0.5, 0.9])
+def test_a_start_between_two_commands_loses_no_torque(plan: Trajectory, ahead: float) -> None:
+    loop = Loop(pendulum(pendulum_tracker()))
+    start = 0.1 - ahead * loop.tick
+    loop.begin(plan, start)
+    loop.run(0.1 + loop.tick - loop.now)
+    assert (np.flatnonzero(loop.controls) * loop.tick)[0] == pytest.approx(0.1 - loop.tick)
+    wanted = plan.control_integral(plan.times[0] + loop.now - start)
+    assert loop.controls.sum() * loop.tick == pytest.approx(float(wanted[0]), rel=0.02)
+
+
 def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, loop: Loop) -> None:
     loop.run(0.3)
     assert loop.tracker.phase is Phase.TRACKING
