@@ -23,11 +23,9 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
 from tdm_sim.progress import Progress
-
-SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
 EXTRAS = dict.fromkeys(('dask', 'distributed', 'pyarrow'), 'study') | {'viser': 'live'}
 

@@ -33,7 +33,7 @@ from tdm_planner.parameters import specifications
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES, uninterrupted
 from tdm_sim.plant_node import SimulationParameters
@@ -42,7 +42,6 @@ from tdm_sim.report.verdict import HOLD_TIME
 _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
-_BUILT_IN = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plants: problems
 _RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
 # Times that a busy computer takes: as many real seconds where simulated time runs faster.
 _COVER_REAL_TIME = frozenset({
@@ -252,8 +251,8 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
 
     Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
     """
-    built_in = plant in _BUILT_IN
-    kind = load_problem(_BUILT_IN.get(plant, plant))
+    built_in = plant in SHORT_NAMES
+    kind = load_problem(SHORT_NAMES.get(plant, plant))
     space = f'/{plant if built_in else kind.name}'
     file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
     values = read_parameters(file, namespace=space if built_in else None, required=built_in)

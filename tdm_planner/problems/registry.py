@@ -26,6 +26,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.problem import Problem
 
 GROUP = 'tdm_planner.problems'
+SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plant: problem
 
 # Named here as well, so that they are found in a source tree that is not installed.
 BUILT_IN: Mapping[str, str] = MappingProxyType(

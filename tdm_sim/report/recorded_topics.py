@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+import itertools
 import math
 import os
 from pathlib import Path
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.nodes.reading import nanoseconds_of, yaw_of
+from tdm_planner.nodes.reading import nanoseconds_of, planar_motion, yaw_of
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
@@ -171,20 +172,12 @@ def _joints(message: Any) -> dict[str, float]:
 
 def _odometry(message: Any) -> dict[str, float]:
     """Return the numbers of an odometry; NaN for what an attitude that is none leaves unknown."""
-    place, rates = message.pose.pose, message.twist.twist
     try:
-        yaw = yaw_of(place.orientation)
+        yaw = yaw_of(message.pose.pose.orientation)
     except InvalidProblem:
         yaw = math.nan
-    c, s = math.cos(yaw), math.sin(yaw)
-    return {
-        'x.position': place.position.x,
-        'x.velocity': c * rates.linear.x - s * rates.linear.y,
-        'y.position': place.position.y,
-        'y.velocity': s * rates.linear.x + c * rates.linear.y,
-        'yaw.position': yaw,
-        'yaw.velocity': rates.angular.z,
-    }
+    names = [f'{name}.{what}' for name in ('x', 'y', 'yaw') for what in ('position', 'velocity')]
+    return dict(zip(names, itertools.chain(*planar_motion(message, yaw)), strict=True))
 
 
 def read_topics(path: Path, notes: list[str]) -> RecordedTopics:

@@ -22,7 +22,7 @@ import pytest
 from ros_harness import MODULES, NodeProcess, SOURCE
 from tdm_planner import cli
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.registry import problem_names
+from tdm_planner.problems.registry import problem_names, SHORT_NAMES
 from tools.node_tables import declared_arguments, parameters_by_node
 import yaml
 
@@ -90,7 +90,7 @@ def test_commands_do_what_they_say(page, tmp_path, monkeypatch):
 
 def run_tdm(words: list[str]) -> None:
     options = cli._parser().parse_args(words)  # exits for what is wrong
-    runs = words[0] == 'plan' and options.problem in {*cli.SHORT_NAMES, *problem_names()}
+    runs = words[0] == 'plan' and options.problem in {*SHORT_NAMES, *problem_names()}
     if runs or (words[0] == 'report' and Path(words[1]).is_file()):
         assert cli.main(words) == 0, words
         for path in (options.output, getattr(options, 'plot', None)):
