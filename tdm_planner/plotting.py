@@ -40,6 +40,7 @@ TIME_LABEL = 'time from the start of the motion [s]'
 _INSTANTS = 1000  # of margins and ways
 _BODIES = 9  # instants at which the plants are drawn
 _FEW = 4  # pairs of vehicles that a legend names
+_COLOURS = {'limit': LIMIT, 'reach': SWITCH, 'force': STYLE_COLOURS['force']}
 
 
 class PlanMargin(NamedTuple):
@@ -186,7 +187,7 @@ def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
 
 def _draw_shape(axis: Axes, shape: Shape, count: int, colour: str, faint: bool = True) -> None:
     points = points_of(shape, count)
-    colour = STYLE_COLOURS[shape.style] if shape.style in ('limit', 'reach', 'force') else colour
+    colour = _COLOURS.get(shape.style, colour)
     ls = '--' if shape.style in ('limit', 'reach') else '-'
     for k, at in enumerate(points):
         alpha = 0.2 + 0.6 * k / count if faint else 1.0
