@@ -5,7 +5,7 @@
 The node of every simulated plant, and what it asks of a plant: its parameters, drawing, pushes.
 
 Every event (timer, command, service) integrates the plant up to the present. Late timers so delay
-messages, and never change the speed of the motion.
+messages and do not change the speed of the motion; what exceeds `LONGEST_CATCH_UP` is skipped.
 """
 
 from __future__ import annotations
@@ -116,7 +116,9 @@ class MarkerParameters(Validated):
 
 def deviation(of: str, unit: str) -> Any:
     """Declare the standard deviation of a measurement (white, Gaussian noise)."""
-    return parameter(0.0, f'noise of {of}', unit=unit, allowed=NON_NEGATIVE)
+    return parameter(
+        0.0, f'standard deviation of the noise of {of}', unit=unit, allowed=NON_NEGATIVE
+    )
 
 
 @dataclass(frozen=True)

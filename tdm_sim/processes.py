@@ -156,7 +156,8 @@ class Scene:
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
-        self._after = view_of(problem).settling + HOLD_TIME + _AFTER  # the planned end
+        # s from the planned end until it is over
+        self._after = view_of(problem).settling + HOLD_TIME + _AFTER
         self._plan: dict[str, Any] = {}
         self._figures: dict[str, dict[str, str]] = {}  # by node
 
@@ -281,8 +282,8 @@ def speed_settings(
     Return a node's parameters beside the parameter file, for a demo at `speed` times real time.
 
     The plant with `followers`, topics whose publishers it waits for, drives `/clock`. Solving and
-    messages take real time: at a higher speed, what covers them is longer in simulated time, and
-    rates are lowered to `rates` times as many calls in a second as at real time.
+    messages take real time. Above real-time speed the parameters of `_COVER_REAL_TIME` are
+    multiplied by `speed` therefore, and the node's rate by `rates` / `speed` (1 at most).
     """
     if speed == 1.0:
         return {}

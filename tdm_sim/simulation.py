@@ -94,8 +94,8 @@ class PlantSetup:
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
     multiplied by `gains`. Without a command for `command_timeout` s the controls are
     zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
-    deviations of measured states. A plant that is `held` stays in its initial state until its
-    `release`, or until the first command that is not zero.
+    deviations of measured states. A plant that is `held` stays in its initial state until it is
+    `released`, or until the first command that is not zero.
     """
 
     plant: Plant

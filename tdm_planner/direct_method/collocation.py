@@ -132,8 +132,7 @@ class Ends:
         """
         Return what `invert` makes of the boundary values.
 
-        A component is given if it does not change while the free boundary values are varied at
-        random.
+        A component is given if the free boundary values, varied at random, do not change it.
         """
         rng, states, controls = np.random.default_rng(1), [], []
         complete = regular = True

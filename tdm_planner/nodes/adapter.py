@@ -118,7 +118,7 @@ class Vehicle:
         state, stamp = self.measured.fresh(now, max_age)
         return Observation(state, stamp, self.tracker.mode(now), self.tracker.followed(now))
 
-    def follows(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
+    def followed_motion(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
         """Return the motion of the plant by an active plan; None unless it is followed."""
         motion = plan.motion(self.name)
         known = motion.trajectory.state_names == self._plant.kind.state_names
@@ -136,7 +136,7 @@ class Vehicle:
         Raise InvalidProblem or NoState if a state is missing, too old, or cannot be predicted.
         """
         state, measured = self.measured.fresh(now, values['start.max_age'])
-        motion, wait = None if plan is None else self.follows(plan, now), start - measured
+        motion, wait = None if plan is None else self.followed_motion(plan, now), start - measured
         if motion is not None:
             away = state - motion.reference(measured)
             away[self._angles] = wrapped(away[self._angles])
@@ -256,9 +256,9 @@ class Adapter:
         return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
 
     def rests(self, now: float) -> bool:
-        """Whether the plant is at rest, so that a late start can be delayed."""
+        """Whether a late start can be put off: of a stated plant that follows no plan."""
         plan = self.plans.at(now)
-        moved = [v.follows(plan, now) for v in self.vehicles.values()] if plan else []
+        moved = [v.followed_motion(plan, now) for v in self.vehicles.values()] if plan else []
         return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:

@@ -33,7 +33,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
-_SHORTEST = 0.01  # s; no plan is found in less
+_SHORTEST = 0.01  # s; with less time left it is not tried again
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
@@ -49,7 +49,7 @@ class _Job:
     kind: str
     compute: Callable[[], Any]
     done: Callable[[Any], None]
-    stale: bool = False  # its outcome is of no use any more, and dropped when it comes
+    dropped: bool = False  # its outcome is of no use any more
 
 
 class PlanQueue:
@@ -97,14 +97,14 @@ class PlanQueue:
     def drop_review(self) -> None:
         """Drop the outcome of a review under way: it is of a plan that is not active any more."""
         if self._running is not None and self._running.kind == 'review':
-            self._running.stale = True
+            self._running.dropped = True
 
     def cancel(self, error: TdmError) -> None:
         """Drop everything; a request that is not answered yet is done with `error`."""
-        dropped = [job for job in self._jobs if not job.stale]
+        pending = [job for job in self._jobs if not job.dropped]
         self._waiting.clear()
-        for job in dropped:
-            job.stale = True
+        for job in pending:
+            job.dropped = True
             if job.kind == 'request':
                 job.done(error)
 
@@ -130,7 +130,7 @@ class PlanQueue:
 
     def _deliver(self, job: _Job, outcome: Any) -> None:
         self._running = None
-        if not job.stale:
+        if not job.dropped:
             job.done(outcome)
         self._next()
 
@@ -155,7 +155,7 @@ def make_plan(
     if not clock.runs:
         raise NoState(NO_TIME)
     failure: TdmError | None = None
-    now = _after_a_start(adapter, values, clock) if measured else clock.now()
+    now = _wait_for_pending_start(adapter, values, clock) if measured else clock.now()
     delays = [share * values['start.delay'] for share in _SHARES]
     starts = [now + delay for delay in delays]
     for delay, start, sooner in zip(delays, starts, [*starts[1:], None], strict=True):
@@ -185,7 +185,7 @@ def make_plan(
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
-    """Wait at most `max_age` s for simulated time and first states; NoState names what misses."""
+    """Wait at most `max_age` s for simulated time and states; NoState names what is missing."""
     longest = min(max_age, _PATIENCE)
     end = time.monotonic() + longest
     while (not clock.runs or adapter.missing()) and time.monotonic() < end:
@@ -201,7 +201,7 @@ def _time_until(start: float, sooner: float | None, now: float) -> float:
     return half if half >= _SHORTEST else start - now
 
 
-def _after_a_start(adapter: Adapter, values: Values, clock: MotionClock) -> float:
+def _wait_for_pending_start(adapter: Adapter, values: Values, clock: MotionClock) -> float:
     """Return the instant to plan at [s]: the present, or the start of a plan that begins soon."""
     # From that start on the plant follows the pending plan; until then, the one before.
     now = clock.now()
@@ -339,9 +339,7 @@ class Replanning:
             )
         if outcome.plan is None:
             if outcome.necessary:
-                logger.warning(
-                    f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
-                )
+                logger.warning(f'no new plan, the active one stays: {outcome.reason}', **_SELDOM)
         elif (late := self._clock.now() - outcome.plan.start) > 0.0:
             self._last = f'a new plan came {late:.3f} s late'
             logger.warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)

@@ -18,33 +18,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853
 from tdm_planner.arrays import Array, Integers
-from tdm_planner.direct_method.replayed_motion import (
-    LEAST_STEP,
-    MOST_REPLAYED,
-    ReplayedMotion,
-    step_factor,
-    stricter,
-    TOLERANCES,
-)
 from tdm_planner.plants import rotary_pendulum as stated
 from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
-from tdm_planner.trajectory import Trajectory
 
 LANES = 16  # with 8 the compiler unrolls the loops instead
 STATE = 4 * LANES
 PSI, THETA_DOT, PSI_DOT = LANES, 2 * LANES, 3 * LANES
 HELD, STEP = 4 * LANES, 5 * LANES  # behind the state: torque, duration of a step
-# Of DOP853: 12 stages, where the step ends, three more for the dense output.
-_STAGES, _SHARES, _ERRORS = np.zeros((16, 16)), np.ones(16), np.array([DOP853.E5, DOP853.E3])
-_STAGES[:12, :12], _STAGES[12, :12], _STAGES[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-_SHARES[:12], _SHARES[13:] = DOP853.C, DOP853.C_EXTRA
-_RELATIVE, _ABSOLUTE = TOLERANCES
-_LONG_STEP = 0.1  # of `quick_time`
-_MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 MOST_STEPS, ALL = 1000, 1.0 - 1e-9  # of an arc; share of what is left that counts as all of it
 
@@ -65,7 +48,6 @@ def _written(function: Any, *by: str) -> Any:
 
 quick_accelerations = _written(stated.accelerations)
 runge_kutta = _written(stated.runge_kutta)
-_step_factor = inlined(step_factor)
 _step_with_slopes = _written(stated.runge_kutta, 'theta', 'theta_dot', 'psi_dot', 'h')
 
 
@@ -310,107 +292,6 @@ def roll_ends(
                 lanes[i], busy = -1, busy - 1
         step_lanes(k, x)
     return ends, peaks
-
-
-@compiled
-def _roll_states(k: Coefficients, start: Array, intervals: Array, torques: Array) -> Array:
-    states, rates, x = np.empty((intervals.size + 1, 4)), np.empty((12, 4)), start.copy()
-    states[0] = start
-    for n in range(intervals.size):
-        left = intervals[n]
-        for _ in range(_MOST_SUBSTEPS):
-            h = min(left, _LONG_STEP * quick_time(k, x[0], x[2], x[3]))
-            for s in range(12):
-                theta, w, v = x[0], x[2], x[3]
-                for j in range(s):
-                    a = h * _STAGES[s, j]
-                    theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
-                rates[s, 0], rates[s, 1] = w, v
-                rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torques[n])
-            for s in range(12):
-                for m in range(4):
-                    x[m] += h * _STAGES[12, s] * rates[s, m]
-            left -= h
-            if not left > 0.0:
-                break
-        states[n + 1] = x
-    return states
-
-
-def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: Array) -> Array:
-    """
-    Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4).
-
-    To some ten digits: by Dormand and Prince's method of order 8, in steps that follow the
-    motion's time scale.
-    """
-    states: Array = _roll_states(plant.coefficients, start, intervals, torques)
-    return states
-
-
-@compiled
-def _replayed(
-    k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
-) -> tuple[int, Array, Array, Array]:
-    """Return the number of steps, -1 where it cannot go on, and what `ReplayedMotion` is of."""
-    room, n, proposed = 512, 0, np.inf
-    instants, begins, slopes = np.empty(room + 1), np.empty((room, 4)), np.empty((room, 16, 4))
-    instants[0], x, reached, rates = times[0], start.copy(), np.empty(4), np.empty((16, 4))
-    now, missed = np.empty(4), np.empty((2, 4))
-    for piece in range(first.size):
-        t, end = times[piece], times[piece + 1]
-        whole, change = end - t, last[piece] - first[piece]
-        while t < end:
-            h, error = min(proposed, end - t), 0.0
-            if not h >= LEAST_STEP * whole or n >= MOST_REPLAYED:
-                return -1, instants, begins, slopes
-            for s in range(16):
-                now[:] = x
-                for j in range(s):
-                    for m in range(4):
-                        now[m] += h * _STAGES[s, j] * rates[j, m]
-                torque = first[piece] + (t + _SHARES[s] * h - times[piece]) / whole * change
-                rates[s, 0], rates[s, 1] = now[2], now[3]
-                rates[s, 2], rates[s, 3] = quick_accelerations(k, now[0], now[2], now[3], torque)
-                if s == 12:  # it is there
-                    reached[:], missed[:] = now, 0.0
-                    for j in range(13):
-                        for m in range(4):
-                            missed[0, m] += _ERRORS[0, j] * rates[j, m]
-                            missed[1, m] += _ERRORS[1, j] * rates[j, m]
-                    fifth = third = 0.0
-                    for m in range(4):
-                        scale = _ABSOLUTE + _RELATIVE * max(abs(x[m]), abs(now[m]))
-                        fifth += (missed[0, m] / scale) ** 2
-                        third += (missed[1, m] / scale) ** 2
-                    below = fifth + 0.01 * third
-                    error = fifth / math.sqrt(4.0 * below) if below > 0.0 else below
-                    error *= strictness * h
-                    if not error < 1.0:
-                        break
-            if not error < np.inf:
-                return -1, instants, begins, slopes
-            proposed = h * _step_factor(error)
-            if not error < 1.0:
-                continue
-            begins[n], slopes[n] = x, rates
-            t, n = end if h == end - t else t + h, n + 1
-            instants[n], x[:] = t, reached
-            if n == room:
-                room *= 2
-                instants = np.append(instants, np.empty(n))
-                begins, slopes = np.append(begins, begins, 0), np.append(slopes, slopes, 0)
-    return n, instants, begins, slopes
-
-
-def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMotion | None:
-    """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
-    if trajectory.interpolation == 'cubic':
-        return None
-    times, first, last = trajectory.control_pieces
-    given = plant.coefficients, times, first[:, 0], last[:, 0], np.array(trajectory.states[0])
-    n, instants, begins, slopes = _replayed(*given, stricter(len(first)))
-    return None if n < 0 else ReplayedMotion(instants[: n + 1], begins[:n], slopes[:n])
 
 
 class FeedbackTable(NamedTuple):

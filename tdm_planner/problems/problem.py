@@ -44,8 +44,8 @@ class Search(ABC, Generic[C]):
     written out as trajectories until one passes the check; where none does, it begins anew, wider.
     What a problem brings is how its candidates come about and how they are refined.
 
-    `budget` is the time it may take; `rejected` why the last plan failed its check, empty if none
-    did.
+    `budget` is the time it may take; `rejected` why the last candidate gave no plan that passes
+    the check, empty if none was tried.
     """
 
     def __init__(self, budget: Budget) -> None:
@@ -62,7 +62,7 @@ class Search(ABC, Generic[C]):
         Yield plans of one candidate, the next one more finely refined than the one before.
 
         `run` takes the next one only where the last one failed its verification. Ends when the
-        budget is spent; but of the first candidate one plan is yielded in any case.
+        budget is spent; of the first candidate one plan is still tried then.
         """
 
     @abstractmethod
@@ -187,7 +187,7 @@ class Problem(ABC):
         """
         Return the limits on one vehicle's planned motion, as its check keeps them.
 
-        Pictures and reports show what is left to them over time. None unless a problem says.
+        Pictures and reports show what is left to them over time. Empty unless overridden.
         """
         return ()
 

@@ -34,7 +34,7 @@ LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept 
 _SAME_START = 1e-6  # s; instants are told in nanoseconds
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
-_OPTIONAL = 0.5  # of that, where the active plan would do
+_OPTIONAL = 0.5  # of the time for solving, where the active plan would do
 _TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told that they follow it
 _REMEMBERED = 3  # earlier plans that trackers may have kept
 

@@ -40,7 +40,7 @@ from tdm_planner.tracking.motion import (
 from tdm_planner.trajectory import Trajectory
 
 _CALM_SLACK = 3.0
-_SLOWEST = 12.0  # commands while a deviation grows by e
+_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 # What numerics raise where numbers leave the range in which they can be computed.
 BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
@@ -120,7 +120,7 @@ class TrajectoryTracker(ABC):
         return self.nothing
 
     def calm(self, state: Array, slack: float) -> bool:
-        """Whether it is so near to rest that a plan can be asked for; to stay so `slack` > 1."""
+        """Whether it rests enough to ask for a plan; `slack` enlarges the limits, once it does."""
         return True
 
     @property
@@ -165,7 +165,7 @@ class TrajectoryTracker(ABC):
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """
-        Make a trajectory the active one whose motion begins at the instant `start` [s].
+        Accept a trajectory whose motion begins at `start` [s]; until then it may be `pending`.
 
         One already under way is joined midway. The gains are computed here.
 

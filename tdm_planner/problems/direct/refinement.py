@@ -38,13 +38,15 @@ FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
 _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
-_COARSE = 1e-3  # share by which J may differ from that of the replay
+_COST_AGREES = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _MAKING = 1.5  # times what making a program should take: it cannot be stopped
-_LONGER = 1.3  # share by which a second guess of a warm start takes longer
-_SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
+_LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
+_SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
+_LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
 _INSTANTS = 400  # at which a plan is compared with where it was left
-_LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked at; of them for J
+_LOOKS = 30  # parts of an interval, at whose ends the replay looks at the limits
+_CELL = 10  # such parts in a cell of the sum for J
 
 
 class _Replay(NamedTuple):
@@ -116,8 +118,9 @@ class Refinement:
         """
         Return lines between the given ends, bent by random sines of a share of their range.
 
-        That is the largest of the states of one unit: who flies along one axis may have to give
-        way along another. Where an end is free the states stay as they are at the start.
+        The range is the largest distance between the ends of a state of the same unit: a motion
+        along one axis may have to give way along another. A state that is free at the end keeps
+        its start value; one that is free at the start begins at 0.
         """
         s = np.linspace(0.0, 1.0, 2 * intervals + 1)[:, None]
         first, last = self.ends.states
@@ -171,10 +174,10 @@ class Refinement:
 
     def refined(self, motion: CollocatedMotion) -> Iterator[tuple[CollocatedMotion, Array]]:
         """
-        Yield a motion that its replay confirms, then on ever more intervals.
+        Yield the motion, repaired until its replay agrees or no further repair is possible.
 
-        With each, whose cost is that of the replay, the states at its nodes by replay,
-        (n + 1, nx).
+        Then the same on twice the intervals, again and again while there is time. With each come
+        the replayed states at its nodes, (n + 1, nx); its cost is that of the replay.
         """
         found: CollocatedMotion | None = motion
         while found is not None:
@@ -189,7 +192,7 @@ class Refinement:
         reserve = np.zeros(self._reserve.size)
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
-            near = abs(flown.cost - expected) <= _COARSE * abs(flown.cost)
+            near = abs(flown.cost - expected) <= _COST_AGREES * abs(flown.cost)
             landed = flown.gap <= _SHARE and near
             kept = bool((flown.least >= -_TOUCHED).all())
             if (landed and kept) or turn == _REPAIRS or self._late:

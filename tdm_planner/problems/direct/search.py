@@ -4,11 +4,12 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-Loose minima of the direct method are initial guesses of a collocation on few intervals, bent lines
-are others, sooner where something is in the way. The first solution is solved again on more, then
-the cheapest of the others if it is cheaper. It is replayed and repaired: by corrected controls, a
-reserve at a limit that the replay violates, or more intervals. Where nothing comes of that, the
-direct method's own motion, minimised to the end, is the plan.
+1. Initial guesses are roughly minimised motions of the direct method, and bent lines; the lines
+   come earlier where there are obstacles.
+2. Each is solved by collocation on few intervals. The first solution is solved on more at once; of
+   the others only the cheapest is, if it is cheaper.
+3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
+4. If there is still no plan: the direct method's own motion, minimised to the end.
 """
 
 from __future__ import annotations
@@ -42,8 +43,9 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
-_MOST, _TRIED = 40, 8  # initial guesses: while none is solved, and else; fewer where the best
-_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
+_MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
+# No further guess once so many solutions are alike in cost, within a share, or so many are solved.
+_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
 _KINDS, _SIDES = 2, 5  # initial guesses before that counts: without and with obstacles
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
@@ -121,7 +123,7 @@ class DirectSearch(Search[Candidate]):
         return self._warm
 
     def widen(self) -> bool:
-        """Try a few more rounds of initial guesses while none leads to a feasible motion."""
+        """Without refinement, try a few more rounds while none leads to a feasible motion."""
         rounds = 1 if self._refines else _GUESS_ROUNDS
         return not (self._found or self._late) and self._rounds < rounds
 

@@ -4,7 +4,8 @@
 """
 Candidates of the search for switching times, and what happens to them in turn.
 
-1. Initial guesses: `starts` at random, `warm_starts` from an earlier plan, or `pumping.pumped`.
+1. Initial guesses: `starts` at random, `warm_starts` from an earlier plan, or
+   `pumping.pumped_candidates`.
 2. `shot` brings random ones upright; `shoot_tails` does so where the first arcs stay as they are.
 3. `polish` minimises the time, `with_new_arcs` adds arcs, `corrected` integrates more finely.
 4. `trajectory` writes the motion out.
@@ -19,7 +20,8 @@ import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends, roll_states
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
+from tdm_planner.plants.pendulum_replay import roll_states
 from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import (
     evaluate_arcs,
@@ -39,10 +41,10 @@ _KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thou
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
-_STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
+_MOST_VARIED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
-# What is spent on landing: turns of so many iterations, after which those are dropped whose sum
-# of squares is larger still.
+# Tails are shot in rounds of 12 iterations. After each, a candidate is dropped whose sum of
+# squares is not below that round's number in _GIVEN_UP.
 _TAIL_EFFORT = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _POLISHED = 16  # last arcs whose time is minimised
@@ -140,8 +142,9 @@ def warm_starts(
     """
     Return the arcs of an earlier plan, their durations changed at random.
 
-    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
-    put before or after them, or both, where a new switch may grow; there are at most `most`.
+    Extreme torques become those planned now, others are clipped to them. `change` is the standard
+    deviation of the logarithms of the durations. An arc of no duration is put before or after
+    them, or both, where a new switch may grow; there are at most `most`.
     """
     sizes, found = np.abs(previous.torques), list[Candidate]()
     held = np.clip(previous.torques, -task.planned_torque, task.planned_torque)
@@ -157,7 +160,7 @@ def warm_starts(
         durations = previous.durations * np.exp(change * rng.normal(size=held.size))
         durations = np.concatenate([np.zeros(before), durations, np.zeros(after)])
         torques = np.concatenate([first, held, end])
-        found.append(Candidate(durations, torques, 0, max(count - _STEERED_ARCS, 0)))
+        found.append(Candidate(durations, torques, 0, max(count - _MOST_VARIED_ARCS, 0)))
     return found
 
 
@@ -282,7 +285,8 @@ def corrected(
     """
     Return a polished candidate, integrated in more steps; and its largest violation.
 
-    What is fixed switches at whole nanoseconds, as trajectories do: many swings magnify the rest.
+    Fixed arcs are rounded to whole nanoseconds first, as `trajectory` rounds them: over many
+    swings the rounding would otherwise grow to an error at the end.
     """
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
     candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))

@@ -26,8 +26,8 @@ from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.smooth import (
+    ContinuousTorqueSearch,
     prepare_collocation,
-    StatedSearch,
     StatedSwingUp,
 )
 from tdm_planner.problems.pendulum.switching_search import SwitchingSearch
@@ -183,7 +183,9 @@ class PendulumSwingUp(Problem, Validated):
                 f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
             )
         if self.method != 'switching':
-            return StatedSearch(task, budget, rng, self.method == 'virtual_arc', previous)
+            return ContinuousTorqueSearch(
+                task, budget, rng, self.method == 'virtual_arc', previous
+            )
         arcs = None if previous is None else arcs_of(previous.trajectory)
         return SwitchingSearch(task, budget, rng, self.switching_arcs, tolerance, arcs)
 

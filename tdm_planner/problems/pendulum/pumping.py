@@ -67,11 +67,9 @@ _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.1  # share of the time after which one variant near upright for every lane is enough
 _MANY, _AT_LEISURE = 3, 0.2  # so many for every lane are collected until that share of the time
-# The most promising variants, whose tails are shot; arrivals that are enough; share of the time
-# after which one arrival is.
+# Variants whose tails are shot; arrivals that are enough; share of the time after which one is.
 _LANDED, _ENOUGH, _ONE_DOES = 48, 5, 0.3
-# Weight of the root of the distance beside the time: at least; over the drive.
-_WEIGHT, _WORK = 8.0, 2.5
+_WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance: at least; over the drive
 _PATIENCE, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied: at least and at most; over the drive
 _EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate

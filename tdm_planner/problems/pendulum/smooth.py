@@ -139,7 +139,7 @@ class StatedSwingUp(DirectProblem):
         return t
 
 
-class StatedSearch(Search[Solution]):
+class ContinuousTorqueSearch(Search[Solution]):
     """
     The search for the quickest continuous torque to the nearest two upright positions.
 

@@ -25,7 +25,7 @@ from tdm_planner.exceptions import (
     InvalidProblem,
     VerificationFailed,
 )
-from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_replay import roll_states
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     COARSE_STEPS,
@@ -56,7 +56,8 @@ _MORE_ROUNDS = 30  # for strong motors where pumping did not help
 _STARTS, _FEWEST_STARTS = 100, 8  # of a round, and where the deadline is short:
 _START_TIME = 1e-3  # s of the deadline for one of them more
 _GUESSED = Steps(8), Steps(8, 0.4)  # of integration; where a light disk makes swings quick
-_ENOUGH, _STEERED = 0.5, 0.85  # shares of the deadline: no more starts if some arrived, if none
+_ENOUGH = 0.5  # share of the deadline after which nothing more is shot if some have arrived
+_SEARCH_UNTIL = 0.85  # if none has; also the end of pumping, and no round begins later
 
 # Drives.
 _PUMPED_FIRST = 0.25  # below which pumping is tried first
@@ -142,8 +143,9 @@ class SwitchingSearch(Search[Candidate]):
         """
         Yield the motion under the finely polished arcs, integrated ever more finely.
 
-        Arcs too short to matter are omitted. Of very many arcs the last digits of the time do not
-        matter: their ends are corrected only.
+        Arcs too short to matter are omitted, unless it fails without them. After pumping, and of
+        earlier plans with many arcs, only the end is corrected; the time is minimised only where
+        that leaves a violation.
         """
         task, budget = self._task, self.budget
         with suppress(DeadlineExceeded):  # while one was checked
@@ -205,7 +207,11 @@ class SwitchingSearch(Search[Candidate]):
     def _short_of_time(
         self, candidate: Candidate, time: float = _INTEGRATION_TIME, overtime: float = 0.0
     ) -> bool:
-        """Whether what takes `time` s for 1/w0 would end over `overtime` s after the deadline."""
+        """
+        Whether work on a motion would end more than `overtime` s after the deadline.
+
+        It takes `time` s for every 1/w0 of the motion, times the plant's quickness.
+        """
         task = self._task
         scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
         return self.budget.remaining + overtime <= self.budget.charged(time * scale)
@@ -228,7 +234,7 @@ class SwitchingSearch(Search[Candidate]):
         # From near upright random starts arrive, however weak the motor: they get one turn.
         tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
         self._pumping = tried or self._narrow or not self._pumping
-        return self.budget.elapsed < _STEERED * self.budget.seconds
+        return self.budget.elapsed < _SEARCH_UNTIL * self.budget.seconds
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -244,8 +250,10 @@ class SwitchingSearch(Search[Candidate]):
         return DeadlineExceeded(self._reason())
 
     def _pumped(self) -> list[Candidate]:
-        """Pump and land; all distinct arrivals, quickest first."""
-        found, tried = pumped_candidates(self._task, self._rng, self._arcs, self._part(_STEERED))
+        """Pump and shoot the tails; the quickest distinct arrivals, quickest first."""
+        found, tried = pumped_candidates(
+            self._task, self._rng, self._arcs, self._part(_SEARCH_UNTIL)
+        )
         self._starts += tried
         self._arrived += len(found)
         return distinct(found)[:_POLISHED_PUMPED]
@@ -263,11 +271,11 @@ class SwitchingSearch(Search[Candidate]):
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
-            late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
+            late = budget.elapsed > (_ENOUGH if found else _SEARCH_UNTIL) * budget.seconds
             if late or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
-            found += shot(self._task, batch, steps, self._part(_STEERED))
+            found += shot(self._task, batch, steps, self._part(_SEARCH_UNTIL))
             index = int(np.argmin(batch.costs))
             if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
                 row = batch.rows(np.array([index]))

@@ -11,7 +11,8 @@ import math
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_kernels import LANES, replay_pendulum, roll_ends
+from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
+from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory

@@ -203,7 +203,7 @@ def predict(plan, state, measured, start):
         _plant=planned_plant(RobotFormation, {}),
         _angles=np.isin(np.arange(7), (4, 6)),
         measured=SimpleNamespace(fresh=lambda *_: (state, measured)),
-        follows=lambda *_: plan,
+        followed_motion=lambda *_: plan,
     )
     return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, plan)
 

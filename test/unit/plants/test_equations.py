@@ -29,14 +29,8 @@ from tdm_planner.plants import (
 )
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
-from tdm_planner.plants.pendulum_kernels import (
-    LANES,
-    replay_pendulum,
-    roll_arcs,
-    roll_ends,
-    roll_lanes,
-    roll_states,
-)
+from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, roll_lanes
+from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import PendulumInertia
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
