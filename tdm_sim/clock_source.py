@@ -17,12 +17,13 @@ from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.clocks import ros_clock
-from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import nanoseconds_of
 
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
 _PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more, usually
+_AGAIN = 0.2  # s of real time of waiting after which the time is told again: it may have got lost
+_QUEUE = 10  # messages; reliable, as one that gets lost would be waited for
 
 
 class _Follower:
@@ -38,7 +39,7 @@ class _Follower:
         self.patience = patience  # s
         self.stamp = 0  # ns
         self.heard_at = -math.inf
-        node.create_subscription(JointState, topic, self._on_message, NEWEST)
+        node.create_subscription(JointState, topic, self._on_message, _QUEUE)
 
     def _on_message(self, message: JointState) -> None:
         stamp = nanoseconds_of(message.header.stamp)
@@ -94,12 +95,20 @@ class ClockSource:
         self._due = min(self._due + elapsed * self.speed * 1e9 / self._step, _MOST_STEPS + 1.0)
         for _ in range(min(math.floor(self._due), _MOST_STEPS)):
             if any(one.lags(self._time) for one in self._followers):
+                if now - self._told_at > _AGAIN:
+                    self._tell()
                 return
             self._due -= 1.0
             self._time += self._step
             self._tell()
 
+    @property
+    def waits_for_all(self) -> bool:
+        """Whether all followers have been heard lately."""
+        return not any(one.silent for one in self._followers)
+
     def _tell(self) -> None:
+        self._told_at = time.monotonic()
         message = Clock(clock=Time(nanoseconds=self._time).to_msg())
         self._source.clock_callback(message)
         self._publisher.publish(message)

@@ -201,6 +201,7 @@ def held_rig(ros: Ros) -> PendulumRig:
     """Return a pendulum that is held upright, and planned for anew where it is not."""
     ros.drive_clock('/faults/joint_states', '/faults/joint_command')
     rig = PendulumRig(ros, 'faults', common={'use_sim_time': True}, planner={'replan.rate': 5.0})
+    rig.wait(lambda: ros.in_step)
     rig.held_since(rig.plan()[0])
     return rig
 

@@ -222,6 +222,11 @@ class Ros:
         self._clock = ClockSource(self.node, CLOCK_STEP, 1.0, followers, STALL)
 
     @property
+    def in_step(self) -> bool:
+        """Whether the clock waits for all that it is to wait for."""
+        return bool(self._clock.waits_for_all)
+
+    @property
     def seconds(self) -> float:
         """Present instant of the nodes' clock [s]."""
         return float(self.node.get_clock().now().nanoseconds * 1e-9)
