@@ -186,8 +186,7 @@ def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
 
 
 def _draw_shape(axis: Axes, shape: Shape, count: int, colour: str, faint: bool = True) -> None:
-    points = points_of(shape, count)
-    colour = _COLOURS.get(shape.style, colour)
+    points, colour = points_of(shape, count), _COLOURS.get(shape.style, colour)
     ls = '--' if shape.style in ('limit', 'reach') else '-'
     for k, at in enumerate(points):
         alpha = 0.2 + 0.6 * k / count if faint else 1.0

@@ -102,11 +102,6 @@ class ClockSource:
             self._time += self._step
             self._tell()
 
-    @property
-    def waits_for_all(self) -> bool:
-        """Whether all followers have been heard lately."""
-        return not any(one.silent for one in self._followers)
-
     def _tell(self) -> None:
         self._told_at = time.monotonic()
         message = Clock(clock=Time(nanoseconds=self._time).to_msg())

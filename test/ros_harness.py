@@ -223,8 +223,8 @@ class Ros:
 
     @property
     def in_step(self) -> bool:
-        """Whether the clock waits for all that it is to wait for."""
-        return bool(self._clock.waits_for_all)
+        """Whether the clock waits for all that it is to wait for: it has heard them lately."""
+        return not any(follower.silent for follower in self._clock._followers)
 
     @property
     def seconds(self) -> float:

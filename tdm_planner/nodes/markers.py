@@ -65,6 +65,7 @@ def _painted(colour: str, alpha: float = 1.0) -> ColorRGBA:
 
 
 _WHITE, _TRAIL, _PATH = _painted('#ffffff'), _painted(SWITCH), _painted(WAY, 0.9)
+_COLOURS = {style: _painted(STYLE_COLOURS[style], alpha) for style, alpha in _OPACITY.items()}
 
 
 def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
@@ -238,8 +239,7 @@ def _size(shapes: Iterable[Shape]) -> float:
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
-    style, points = shape.style, points_of(shape, 1)[0]
-    colour = _painted(STYLE_COLOURS[style], _OPACITY[style])
+    style, colour, points = shape.style, _COLOURS[shape.style], points_of(shape, 1)[0]
     flat = points.shape[1] == 2
     if isinstance(shape, Line):
         if flat:  # above what is drawn in the plane

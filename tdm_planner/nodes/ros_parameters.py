@@ -262,11 +262,8 @@ class ParameterNode(Node):
         return f"parameter '{name}' is unknown: {hint}"
 
     def _as_ros(self, name: str, value: Any) -> Parameter:
-        kind = (
-            Parameter.Type.NOT_SET
-            if value is None
-            else _TYPES[self._specifications[name].value_type]
-        )
+        known = _TYPES[self._specifications[name].value_type]
+        kind = Parameter.Type.NOT_SET if value is None else known
         return Parameter(name, kind, value)
 
 

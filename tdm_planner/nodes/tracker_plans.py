@@ -326,7 +326,7 @@ class Recovery:
     def __init__(self, node: Node, kind: PlantKind, prefixes: Mapping[str, str]) -> None:
         self._kind, self._names = kind, list(prefixes)
         self._until = time.monotonic() + WINDOW
-        self._by_vehicle: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
+        self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
         self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
         self._waits = False  # for GRACE to pass, and for the planner to be ready
         for name, prefix in prefixes.items():

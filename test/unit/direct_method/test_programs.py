@@ -15,6 +15,7 @@ from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
+from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import (
@@ -141,13 +142,16 @@ def test_it_flies_as_scipy_does(intervals, damping, interpolation):
     plant, times = DirectPlant(damped(damping)), np.linspace(0.0, 2.0, 777)
     trajectory = plan(intervals, interpolation)
     compiled, plain = plant.replay(trajectory, None), replay(plant, trajectory)
+    assert isinstance(compiled, ReplayedMotion)
     assert len(plain.pieces) == intervals
     np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=0, atol=1e-6)
     assert set(trajectory.times) <= set(compiled.steps)
 
 
 def test_what_cannot_be_flown_cubic_controls_and_a_spent_budget_are_left_to_scipy():
-    assert DirectPlant(ESCAPING()).replay(plan(4, size=5.0), None) is None
+    plant, trajectory = DirectPlant(ESCAPING()), plan(4, size=5.0)
+    assert plant.replay(trajectory, None) is None
+    assert np.isnan(replay(plant, trajectory).states(trajectory.times)).any()
     plant = DirectPlant(damped())
     assert plant.replay(plan(4, 'cubic'), None) is None
     assert plant.replay(plan(4), Budget(0.0)) is None
