@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
+from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, Scene
 from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
@@ -129,8 +130,10 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                 processes.check()
                 progress.update(scene.status())
                 look = time.monotonic() + _LOOK
-                while (left := look - time.monotonic()) > 0.0:
-                    executor.spin_once(timeout_sec=left)
+                # rclpy tells of every object that a signal leaves half made.
+                with uninterrupted():
+                    while (left := look - time.monotonic()) > 0.0:
+                        executor.spin_once(timeout_sec=left)
             return True
 
         nodes = scene.nodes()

@@ -6,18 +6,22 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import gc
+import math
 import os
 import signal
 from types import SimpleNamespace
 
 import pytest
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import runtime
-from tdm_planner.starting import ignore_signals
+from tdm_planner.starting import ignore_signals, Interrupted, interruptible
+from tdm_sim import demo
+from tdm_sim.progress import Progress
 
 
 class Left(BaseException):
@@ -135,6 +139,24 @@ def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros):
     ros.step_to(ros.now + 200_000_000)
     with pytest.raises(KeyboardInterrupt):
         end._on_signal(signal.SIGINT, None)
+
+
+def test_a_signal_does_not_interrupt_what_the_executor_of_a_demo_does(ros, monkeypatch, tmp_path):
+    """Rclpy prints a traceback for every task and future that is left half made."""
+    done = []
+
+    class Asked(SingleThreadedExecutor):
+        def spin_once(self, timeout_sec: float) -> None:
+            ask()
+            ros.step_to(ros.now + math.ceil(1e9 * timeout_sec))
+            done.append('whole')
+
+    monkeypatch.setattr(demo, 'SingleThreadedExecutor', Asked)
+    monkeypatch.setattr(demo.NodeProcesses, 'start', lambda *_: None)
+    scene = demo.make_scene('pendulum', None)
+    with pytest.raises(Interrupted), interruptible():
+        demo._conduct(scene, tmp_path, Progress(quiet=True))
+    assert done == ['whole']
 
 
 def test_others_see_at_once_that_it_has_gone(ros):
