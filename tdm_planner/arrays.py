@@ -1,7 +1,11 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Types of arrays, and what is computed of them in many places."""
+"""
+Types of arrays, and what is computed of them in many places.
+
+Arrays hold 64-bit numbers. Shapes stand in docstrings: the types do not tell them.
+"""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ SPEED = ParameterSpec(
 )
 
 _START_LIMIT = 60.0  # s for every node to be up and connected
-_ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its kernels
+_ANSWER_LIMIT = 300.0  # s for the planner to answer: it may have to compile its kernels
 _LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends

@@ -102,10 +102,15 @@ def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> Comman
 
 @dataclass
 class Loop:
-    """A vehicle stepped by its tracker's rate; `delay` ticks pass before a state is seen."""
+    """
+    A vehicle stepped by its tracker's rate.
+
+    `delay` ticks pass before a state is seen, `late` s before a command acts.
+    """
 
     vehicle: CommandedPlant
     delay: int = 0
+    late: float = 0.0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)
     commands: list[tracking.Command] = field(default_factory=list)
@@ -132,8 +137,9 @@ class Loop:
                 state, stamp = self._samples[-1 - self.delay]
                 self.tracker.observe(self.seen_as(state), stamp)
             self.commands.append(self.tracker.command(now))
+            self.plant.step(self.late)
             self.plant.command(self.commands[-1].control)
-            self.plant.step(self.tick)
+            self.plant.step(self.tick - self.late)
             self.states.append(self.plant.state)
 
     def upright(self, last: float) -> bool:

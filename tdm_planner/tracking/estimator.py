@@ -10,7 +10,7 @@ sensor repeats itself.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -28,6 +28,9 @@ _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
 _UNMISTAKABLE = 20.0  # standard deviations of the measurement
 _ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
+_DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around what is told of it
+_FARTHEST = 0.01  # s by which the estimate of the delay differs from that, at most
+_JITTER = 1e-3  # s, standard deviation of the delay from one command to the next
 _LONGEST = 4  # windows without a change that are looked at together
 
 
@@ -85,6 +88,11 @@ class CommandHistory:
             time = until
             index += 1
 
+    def at(self, time: float) -> Array:
+        """Return the control (nu,) that acts at an instant [s], just before one sent then."""
+        index = bisect_left(self._times, time)
+        return self._controls[index - 1] if index else self._zero
+
 
 @dataclass(frozen=True, eq=False)
 class EstimatorNoise:
@@ -114,6 +122,9 @@ class StateEstimator:
     model cannot explain (a push, a reset) is believed. After one that is absurd, so that nothing
     can be predicted from it, the estimate begins anew. No step of the prediction is longer than
     `longest_step` s.
+
+    Commands act `delay` s after they were sent. That is estimated, too: where the control changes,
+    it shifts the instant of the change, and the state by the difference of the rates.
     """
 
     def __init__(
@@ -135,14 +146,16 @@ class StateEstimator:
         self.measurement = np.pad(noise.measurement, more, constant_values=_GAIN_UNKNOWN)
         self._measurement_covariance = np.diag(self.measurement**2)
         prior = np.pad(noise.measurement, more, constant_values=noise.gains)
-        self._prior_covariance = np.diag(prior**2)
+        self._prior_covariance = np.diag(np.append(prior, _DELAY_SPREAD) ** 2)  # last: the delay
+        self._told = self.delay = 0.0
         self.stamp: float | None = None
         self._state = np.zeros(self.size)
         self._covariance = self._prior_covariance
 
-    def reset(self) -> None:
-        """Forget every sample."""
+    def reset(self, delay: float) -> None:
+        """Forget every sample; commands act after about `delay` s."""
         self.stamp = None
+        self._told = self.delay = delay
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; older ones are ignored."""
@@ -163,7 +176,7 @@ class StateEstimator:
         """State (nx,) at `time` [s], not before the newest sample's stamp."""
         assert self.stamp is not None
         state = self._state
-        for duration, control in self.history.between(self.stamp, time):
+        for duration, control in self.history.between(self.stamp - self.delay, time - self.delay):
             state = self.move(state, control, duration)
         return state
 
@@ -173,32 +186,47 @@ class StateEstimator:
 
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
-        noise = self.noise
-        for duration, control in self.history.between(self.stamp, until):
+        noise, size = self.noise, self.size
+        start, end = self.stamp - self.delay, until - self.delay
+        before = self.history.at(start)
+        for duration, control in self.history.between(start, end):
             slope, _ = self._plant.jacobians(self._state, control)
             rates = self._plant.derivative(self._state, control)
+            step = slope * duration
+            transition = np.eye(size + 1)
+            transition[:size, :size] += step + 0.5 * step @ step
+            covariance = self._covariance
+            if (control != before).any():
+                late = self._plant.derivative(self._state, before) - rates
+                covariance = covariance + 0.0
+                covariance[:size] += np.outer(late, covariance[size])
+                covariance[:, :size] += np.outer(covariance[:, size], late)
+                covariance[:size, :size] += _JITTER**2 * np.outer(late, late)
+            self._covariance = transition @ covariance @ transition.T
+            # The model's error is about constant for a while: until then it adds up with the time.
             spread = noise.model * np.maximum(np.abs(rates), self._rate_floor)
             spread *= self._rate_floor > 0.0
-            step = slope * duration
-            transition = np.eye(step.shape[0]) + step + 0.5 * step @ step
-            self._covariance = transition @ self._covariance @ transition.T
-            # The model's error is about constant for a while: until then it adds up with the time.
             lasting = max(duration, noise.lasting)
-            self._covariance += np.diag(spread**2 * duration * lasting)
+            self._covariance[:size, :size] += np.diag(spread**2 * duration * lasting)
             self._state = self.move(self._state, control, duration)
+            before = control
 
     def _correct(self, measured: Array) -> None:
         innovation = measured - self._state
         turns = np.round(innovation / math.tau) * self._angles
         innovation = innovation - math.tau * turns
-        total = self._covariance + self._measurement_covariance
+        size = self.size
+        total = self._covariance[:size, :size] + self._measurement_covariance
         if innovation @ np.linalg.solve(total, innovation) > _LARGEST_SURPRISE**2:
             self._state = self._state + innovation
             self._covariance = self._prior_covariance
             return
-        gain = np.linalg.solve(total, self._covariance).T
-        self._state = self._state + gain @ innovation
-        covariance = self._covariance - gain @ self._covariance
+        gain = np.linalg.solve(total, self._covariance[:size]).T
+        correction = gain @ innovation
+        self._state = self._state + correction[:size]
+        away = self.delay + float(correction[size]) - self._told
+        self.delay = max(self._told + min(max(away, -_FARTHEST), _FARTHEST), 0.0)
+        covariance = self._covariance - gain @ self._covariance[:size]
         self._covariance = 0.5 * (covariance + covariance.T)
 
 
@@ -245,8 +273,8 @@ class RepetitionWatch:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
         state, driven = sample, False
-        seen = stamp - _ON_ITS_WAY * self._window
-        for duration, control in estimator.history.between(self._since, seen):
+        seen = stamp - estimator.delay - _ON_ITS_WAY * self._window
+        for duration, control in estimator.history.between(self._since - estimator.delay, seen):
             state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())
         far = _UNMISTAKABLE * estimator.measurement

@@ -71,7 +71,10 @@ class TrackerParameters(Validated):
         allowed=Range(0.0, 10.0, lower_open=True),
     )
     command_delay: float = parameter(
-        0.0, 'time from sending a command to its effect', unit='s', allowed=Range(0.0, 1.0)
+        0.0,
+        'initial guess of the time from a command to its effect; estimated within 0.01 s of it',
+        unit='s',
+        allowed=Range(0.0, 1.0),
     )
     planner_service: str = parameter('plan', "name of the planner's service", read_only=True)
     tolerance: Tolerances = group(Tolerances)

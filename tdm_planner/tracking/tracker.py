@@ -64,6 +64,7 @@ class TrajectoryTracker(ABC):
         self.plant = plant
         self.estimator = estimator
         self.history = estimator.history
+        estimator.reset(parameters.command_delay)
         self.nothing = np.zeros(len(plant.control_names))  # commanded
         self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
         self.phase = Phase.IDLE
@@ -143,7 +144,7 @@ class TrajectoryTracker(ABC):
                 self._repetition.observe(state, stamp)
                 self.estimator.observe(state, stamp)
         except BREAKDOWN as error:
-            self.estimator.reset()
+            self.estimator.reset(self.parameters.command_delay)
             what = ' '.join(str(error).split())
             told = f'the estimate of the state broke down ({what}) and begins anew'
             self._breakdown = told, stamp
@@ -260,9 +261,9 @@ class TrajectoryTracker(ABC):
         """Return the command for the interval that begins now."""
         self._follow_clock(now)
         age = self.state_age(now)
-        acts_at = now + self.parameters.command_delay
+        acts_at = now + self.estimator.delay
         if age > self.parameters.state_timeout:
-            return self._nothing(acts_at, self._stale(now, age))
+            return self._nothing(now, self._stale(now, age))
         try:
             with np.errstate(all='ignore'):
                 time = self._start_within(acts_at)
@@ -276,7 +277,7 @@ class TrajectoryTracker(ABC):
             return self.break_down(now, ' '.join(str(error).split()))
         if not np.isfinite(control).all():
             return self.break_down(now, 'a value is not a finite number')
-        self.history.add(acts_at, control)
+        self.history.add(now, control)
         return Command(control, self.phase, action, self._broke_down(now) or self.reason)
 
     def _broke_down(self, now: float) -> str:
@@ -305,11 +306,11 @@ class TrajectoryTracker(ABC):
     def break_down(self, now: float, what: str) -> Command:
         """Abort the motion, forget the state and command nothing; `what` says why."""
         self.stop(f'the feedback broke down: {what}')
-        self.estimator.reset()
-        return self._nothing(now + self.parameters.command_delay, self.reason)
+        self.estimator.reset(self.parameters.command_delay)
+        return self._nothing(now, self.reason)
 
-    def _nothing(self, acts_at: float, problem: str) -> Command:
-        self.history.add(acts_at, self.nothing)
+    def _nothing(self, now: float, problem: str) -> Command:
+        self.history.add(now, self.nothing)
         return Command(self.nothing, self.phase, None, problem)
 
     def _stale(self, now: float, age: float) -> str:
@@ -326,7 +327,7 @@ class TrajectoryTracker(ABC):
 
     def _follow_clock(self, now: float) -> None:
         if now < self._time - _CLOCK_TOLERANCE:
-            self.estimator.reset()
+            self.estimator.reset(self.parameters.command_delay)
             self.history.clear()
             if self.phase is not Phase.IDLE:
                 self.stop(f'the clock was set back by {self._time - now:.3g} s')
@@ -379,6 +380,8 @@ class TrajectoryTracker(ABC):
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
         self.history = self.estimator.history = other.history
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
+        if self.parameters.command_delay == other.parameters.command_delay:
+            self.estimator.delay = other.estimator.delay
         if other.estimator.stamp is not None:
             stamp = other.estimator.stamp
             self.estimator.observe(other.estimator.predict(stamp), stamp)

@@ -18,14 +18,8 @@ from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.problems.formation import polynomial_kernels as kernels
 from tdm_planner.problems.formation.parameters import FormationParameters
-from tdm_planner.problems.formation.polynomial_kernels import (
-    derivatives,
-    evaluate,
-    Manoeuvre,
-    unpacked,
-    Values,
-)
 from tdm_planner.problems.formation.polynomial_plan import trajectory
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.reference_motion import (
@@ -108,7 +102,7 @@ class PolynomialProgram(FormationProgram):
         fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
         fixed[:, :2, (form.order + 1) // 2] = task.goal
         fixed[:, 2, (form.yaw_order + 1) // 2] = task.goal_yaw
-        self.manoeuvre = Manoeuvre(
+        self.manoeuvre = kernels.Manoeuvre(
             grid=grid,
             fixed=fixed,
             velocity=np.column_stack([task.velocity, task.yaw_rate]),
@@ -135,12 +129,12 @@ class PolynomialProgram(FormationProgram):
         """Return the program of another manoeuvre by the same reference functions."""
         return PolynomialProgram(task, self.form, self.held)
 
-    def fly(self, x: Array, found: Array) -> Values:
+    def fly(self, x: Array, found: Array) -> kernels.Values:
         """Return gas and margins."""
-        return evaluate(self.manoeuvre, x, found)
+        return kernels.evaluate(self.manoeuvre, x, found)
 
     def derive(
-        self, flown: Values, multipliers: Multipliers | None
+        self, flown: kernels.Values, multipliers: Multipliers | None
     ) -> tuple[Array, Array, Array, Array, tuple[Integers, ...]]:
         """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
         thrust = flown.own[:, : self.manoeuvre.grid.weights.size]
@@ -148,10 +142,10 @@ class PolynomialProgram(FormationProgram):
         if multipliers is not None:
             robots, nodes = multipliers.tags
             dual[robots, nodes] = multipliers.inequalities[: robots.size]
-        found = derivatives(self.manoeuvre, flown, self.weights[2], dual)
+        found = kernels.derivatives(self.manoeuvre, flown, self.weights[2], dual)
         return *found, np.nonzero(thrust < self.manoeuvre.grid.active[0])
 
-    def own_margins(self, flown: Values) -> dict[str, Array]:
+    def own_margins(self, flown: kernels.Values) -> dict[str, Array]:
         """Margins of thrust, torque and walls."""
         count = self.manoeuvre.grid.weights.size
         thrust, torque, walls = np.split(flown.own, [count, 2 * count], axis=1)
@@ -179,7 +173,7 @@ class PolynomialProgram(FormationProgram):
 
     def positions(self, x: Array) -> Array:
         """End derivatives (n, 2, order + 1) of x and y."""
-        return unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
+        return kernels.unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
 
     def raise_order(self, low: PolynomialProgram, x: Array) -> Array:
         """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""

@@ -90,6 +90,24 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
     assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
 
 
+@SETTINGS
+@given(st.floats(0.0, 0.008), st.floats(0.0, 0.006), SEEDS)
+def test_the_delay_of_commands_is_found(late: float, told: float, seed: int) -> None:
+    estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1)
+    estimator.reset(told)
+    state, sent, noise = HANGING, CommandHistory(1), np.random.default_rng(seed)
+    command = np.array([0.03])
+    for k in range(300):
+        now = k * TICK
+        estimator.observe(state + NOISE.measurement * noise.standard_normal(4), now)
+        command = -command if noise.random() < 0.1 else command
+        for history in (sent, estimator.history):
+            history.add(now, command)
+        for duration, control in sent.between(now - late, now + TICK - late):
+            state = integrate(PLANT, state, control, duration)
+    assert estimator.delay == pytest.approx(late, abs=1e-3)
+
+
 def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
     state = np.array([3.0, 0.0, 10.0, 0.0])
     estimator.observe(state, 0.0)
@@ -110,7 +128,7 @@ def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estim
     elsewhere = np.array([1.0, 0.5, 0.0, 0.0])
     estimator.observe(elsewhere, 5.0)
     assert estimator.predict(5.0).tolist() == elsewhere.tolist()
-    estimator.reset()
+    estimator.reset(0.0)
     assert estimator.stamp is None
 
 

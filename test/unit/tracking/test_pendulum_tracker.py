@@ -88,6 +88,21 @@ def test_a_known_delay_is_compensated(plan: Trajectory, loop: Loop) -> None:
     assert np.abs(late.controls - loop.controls)[:100].max() < 0.01 * STRONG
 
 
+@pytest.mark.parametrize('mismatch', [0.0, 0.05])
+def test_a_delay_of_commands_that_nobody_told_of_is_found(plan: Trajectory, mismatch: float):
+    late = 0.004
+    tracker = pendulum_tracker()
+    loop = Loop(pendulum(tracker, mismatch=mismatch, noise=1.0), late=late)
+    loop.begin(plan)
+    assert held(loop, 1.5)
+    assert tracker.estimator.delay == pytest.approx(late, abs=5e-4)
+    again, told = pendulum_tracker(weights__torque=3.0), pendulum_tracker(command_delay=0.002)
+    for changed in (again, told):
+        changed.adopt(tracker)
+    assert again.estimator.delay == tracker.estimator.delay
+    assert told.estimator.delay == 0.002
+
+
 @pytest.mark.parametrize(('wraps', 'turns'), [(True, 0), (False, 3), (True, -2)])
 def test_theta_may_be_wrapped_or_turns_away(plan: Trajectory, wraps: bool, turns: int) -> None:
     start = moved(HANGING, math.tau * turns, 0.0, 0.0, 0.0)
