@@ -19,14 +19,11 @@ from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
-from tdm_sim.study.flights import CommandedPlant
+from tdm_sim.study.flights import CommandedPlant, tracked
 
 WEAK, STRONG = 0.02, 0.09  # N m
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
-PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
-ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.005])
 SWING = build(PendulumSwingUp, {'limits.torque': WEAK})
 FORMATION = RobotFormation()
 
@@ -82,22 +79,13 @@ def pendulum_tracker(limit: float = STRONG, **values) -> tracking.PendulumTracke
 
 def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> CommandedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
-    limit = np.array([tracker.parameters.limits.torque])
-    plant = mismatched(tracker.parameters.plant, mismatch, seed)
-    setup = PlantSetup(plant, initial, -limit, limit, noise * PENDULUM_NOISE)
-    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
+    return tracked(tracker, initial, mismatch, noise, seed)
 
 
-def robot(initial, mismatch=0.0, noise=0.0, seed=0, gains=True, **own) -> CommandedPlant:
-    """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
+def robot(initial, mismatch=0.0, noise=0.0, seed=0, **own) -> CommandedPlant:
+    """Return a robot and its tracker; `own` are the tracker's parameters, `__` for the dot."""
     given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
-    tracker = tracking.RobotTracker(given)
-    # a thruster that is turned too fast or slowly is no matter: its angle is measured
-    actuators = robot_actuators(tracker.parameters.limits, mismatch if gains else 0.0, seed)
-    plant = mismatched(tracker.parameters.plant, mismatch, seed)
-    noises = noise * ROBOT_NOISE
-    setup = PlantSetup(plant, initial, noise=noises, largest_step=0.005, **actuators)
-    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
+    return tracked(tracking.RobotTracker(given), initial, mismatch, noise, seed)
 
 
 @dataclass

@@ -4,7 +4,6 @@
 """Rigs that people own, config/rigs, and rigs of random constants: planned, tracked, held."""
 
 from dataclasses import replace
-import math
 from pathlib import Path
 
 from benchmark.rigs import rig
@@ -18,8 +17,8 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_sim.report.verdict import arrival, judge
-from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
-from tdm_sim.study.flights import ClosedLoop, CommandedPlant, fly
+from tdm_sim.simulation import mismatched
+from tdm_sim.study.flights import ClosedLoop, fly
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 
@@ -69,10 +68,7 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(seed, wron
     model, true = asked.plant, mismatched(asked.plant, 0.05, wrong)
     parameters = PendulumTrackerParameters(rate=50.0, plant=model, limits=asked.limits)
     quick, pace = model.natural_frequency, true.natural_frequency / model.natural_frequency
-    sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
-    limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
-    setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
-    loop = Loop(CommandedPlant(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
+    loop = Loop(pendulum(PendulumTracker(parameters), mismatch=0.05, noise=1.0, seed=wrong))
     plan = asked.solve(deadline=20.0).trajectory
     loop.begin(plan)
     loop.run(0.1 + 0.9 * plan.duration)

@@ -301,7 +301,7 @@ def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
 def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() -> None:
     plan, interval, delay = closed_loop.crossing(), 0.02, 0.6
     vehicles = {
-        name: robot(motion.states[0], 0.05, 1.0, seed=k, gains=False, replan__on_deviation=True)
+        name: robot(motion.states[0], 0.05, 1.0, seed=k, replan__on_deviation=True)
         for k, (name, motion) in enumerate(plan.solution.trajectories.items())
     }
     replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=2.0, delay=delay))
