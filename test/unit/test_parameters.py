@@ -11,6 +11,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from stated import refused
 from tdm_planner import parameters
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import ros_parameters
@@ -76,12 +77,9 @@ def test_names_and_round_trip():
     ],
 )
 def test_one_sentence_names_parameter_value_and_range(name, value, allowed):
-    with pytest.raises(InvalidProblem) as refused:
-        build(Outer, {name: value})
-    message = str(refused.value)
+    message = refused(lambda: build(Outer, {name: value}))
     words = [name, allowed] if value == 10**400 else [name, repr(value), allowed]
     assert all(word in message for word in words), message
-    assert '\n' not in message
 
 
 def read(text: str, node: str = 'node') -> dict:

@@ -37,14 +37,7 @@ from tdm_sim.bag_writer import BagWriter, definition_and_hash
 from tdm_sim.processes import make_scene, Part, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.record_command import is_wanted, record_command, topics_pattern
-from tdm_sim.recorder import (
-    Figures,
-    IncompleteRecording,
-    message_class,
-    record,
-    RecordingError,
-    run,
-)
+from tdm_sim.recorder import Figures, IncompleteRecording, message_class, record, RecordingError
 
 HASH = TypeHash(version=1, value=bytes(32))
 ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
@@ -167,13 +160,13 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
 
     monkeypatch.setattr(recorder, 'record', pretend)
     assert str(DONE) == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
-    assert run(Path('bag'), [], 'mcap', quiet, None) == 0
+    assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == 0
     shown = capsys.readouterr().out
     for words in ('written to bag, 2 dropped', '       4  /b'):
         assert (words in shown) != quiet
     for failure, code in ((IncompleteRecording('full'), 1), (RecordingError('x'), 2)):
         failures[:] = [failure]
-        assert run(Path('bag'), [], 'mcap', quiet, None) == code
+        assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
 
 

@@ -16,16 +16,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from stated import Cart, changed, refused
-from tdm_planner.direct_method import (
-    Duration,
-    Integrated,
-    Output,
-    PowerProducts,
-    SineSeries,
-    symmetric_powers,
-)
+from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.arc_basis import output_basis
 from tdm_planner.direct_method.bases import chebyshev_nodes, PolynomialBasis
+from tdm_planner.direct_method.formulation import symmetric_powers
 from tdm_planner.direct_method.graphs import Rounded, Unfolded
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem

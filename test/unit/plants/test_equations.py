@@ -20,18 +20,12 @@ from scipy.integrate import solve_ivp
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants import (
-    FloatingRobot,
-    pendulum_kernels,
-    robot_replay,
-    RotaryPendulum,
-    slopes,
-)
+from tdm_planner.plants import FloatingRobot, pendulum_kernels, robot_replay, slopes
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, roll_lanes
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
-from tdm_planner.plants.rotary_pendulum import PendulumInertia
+from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
@@ -70,9 +64,7 @@ def even(arcs: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
 def roll(start, durations, torques, steps):
     arcs, k = durations.size, PLANT.coefficients
     derivatives = np.zeros((arcs * steps + 1, 4, arcs))
-    states, within, begins = pendulum_kernels.roll_arcs(
-        k, start, durations, torques, *even(arcs, steps)
-    )
+    states, within, begins = roll_arcs(k, start, durations, torques, *even(arcs, steps))
     for node, m, p in np.ndindex(arcs * steps, 4, arcs):
         at = node + 1, node // steps, m, p
         derivatives[node + 1, m, p] = pendulum_kernels.derivative(within, begins, *at)
@@ -126,18 +118,8 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     torques = np.tile(alternating(arcs)[:, None], LANES)
     state, derivatives = np.repeat(start, LANES), np.empty((arcs, 4 * LANES))
     peaks, peak_slopes = np.empty((arcs, LANES)), np.zeros((arcs, arcs, LANES))
-    roll_lanes(
-        k,
-        durations,
-        torques,
-        arcs,
-        *even(arcs, steps),
-        np.inf,
-        state,
-        derivatives,
-        peaks,
-        peak_slopes,
-    )
+    found = state, derivatives, peaks, peak_slopes
+    roll_lanes(k, durations, torques, arcs, *even(arcs, steps), np.inf, *found)
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
         states, exact = roll(start, *one, steps)
@@ -273,10 +255,8 @@ def test_what_cannot_be_replayed_is_left_to_scipy():
     states = np.tile(START, (2, 1))
     plan = Trajectory.of(PLANT, np.array([0.0, 1.0]), states, np.full((2, 1), 1e300))
     assert replay_pendulum(PLANT, plan) is None
-    assert (
-        replay_pendulum(PLANT, replace(plan, controls=0.0 * plan.controls, interpolation='cubic'))
-        is None
-    )
+    cubic = replace(plan, controls=0.0 * plan.controls, interpolation='cubic')
+    assert replay_pendulum(PLANT, cubic) is None
 
 
 def trajectory(times, controls, start, interpolation='linear'):
@@ -292,14 +272,10 @@ def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
     controls = rng.uniform(-1, 1, (30, 3)) * [0.4, turning, 0.01 * turning] + [0.4, 0.0, 0.0]
     start = rng.uniform(-1, 1, 7) * [1, 1, 1, 1, 1, turning, 1]
     plan = trajectory(times, controls, start, interpolation)
-    document = {'times': times.tolist(), 'interpolation': interpolation}
-    document['states'] = {name: plan.state(name).tolist() for name in plan.state_names}
-    document['controls'] = {name: plan.control(name).tolist() for name in plan.control_names}
     rates = robot_rates({'plant.mass': ROBOT.mass, 'plant.inertia': ROBOT.inertia})
-    at, states, _ = zip(*replayed(document, rates, 2e-3), strict=True)
-    assert robot_replay.replay(ROBOT, plan, np.array(at)) == pytest.approx(
-        np.array(states), abs=2e-7
-    )
+    at, states, _ = zip(*replayed(plan.to_dict(), rates, 2e-3), strict=True)
+    found = robot_replay.replay(ROBOT, plan, np.array(at))
+    assert found == pytest.approx(np.array(states), abs=2e-7)
 
 
 def test_one_kernel_replays_read_only_instants_and_others():

@@ -14,16 +14,10 @@ from obstacle import RoundTheObstacle
 import pytest
 from stated import Car, Cart, changed, LONG, solve
 import table
-from tdm_planner.direct_method import (
-    Budget,
-    Duration,
-    Integrated,
-    Output,
-    PowerProducts,
-    SineSeries,
-)
+from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, CollocatedMotion, Ends
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import Infeasible, VerificationFailed

@@ -26,22 +26,11 @@ from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
-from tdm_planner.problems.pendulum import switching_program
-from tdm_planner.problems.pendulum.candidates import (
-    Candidate,
-    polish,
-    starts,
-    trajectory,
-    with_new_arcs,
-    without_short_arcs,
-)
+from tdm_planner.problems.pendulum import candidates, switching_program
+from tdm_planner.problems.pendulum.candidates import Candidate, polish, with_new_arcs
 from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
 from tdm_planner.problems.pendulum.smooth import collocated
-from tdm_planner.problems.pendulum.switching_program import (
-    evaluate_arcs,
-    SwitchingData,
-    SwitchingProgram,
-)
+from tdm_planner.problems.pendulum.switching_program import evaluate_arcs, SwitchingData
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
 
@@ -218,7 +207,7 @@ def test_motions_of_thousands_of_arcs_are_replayed():
     flown = replay_pendulum(task.plant, task.trajectory(times, states, torques[:, None]))
     assert flown.steps.size > 40_000
     np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
-    few = trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
+    few = candidates.trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
     assert few.times.size < 45_000  # a message, and its check within the deadline
     np.testing.assert_allclose(few.states[-1], states[2000], atol=1e-5)
     between = 0.5 * (few.times[1:] + few.times[:-1])
@@ -328,7 +317,7 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
 def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingData, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
-    batch = starts(task, np.random.default_rng(0), 200, 6)
+    batch = candidates.starts(task, np.random.default_rng(0), 200, 6)
     shoot(PLANT, START, batch, disk_angle, Steps(12), Budget(ENOUGH))
     totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
     for index in np.argsort(totals)[:5]:
@@ -351,7 +340,7 @@ def local_minimum(program: SwitchingData, xi: np.ndarray) -> float:
 def test_minimum_is_feasible_and_the_best_around(disk_angle):
     converged = 0
     for program, xi in arrivals(disk_angle):
-        found = minimise(SwitchingProgram(program), xi, OPTIONS, Budget(60.0))
+        found = minimise(switching_program.SwitchingProgram(program), xi, OPTIONS, Budget(60.0))
         if not found.converged:
             continue
         converged += 1
@@ -383,7 +372,7 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
         ends = [roll_states(task.plant, task.start, *a.tail)[-1] for a in (best, further)]
         np.testing.assert_allclose(*ends, atol=1e-5)
         better, violation = polish(task, further, steps, 1e-8, budget)
-        best = without_short_arcs(task, better)
+        best = candidates.without_short_arcs(task, better)
     assert further is None
     assert violation < 1e-8
     assert w0 * best.total == pytest.approx(collocation, rel=5e-3)
@@ -406,6 +395,6 @@ def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
     polished = [polish(task, arcs, 96, 1e-8, budget) for arcs in read]
     best, violation = min(polished, key=lambda found: found[1])
     assert violation < 1e-8
-    assert task.plan(trajectory(task, best), best.durations, violation).verification.ok
+    assert task.plan(candidates.trajectory(task, best), best.durations, violation).verification.ok
     assert best.total < 0.7 * first.total
     assert list(collocated(task, first, Budget(0.0))) == []

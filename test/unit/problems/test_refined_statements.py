@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from brachistochrone import Brachistochrone, cycloid_time
+from closed_loop import Loop
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from replays import replayed
 from stated import Car, Cart, changed, LONG
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import parameter
@@ -145,16 +146,8 @@ def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
         control_limits=lambda s: {'a': (-4.0, 4.0)},
         margins=lambda s, t, x, u: {'lean': 0.3 - np.abs(x[2])},
     )()
-    plan = problem.solve().trajectory
-    state = np.array([-3.0, 0.0, 0.0, 0.0])
-    pieces = zip(plan.times, plan.times[1:], plan.controls, plan.controls[1:], strict=False)
-    for begin, end, first, last in pieces:
-
-        def rates(t, x, a=begin, b=end, u=first, w=last):
-            return problem.derivative(x, u + (t - a) / (b - a) * (w - u))
-
-        found = solve_ivp(rates, (begin, end), state, method='DOP853', rtol=1e-11, atol=1e-13)
-        state = found.y[:, -1]
+    plan = problem.solve().trajectory.to_dict()
+    *_, (_, state, _) = replayed(plan, problem.derivative, 2e-4)
     assert np.abs(state).max() < 2e-3
 
 
@@ -201,17 +194,11 @@ def test_a_statement_need_not_mention_the_solver() -> None:
 def test_feedback_keeps_a_limit_in_any_unit() -> None:
     problem = Pushed(unit=1e-8)
     plan = problem.solve().trajectory
-    tracker = tracker_of(problem)
-    tick, plant = tracker.parameters.interval, tracked(tracker, plan.states[0], 0.1, 1.0, 0).plant
-    tracker.observe(plant.measure(), -tick)
-    tracker.accept(plan, 0.0, -tick)
-    for k in range(800):
-        tracker.observe(plant.measure(), k * tick)
-        control = tracker.command(k * tick).control
-        assert np.abs(control) <= 1.002 * problem.unit
-        plant.command(control)
-        plant.step(tick)
-    assert np.abs(plant.state).max() < 0.01
+    loop = Loop(tracked(tracker_of(problem), plan.states[0], 0.1, 1.0, 0))
+    loop.begin(plan)
+    loop.run(4.0)
+    assert np.abs(loop.controls).max() <= 1.002 * problem.unit
+    assert np.abs(loop.plant.state).max() < 0.01
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,14 @@ from tdm_planner.direct_method.bases import bernstein_basis, reciprocal, time_de
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation import thrust_arcs_program
 from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.polynomial_kernels import unpacked
 from tdm_planner.problems.formation.polynomial_plan import ThrustDirection
 from tdm_planner.problems.formation.polynomial_search import guesses, PolynomialProgram
 from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.reference_motion import arcs_at, end_derivatives, MotionForm
-from tdm_planner.problems.formation.thrust_arcs_program import (
-    arc_trajectory,
-    cleaned,
-    remaining,
-    ThrustArcProgram,
-)
+from tdm_planner.problems.formation.thrust_arcs_program import ThrustArcProgram
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
 
 TASK = FORMATION.task
@@ -280,7 +276,7 @@ def test_arcs_cost_less_than_polynomials_by_thrust_that_is_full_or_off(plans):
             thrust = plan.control('thrust')
             assert plan.interpolation == 'zero_order_hold'
             assert set(np.unique(thrust)) <= {0.0, thrust.max()}
-            burns = remaining(plan)
+            burns = thrust_arcs_program.remaining(plan)
             # Gas is the impulse of the burns, and the states know of it exactly.
             gas = np.hypot(burns[:, 0], burns[:, 1]).sum()
             exact = plan.control_integral(plan.duration)[0] / 10.5
@@ -292,10 +288,10 @@ def test_weak_burns_are_left_out_and_the_others_corrected():
     task, duration = problem().task, 40.0
     p = (task.goal[0] - task.start[0]) / 38.0
     burns = np.array([[*p, 1.0, 1.0], [1e-4, -1e-4, 20.0, 0.01], [*-p, 39.0, 1.0]])
-    kept = cleaned(task, 0, burns, duration, weakest=3e-4)
+    kept = thrust_arcs_program.cleaned(task, 0, burns, duration, weakest=3e-4)
     assert len(kept) == 2
-    missed = arc_trajectory(task, 0, kept, duration).states[-1, :4] - [*task.goal[0], 0.0, 0.0]
-    assert np.abs(missed).max() < 2e-4  # the thruster turns in steps
+    last = thrust_arcs_program.arc_trajectory(task, 0, kept, duration).states[-1, :4]
+    assert np.abs(last - [*task.goal[0], 0.0, 0.0]).max() < 2e-4  # the thruster turns in steps
 
 
 def test_zones_moving_starts_and_robots_that_stay():

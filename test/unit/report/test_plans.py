@@ -16,7 +16,7 @@ from stated import changed
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.exceptions import TdmError
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import plan_document, save_plan
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotFormation, Solution
@@ -114,6 +114,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     [
         *(b'', b'\xff\xfe\x00', b'[1, 2]', b'{"a": 1}', b'{"problem": "x"}', b'[' * 100_000),
         *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3})),
+        *(b'{', {'problem': 'x', 'times': [1]}),
         *(HALF | wrong for wrong in ({'times': 'abc'}, {'units': [1]})),
         *(HALF | wrong for wrong in ({'states': {'a': [1, 'x']}}, {'interpolation': ['linear']})),
         json.dumps(HALF).replace('0.014', 'NaN').encode(),
@@ -122,7 +123,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
 def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> None:
     path = tmp_path / 'plan.json'
     path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
-    with pytest.raises(TdmError) as caught:
+    with pytest.raises(InvalidProblem) as caught:
         read_mission(path)
     assert '\n' not in str(caught.value)
 
