@@ -84,10 +84,9 @@ def replayed(plan: Any, rates: Any, longest_step: float) -> Iterator[tuple[float
             k2 = rates([x + h / 2 * d for x, d in zip(state, k1, strict=True)], u1)
             k3 = rates([x + h / 2 * d for x, d in zip(state, k2, strict=True)], u1)
             k4 = rates([x + h * d for x, d in zip(state, k3, strict=True)], u2)
-            state = [
-                x + h / 6 * (a + 2 * (b + c) + d)
-                for x, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
-            ]
+            slopes = zip(k1, k2, k3, k4, strict=True)
+            ways = [h / 6 * (a + 2 * (b + c) + d) for a, b, c, d in slopes]
+            state = [x + way for x, way in zip(state, ways, strict=True)]
             yield times[k] + t + h, state, u2
 
 

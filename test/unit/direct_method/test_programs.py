@@ -253,13 +253,10 @@ def test_second_order_correction_overcomes_the_maratos_effect():
     """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle."""
 
     def circle(corrections):
-        program = Smooth(
-            lambda x: 2 * (x @ x - 1) - x[0],
-            lambda x: 4 * x - np.array([1.0, 0.0]),
-            lambda x: 4 * np.eye(2),
-            eq=(lambda x: np.array([x @ x - 1]), lambda x: 2 * x[None, :]),
-            curvature=lambda x, m: 2 * m.equalities[0] * np.eye(2),
-        )
+        cost, slope = (lambda x: 2 * (x @ x - 1) - x[0]), (lambda x: 4 * x - np.eye(2)[0])
+        unit = (lambda x: np.array([x @ x - 1])), (lambda x: 2 * x[None, :])
+        bent = lambda x, m: 2 * m.equalities[0] * np.eye(2)  # noqa: E731
+        program = Smooth(cost, slope, lambda x: 4 * np.eye(2), unit, bent)
         options = TIGHT._replace(corrections=corrections)
         return minimise(program, np.array([np.cos(1.5), np.sin(1.5)]), options)
 
@@ -286,12 +283,9 @@ def test_searches_that_end_without_convergence():
 @pytest.mark.parametrize('sign', [1.0, -1.0])  # an equality presses from either side
 def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violated(sign):
     """The multiplier of x = 3 is 600 here; without steering the search first settles short."""
-    steep = Smooth(
-        lambda x: 100 * x @ x,
-        lambda x: 200 * x,
-        lambda x: 200 * np.eye(2),
-        eq=(lambda x: sign * (x[:1] - 3.0), lambda x: np.array([[sign, 0.0]])),
-    )
+    cost = (lambda x: 100 * x @ x), (lambda x: 200 * x), (lambda x: 200 * np.eye(2))
+    three = (lambda x: sign * (x[:1] - 3.0)), (lambda x: np.array([[sign, 0.0]]))
+    steep = Smooth(*cost, eq=three)
     options = TIGHT._replace(penalties=(1.0,), largest_penalty=1e4, radius=4.0, corrections=0)
     plain = minimise(steep, np.ones(2), options)
     steered = minimise(steep, np.ones(2), options._replace(steering=True))

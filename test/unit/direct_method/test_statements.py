@@ -24,10 +24,10 @@ from tdm_planner.direct_method.graphs import Rounded, Unfolded
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 
+SETS = st.sets(st.integers(0, 4), min_size=1)
 
-@given(
-    st.sets(st.integers(0, 4), min_size=1), st.sets(st.integers(0, 4), min_size=1), st.floats(0, 1)
-)
+
+@given(SETS, SETS, st.floats(0, 1))
 @settings(max_examples=60)
 def test_every_polynomial_meets_one_condition_and_its_derivatives_are_derivatives(first, last, s):
     try:
@@ -275,12 +275,10 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         (lambda s, t, x: (np.sum(x[2]),), SUMMED.format('end_conditions')),
     ],
 }
+EVERY = [(function, *case) for function, cases in REFUSALS.items() for case in cases]
 
 
-@pytest.mark.parametrize(
-    ('function', 'value', 'words'),
-    [(function, *case) for function, cases in REFUSALS.items() for case in cases],
-)
+@pytest.mark.parametrize(('function', 'value', 'words'), EVERY)
 def test_what_functions_return(function, value, words):
     change = {function: value if callable(value) else returns(value)}
     if function == 'invert' and not callable(value):

@@ -108,16 +108,11 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         parts.Event(-0.5, parts.Severity.OK, '/pendulum/planner', 'plan 1 active'),
         parts.Event(1.25, parts.Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
     )
-    plain = Mission(
-        'Swing-up',
-        'pendulum_swing_up',
-        (RecordedVehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found),),
-        figures=(parts.PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
-        events=events,
-        parameters=PENDULUM_PARAMETERS,
-        source='/bags/one',
-        recorded_at=1.7e9,
-    )
+    vehicle = RecordedVehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found)
+    figures = parts.PlanFigures(0.0, 2.0, summary='upright after 2 s')
+    more = {'events': events, 'parameters': PENDULUM_PARAMETERS}
+    more |= {'source': '/bags/one', 'recorded_at': 1.7e9}
+    plain = Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), **more)
     return replace(plain, **changes)
 
 
@@ -261,21 +256,17 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
             ('joint_command', kind.actuated, (vehicle.commands,)),
             ('tracking_error', kind.joints, (vehicle.tracking_error,)),
         ):
-            found += _joint_states(f'{space}/{name}', joints, histories)
+            for at, values in _moments(*histories):
+                known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
+                message = messages.joint_states(known, values)
+                message.header.stamp = to_stamp(at)
+                found.append(Item(f'{space}/{name}', at, message))
         for at, values in _moments(vehicle.states if kind.odometry else None):
             state = odometry(at, vehicle.name, list(values.values()))
             found.append(Item(f'{space}/odom', at, state))
     parameters = dict(mission.parameters)
     said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
     return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
-
-
-def _joint_states(topic: str, joints: Any, histories: Iterable[Any]) -> Iterator[Item]:
-    for at, values in _moments(*histories):
-        known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
-        message = messages.joint_states(known, values)
-        message.header.stamp = to_stamp(at)
-        yield Item(topic, at, message)
 
 
 def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:

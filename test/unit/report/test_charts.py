@@ -30,6 +30,8 @@ from tdm_sim.report.reader import RecordedClock
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics, Topic
 from tdm_sim.report.tables import events_table, number, summary_table
 
+MINUS = '\N{MINUS SIGN}'
+
 
 def panels(mission: Mission, key: str) -> tuple[Panel, ...]:
     (chart,) = (c for c in mission_charts(mission, compare(mission)) if c.key == key)
@@ -192,9 +194,6 @@ def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
     assert at.size <= most + 2
     assert np.abs(at - 0.9).min() < 1e-9
     assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
-
-
-MINUS = '\N{MINUS SIGN}'
 
 
 @pytest.mark.parametrize('make', [pendulum_mission, robots_mission])

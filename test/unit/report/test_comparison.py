@@ -33,16 +33,12 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     psi = np.where(np.isclose(at, 1.0), -0.9, 0.5 * np.clip(at / DURATION, 0.0, 1.0))
     measured = np.stack([theta, psi, 0 * at, 0 * at], axis=1)
     torque = np.where(np.isclose(at, 0.5), -peak, 0.01)[:, None]
-    vehicle = mission.RecordedVehicle(
-        'pendulum',
-        PendulumView(problem=PendulumSwingUp()),
-        (FollowedPlan(plan, 0.0),),
-        states=Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units),
-        applied=Signals(at, torque, ('torque',), ('N m',)),
-    )
-    margins = {'torque': mission.Margin(0.006, 0.25, 'N m')}
-    figures = PlanFigures(0.0, DURATION, solve_time=0.2, margins=margins)
-    figures = replace(figures, terminal_error={'theta': 2e-5})
+    seen = Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units)
+    applied = Signals(at, torque, ('torque',), ('N m',))
+    view, plans = PendulumView(problem=PendulumSwingUp()), (FollowedPlan(plan, 0.0),)
+    vehicle = mission.RecordedVehicle('pendulum', view, plans, states=seen, applied=applied)
+    margins, error = {'torque': mission.Margin(0.006, 0.25, 'N m')}, {'theta': 2e-5}
+    figures = PlanFigures(0.0, DURATION, solve_time=0.2, margins=margins, terminal_error=error)
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
@@ -55,6 +51,12 @@ def formation(after: float = 7.0, **changes) -> Mission:
 def recorded_until(mission: Mission, end: float) -> Mission:
     vehicles = [replace(v, states=v.states.between(-1.0, end)) for v in mission.vehicles]
     return replace(mission, vehicles=tuple(vehicles))
+
+
+def with_first(mission: Mission, **changes) -> Mission:
+    """Return the mission with another first vehicle."""
+    first, *others = mission.vehicles
+    return replace(mission, vehicles=(replace(first, **changes), *others))
 
 
 def entry(comparison: Comparison, name: str, vehicle: str = '') -> Entry:
@@ -94,9 +96,9 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     fallen.vehicles[0].states.values[-200:, 0] = 5.0
     duration = entry(compare(fallen), 'time to the goal', 'pendulum')
     assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
-    (vehicle,) = fallen.vehicles
-    disk = Signals(vehicle.states.times, vehicle.states.values[:, 1:2], ('psi',), ('rad',))
-    assert judge(replace(fallen, vehicles=(replace(vehicle, states=disk),))) is None
+    states = fallen.vehicles[0].states
+    disk = Signals(states.times, states.values[:, 1:2], ('psi',), ('rad',))
+    assert judge(with_first(fallen, states=disk)) is None
 
 
 @pytest.mark.parametrize('end', [1.0, 2.05, 2.2, 5.4, 7.0])
@@ -122,11 +124,11 @@ def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end() -> 
 def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end() -> None:
     mission = replanned(formation(after=10.0), 1.0)
     assert judge(mission).reached
-    (one, *others) = mission.vehicles
+    one = mission.vehicles[0]
     end = one.plans[1].trajectory
     away = replace(end, states=end.states + 0.5 * np.eye(7)[1])
-    moved = replace(one, plans=(one.plans[0], replace(one.plans[1], trajectory=away)))
-    comparison = compare(replace(mission, vehicles=(moved, *others)))
+    plans = one.plans[0], replace(one.plans[1], trajectory=away)
+    comparison = compare(with_first(mission, plans=plans))
     distance = entry(comparison, 'smallest distance')
     assert (distance.planned, distance.achieved) == pytest.approx((0.5, 1.0))
     reason = f'{one.name} was not at its goal within 8 s of the planned end: off in x, y by 0.5 m'
@@ -157,12 +159,10 @@ def test_a_formation() -> None:
 
 def coasting(thrust: float) -> Comparison:
     mission = formation()
-    first, *others = mission.vehicles
-    values = np.zeros_like(first.controls.values)
-    times = first.controls.times
-    values[(times >= 0.8) & (times < 0.9), first.controls.names.index('thrust')] = thrust
-    controls = replace(first.controls, values=values)
-    return compare(replace(mission, vehicles=(replace(first, applied=controls), *others)))
+    controls = mission.vehicles[0].controls
+    values, times = np.zeros_like(controls.values), controls.times
+    values[(times >= 0.8) & (times < 0.9), controls.names.index('thrust')] = thrust
+    return compare(with_first(mission, applied=replace(controls, values=values)))
 
 
 def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
@@ -198,7 +198,7 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
         Event(-1.0, Severity.OK, '/p/tracker', 'waiting'),
     )
     mission = replace(swing_up(), events=early)
-    planless = replace(mission, vehicles=(replace(mission.vehicles[0], plans=()),))
+    planless = with_first(mission, plans=())
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
@@ -207,16 +207,16 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
 @pytest.mark.parametrize('planned', [True, False])
 def test_distances_of_robots_whose_place_is_not_known_are_refused(planned: bool) -> None:
     mission = formation()
-    first, *others = mission.vehicles
+    first = mission.vehicles[0]
     names = tuple('place' if name == 'y' else name for name in first.states.names)
     if planned:
         plan = first.plans[0]
         motion = replace(plan.trajectory, state_names=names)
-        strange = replace(first, plans=(replace(plan, trajectory=motion),), states=None)
+        strange = {'plans': (replace(plan, trajectory=motion),), 'states': None}
     else:
-        strange = replace(first, states=replace(first.states, names=names))
+        strange = {'states': replace(first.states, names=names)}
     with pytest.raises(InvalidProblem, match=f"states of '{first.name}' lack 'y'.* is: x, place"):
-        compare(replace(mission, vehicles=(strange, *others)))
+        compare(with_first(mission, **strange))
 
 
 def test_tracking_errors_are_computed_where_none_were_published() -> None:
