@@ -22,7 +22,6 @@ from tdm_planner.trajectory import Trajectory
 from tdm_sim.study.flights import CommandedPlant, tracked
 
 WEAK, STRONG = 0.02, 0.09  # N m
-STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
 SWING = build(PendulumSwingUp, {'limits.torque': WEAK})
 FORMATION = RobotFormation()
@@ -32,19 +31,6 @@ FORMATION = RobotFormation()
 def swing_up() -> ActivePlan:
     """Return the swing-up by a weak motor, from 0 s on."""
     return ActivePlan(SWING, SWING.solve(deadline=10.0), start=0.0)
-
-
-@functools.cache
-def strong_swing_up() -> Trajectory:
-    """Return a swing-up in less than half a second, with torque kept for the feedback."""
-    return build(PendulumSwingUp, STRONGLY).solve(deadline=10.0).trajectory
-
-
-@functools.cache
-def smooth_swing_up() -> ActivePlan:
-    """Return a strong motor's swing-up by a torque without jumps, from 0 s on."""
-    problem = build(PendulumSwingUp, {'limits.torque': STRONG, 'method': 'smooth'})
-    return ActivePlan(problem, problem.solve(deadline=60.0), start=0.0)
 
 
 @functools.cache

@@ -19,11 +19,6 @@ from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
 
 
-def scalar_math(self, t, x, u):
-    root = np.vectorize(lambda value: math.sqrt(value**2 + 1.0))
-    return {'pole': root(np.asarray(x[0])) - 0.5}
-
-
 def limits(**pairs):
     return {'control_limits': lambda self: pairs}
 
@@ -41,7 +36,10 @@ BAD = [
             (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
         )
     ),
-    ({'margins': scalar_math}, ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy']),
+    (
+        margins_of(pole=lambda x: np.vectorize(math.sqrt)(np.asarray(x[0]) ** 2 + 1.0) - 0.5),
+        ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
+    ),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
     (
@@ -160,19 +158,14 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
         near.solve()
 
 
-class Rolling(Car):
-    way = Integrated(0.1, 0.0)
-    sideways = Output((0.0,), (0.0,), free=4)
-
-    def outputs(self):
-        return {'x': super().outputs()['x'], 'vy': self.sideways}
-
-    def integrated(self):
-        return {'y': self.way}
-
-    def invert(self, y, z):
-        (x, vx, ax), (vy, ay, _) = y['x'], y['vy']
-        return (x, z['y'], vx, vy), (ax + self.drag * vx, ay + self.drag * vy)
+Rolling = changed(
+    Car,
+    way=Integrated(0.1, 0.0),
+    sideways=Output((0.0,), (0.0,), free=4),
+    outputs=lambda s: {'x': Car.outputs(s)['x'], 'vy': s.sideways},
+    integrated=lambda s: {'y': s.way},
+    invert=lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': (z['y'], *y['vy'][:2])}, z),
+)
 
 
 def test_integrated_states_their_rates_are_not_compared_and_a_missed_end_has_its_unit():

@@ -113,14 +113,11 @@ def test_gradient_and_rows_against_differences(made):
     near = [thrust < 0.35, torque < 0.5, walls < 1.0]
     assert near[0].any()
     assert near[2].any()
+    each = range(program.task.n)
 
     def margins(x):
         thrust, *others = own_margins(program, x)
-        rest = [
-            row[i][mask[i]]
-            for i in range(program.task.n)
-            for row, mask in zip(others, near[1:], strict=True)
-        ]
+        rest = [row[i][mask[i]] for i in each for row, mask in zip(others, near[1:], strict=True)]
         return np.concatenate([thrust[near[0]], *rest])
 
     count, slopes = margins(xi).size, central(margins, xi)

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.formation.search import kept_motions, LATE
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import FormationExecution, Mode, Replanner, SwingUpExecution
+from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Replanner
+from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.tracking import Phase, RobotTrackerParameters
 
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
@@ -276,9 +278,9 @@ def test_the_next_review_but_one_mends_a_refusal() -> None:
 
 
 def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
-    first = closed_loop.smooth_swing_up()
-    problem, interval = first.problem, 0.002
-    limit = problem.limits.torque
+    limit, interval = closed_loop.STRONG, 0.002
+    problem = build(PendulumSwingUp, {'limits.torque': limit, 'method': 'smooth'})
+    first = ActivePlan(problem, problem.solve(deadline=60.0), start=0.0)
     vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
     replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
     loop = RecedingHorizon({PENDULUM_NAME: vehicle}, problem, interval, replanner)

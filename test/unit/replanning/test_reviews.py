@@ -19,14 +19,8 @@ from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation, Replanner
+from tdm_planner.replanning import replanner as reviewing
 from tdm_planner.replanning.execution import GenericExecution, Outlook, PLANT_NAME
-from tdm_planner.replanning.replanner import (
-    decide,
-    keeping,
-    LEAST_LEFT,
-    same_question,
-    worth_improving,
-)
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
@@ -38,7 +32,7 @@ PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 @settings(max_examples=100)
 @given(OUTLOOKS, st.booleans(), SHARES, st.floats(0.0, 2.0))
 def test_a_plan_supersedes_if_needed_or_cheaper(outlook, changed, improvement, ratio):
-    supersedes, reason = decide(outlook, changed, ratio * outlook.cost, improvement)
+    supersedes, reason = reviewing.decide(outlook, changed, ratio * outlook.cost, improvement)
     assert reason
     if changed or outlook.failure:
         assert supersedes
@@ -50,9 +44,9 @@ def test_a_plan_supersedes_if_needed_or_cheaper(outlook, changed, improvement, r
 @settings(max_examples=100)
 @given(OUTLOOKS, st.floats(0.1, 100.0), SHARES)
 def test_near_the_goal_nothing_better_is_looked_for(outlook, whole, improvement):
-    far = outlook.cost > LEAST_LEFT * whole
+    far = outlook.cost > reviewing.LEAST_LEFT * whole
     wanted = far and improvement < 1.0 and not outlook.settled
-    assert worth_improving(outlook, whole, improvement) == wanted
+    assert reviewing.worth_improving(outlook, whole, improvement) == wanted
 
 
 @pytest.fixture(scope='module')
@@ -89,9 +83,9 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
 
 def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
     later = replace(swing, start=0.5)
-    assert keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
-    assert not keeping(swing, later, following(later, 0.9))
-    assert not keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
+    assert reviewing.keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
+    assert not reviewing.keeping(swing, later, following(later, 0.9))
+    assert not reviewing.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
 
 
 def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing, replanner):
@@ -236,8 +230,8 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
 def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
     solver = DirectSolverParameters(deadline=1.0, seed=3)
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
-    assert same_question(plan.problem, other)
-    assert not same_question(plan.problem, replace(CART, limit=2.0))
+    assert reviewing.same_question(plan.problem, other)
+    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):

@@ -23,11 +23,8 @@ from tdm_planner.tracking.estimator import (
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, discretise
 
 PLANT = RotaryPendulum()
-NOISE = EstimatorNoise(
-    measurement=np.array([0.0015, 0.0015, 0.1, 0.1]),
-    model=0.1,
-    rate_floor=np.array([0.0, 0.0, 10.0, 10.0]),
-)
+SENSORS, RATE_FLOOR = np.array([0.0015, 0.0015, 0.1, 0.1]), np.array([0.0, 0.0, 10.0, 10.0])
+NOISE = EstimatorNoise(measurement=SENSORS, model=0.1, rate_floor=RATE_FLOOR)
 TICK = 0.005
 SETTINGS = settings(max_examples=12)
 SEEDS = st.integers(0, 1000)
