@@ -30,8 +30,6 @@ LONGEST = (
     *('test_problems', 'test_faults', 'test_bad_statements', 'test_study', 'test_fuzz'),
     *('test_replanning', 'test_browser', 'test_prediction', 'test_robot_formation'),
 )
-
-
 LONGEST_TEST, LONGEST_BY_NIGHT = 600.0, 1800.0  # s
 TERMINAL = pytest.StashKey[int]()
 

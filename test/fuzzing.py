@@ -113,11 +113,9 @@ def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOW
 
 def planned(problem: str, parameters: Any, deadline: float = DEADLINE) -> Solution | TdmError:
     """Plan with a short deadline; a solution must be verified, a refusal must name its cause."""
-    found = outcome(
-        lambda: PROBLEMS[problem].from_parameters(parameters).solve(deadline=deadline, seed=0),
-        {'problem': problem, 'parameters': parameters},
-        deadline + ALLOWANCE,
-    )
+    case, make = {'problem': problem, 'parameters': parameters}, PROBLEMS[problem].from_parameters
+    solve = lambda: make(parameters).solve(deadline=deadline, seed=0)  # noqa: E731
+    found = outcome(solve, case, deadline + ALLOWANCE)
     if isinstance(found, Solution):
         assert found.verification.ok
         assert json.dumps(found.to_dict(), allow_nan=False)

@@ -98,7 +98,6 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def described(name: str) -> LaunchDescription:
-    file = SOURCE / 'launch' / f'{name}.launch.py'
-    made = runpy.run_path(str(file))['generate_launch_description']()
+    made = runpy.run_path(f'{SOURCE}/launch/{name}.launch.py')['generate_launch_description']()
     assert isinstance(made, LaunchDescription)
     return made

@@ -58,16 +58,6 @@ def test_diagnostics_are_published_every_second_and_on_change(ros):
     assert len(received) == 5
 
 
-class Unset(MotionClock):
-    """A clock whose instants are nanoseconds, of a time of day that may be set; needs no node."""
-
-    def __init__(self) -> None:
-        self.step = 0
-
-    def instant(self, stamp: int) -> float:
-        return float(stamp - self.step)
-
-
 TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known of the plan at 7
     ({5: EXECUTING}, Mode.FOLLOWING, 5, False),
     ({5: SUCCEEDED}, Mode.FOLLOWING, 5, False),
@@ -85,7 +75,8 @@ TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known o
 
 def test_the_mode_is_what_the_tracker_tells(ros):
     """By the status of plans, by their starts; where the clock is set a plan goes on."""
-    clock = Unset()
+    clock = SimpleNamespace(step=0)  # of a time of day that may be set; instants in ns
+    clock.instant = lambda stamp: float(stamp - clock.step)
     watch = TrackerWatch(ros.node, clock, 'told/', PendulumTrackerParameters)
     publisher = ros.publisher('told/tracker_status')
 

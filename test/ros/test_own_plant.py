@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
+from stated import changed
 from stepped_ros import Stepped
 from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
@@ -33,6 +34,8 @@ FAILURES = {  # of a solver: the error, then code, reason and level
     'missed': (VerificationFailed('it\nmisses'), 'VERIFICATION_FAILED', 'it misses', 1),
     'infeasible': (Infeasible('too weak'), 'INFEASIBLE', 'too weak', 1),
 }  # fmt: skip
+LOOPS = {'acrobot:Acrobot': True, 'overtaking:Overtaking': False}  # whether its end can be held
+ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
 
 
 @dataclass(frozen=True)
@@ -123,10 +126,6 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
     start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
 
 
-LOOPS = {'acrobot:Acrobot': True, 'overtaking:Overtaking': False}  # whether its end can be held
-ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
-
-
 @dataclass(frozen=True)
 class Rail(DoubleIntegrator):
     """A cart with a lamp on a rail."""
@@ -141,12 +140,7 @@ class Rail(DoubleIntegrator):
         return rail, Box((x[0], 0.0, 0.1), box), Disc((x[0], 0.0, 0.3), 0.1, trail=True)
 
 
-@dataclass(frozen=True)
-class Blurred(Rail):
-    name: ClassVar[str] = 'blurred'
-
-    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
-        return (x[7],)
+Blurred = changed(Rail, name='blurred', drawing=lambda self, x: (x[7],))
 
 
 class Loop(Space):
@@ -246,7 +240,7 @@ class Kind(Rail):
     ('node', 'problem', 'says'),
     [
         ('plant', 'crane', "'problem' = 'crane' is not allowed"),
-        ('plant', f'{__name__}:Blurred', 'drawing of Blurred raises IndexError'),
+        ('plant', f'{__name__}:Blurred', 'drawing of Changed raises IndexError'),
         ('planner', 'pendulum_swingup',
          'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
         ('tracker', 'crane', "'kind' = 'crane' is not allowed: must be one of pendulum"),

@@ -29,6 +29,8 @@ from visualization_msgs.msg import Marker
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
+FORMATION, ROBOTS = {'problem': 'robot_formation'}, ['robot1', 'robot2', 'robot3']
+MOVED = [2.3, 1.8, 0.7]
 
 
 class Planner(Space):
@@ -237,10 +239,6 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
     assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
     assert node._adapter.plans.next_start(plan.start) is None
-
-
-FORMATION, ROBOTS = {'problem': 'robot_formation'}, ['robot1', 'robot2', 'robot3']
-MOVED = [2.3, 1.8, 0.7]
 
 
 class Fleet(Space):

@@ -24,12 +24,6 @@ import yaml
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
 
 
-def sections(path: Path) -> dict[str, dict]:
-    document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    nodes = [str(key).rsplit('/', 1)[-1] for key in document]
-    return {node: ros_parameters(document, node) for node in nodes}
-
-
 def test_generated_anew_nothing_differs(ros: Ros):
     """Parameter files, the description, the policy, the tables of the pages: `make config`."""
     generate = pytest.importorskip('tools.generate')
@@ -50,11 +44,14 @@ def test_ros2_param_dump_can_nest_every_name():
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_nodes_agree_on_what_stands_twice(path: Path):
     """Parameter files cannot share values, of plant and limits neither: ROS knows no anchors."""
-    nodes = sections(path)
+    text = path.read_text(encoding='utf-8')
+    document = yaml.safe_load(text)
+    names = [str(key).rsplit('/', 1)[-1] for key in document]
+    nodes = {name: ros_parameters(document, name) for name in names}
     for name, value in nodes['planner'].items():
         if name.startswith(('plant.', 'limits.')):
             assert all(other.get(name, value) == value for other in nodes.values()), name
-    for token in yaml.scan(path.read_text(encoding='utf-8')):
+    for token in yaml.scan(text):
         assert not isinstance(token, yaml.AliasToken | yaml.AnchorToken | yaml.TagToken)
 
 

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from unittest.mock import Mock
 
+from launch_stand_ins import installed
 import pytest
 from replays import faults
 from ros_harness import MODULES, SOURCE, UNHURRIED
@@ -83,11 +84,9 @@ def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwi
     tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
     (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
     as_module = 'import sys; sys.orig_argv = ["python", "-m", "{0}"]; import {0}\n'
-    for words in (
-        [str(tmp_path / 'planner')],
-        ['-c', as_module.format('tdm_planner.set_up') + tell],
-        ['-c', as_module.format('benchmark.pendulum') + tell],
-    ):
+    modules = 'tdm_planner.set_up', 'benchmark.pendulum'
+    runs = [['-c', as_module.format(name) + tell] for name in modules]
+    for words in ([str(tmp_path / 'planner')], *runs):
         assert python(*words).stdout == "['1', '1', '1']\n"
     told = python(str(tmp_path / 'planner'), **dict.fromkeys(THREADS, '2'))
     assert told.stdout == "['2', '2', '2']\n"
@@ -112,14 +111,10 @@ def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, m
     assert parameter_files.share_directory() == share
     with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
         parameter_files.config_file('pendulum.yaml')
-    not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
-    make_share(not_indexed)
-    share = make_share(workspace)
-    index = workspace / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True)
-    (index / 'tdm_planner').touch()
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
-    assert parameter_files.share_directory() == share
+    make_share(tmp_path / 'not_indexed')
+    workspace = installed(tmp_path / 'workspace', {'tdm_planner': {}})
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}/not_indexed:{workspace}')
+    assert parameter_files.share_directory() == workspace / 'share/tdm_planner'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

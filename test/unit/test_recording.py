@@ -16,6 +16,7 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 from bag_contents import fill, metadata, numbers, read_with_mcap, read_with_rosbags
+from launch_stand_ins import installed
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -256,19 +257,16 @@ def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both(namespa
 
 def test_ros2_bag_records_where_it_is_installed_and_our_tdm_elsewhere(tmp_path, monkeypatch):
     """Of a workspace that colcon built; its Python need not be this one."""
-    index = tmp_path / 'share/ament_index/resource_index/packages'
-    index.mkdir(parents=True)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
-    (index / 'ros2bag').touch()
+    rosbag = installed(tmp_path / 'rosbag', {'ros2bag': {}})
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{rosbag}')
     command = record_command('hall/a', 'my_bag')
     pattern = topics_pattern('hall/a')
     assert command == ['ros2', 'bag', 'record', '--output', 'my_bag', '--regex', pattern]
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
-    (index / 'ros2bag').rename(index / 'tdm_planner')
-    (tmp_path / 'lib/tdm_planner').mkdir(parents=True)
-    (tmp_path / 'lib/tdm_planner/tdm').touch(0o755)
+    workspace = installed(tmp_path / 'ours', {'tdm_planner': {'tdm': ''}})
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{workspace}')
     program, *words = record_command('hall/a', 'my_bag')
-    assert program == str(tmp_path / 'lib/tdm_planner/tdm')
+    assert program == str(workspace / 'lib/tdm_planner/tdm')
     options = _parser().parse_args(words)
     assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]

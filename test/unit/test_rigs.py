@@ -20,6 +20,7 @@ from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched
 from tdm_sim.study.flights import ClosedLoop, fly
 
+LOST = [(9612, 2, 320.0), (9649, 2, 200.0), (9650, 1, 200.0), (9655, 0, 320.0)]
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 
 
@@ -36,10 +37,7 @@ def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
     assert loop.upright(0.8)
 
 
-@pytest.mark.parametrize(
-    ('seed', 'off', 'rate'),
-    [(9612, 2, 320.0), (9649, 2, 200.0), (9650, 1, 200.0), (9655, 0, 320.0)],
-)
+@pytest.mark.parametrize(('seed', 'off', 'rate'), LOST)
 def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: float) -> None:
     """They were lost near the end, or no feedback was found for their plans (9655)."""
     problem = replace(rig(seed), torque_reserve=0.2)

@@ -24,6 +24,11 @@ from tdm_sim.live.rig import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
 from tdm_sim.live.scene import drag_handles_of, pulled
 from viser.transforms import SO3
 
+BEGIN = 1_800_000_000.0  # s, as clocks show
+VIEW = view_of(PendulumSwingUp())
+PATIENCE = 30.0  # s
+angle = st.floats(-6.0, 6.0)
+
 
 def slider(name: str, value, kind: int = 3, most: float = 1e12, **more):
     declared = {'name': name, 'type': kind, 'description': 'largest torque [N m]'}
@@ -54,12 +59,6 @@ def test_a_slider_holds_its_value_and_keeps_to_what_is_allowed(value, one, other
     low, high = min(one, other, value), max(one, other, value)
     below, above = shown_range(value, low, high)
     assert low <= below <= value <= above <= high
-
-
-BEGIN = 1_800_000_000.0  # s, as clocks show
-VIEW = view_of(PendulumSwingUp())
-PATIENCE = 30.0  # s
-angle = st.floats(-6.0, 6.0)
 
 
 def history(seconds: float) -> History:

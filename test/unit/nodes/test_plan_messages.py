@@ -41,6 +41,7 @@ CRANE = named_kind(
 )
 DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
 number = st.floats(-20.0, 20.0)
+INSTANTS = st.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9)  # ns that a stamp can tell
 BODY = {('body', 0), ('body', 1)}
 
 
@@ -153,11 +154,7 @@ def test_malformed_plans_are_refused(made, point, changes, says):
 
 
 @settings(max_examples=50)
-@given(
-    st.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9),
-    st.floats(-1e5, 1e5),
-    st.floats(-math.pi, math.pi),
-)
+@given(INSTANTS, st.floats(-1e5, 1e5), st.floats(-math.pi, math.pi))
 def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw):
     assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
     again = reading.seconds_of(messages.to_duration(seconds))

@@ -24,6 +24,8 @@ from tdm_planner.replanning import ActivePlan, Outlook, Review
 from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.trajectory import TimedTrajectory
 
+START = 1_700.0  # s
+
 
 class Queue(PlanQueue):
     """Computations end when the test says so: `began` holds their names, `done` what came."""
@@ -188,9 +190,6 @@ def test_what_was_given_up_before_it_was_activated_is_forgotten(restarted, start
     assert restarted.taken == taken
 
 
-START = 1_700.0
-
-
 @pytest.fixture(scope='module')
 def plan():
     solution = RobotFormation().solve(deadline=10.0)
@@ -199,12 +198,10 @@ def plan():
 
 
 def predict(plan, state, measured, start):
-    robot = SimpleNamespace(
-        _plant=planned_plant(RobotFormation, {}),
-        _angles=np.isin(np.arange(7), (4, 6)),
-        measured=SimpleNamespace(fresh=lambda *_: (state, measured)),
-        followed_motion=lambda *_: plan,
-    )
+    seen = SimpleNamespace(fresh=lambda *_: (state, measured))
+    robot = SimpleNamespace(measured=seen, followed_motion=lambda *_: plan)
+    robot._plant = planned_plant(RobotFormation, {})
+    robot._angles = np.isin(np.arange(7), (4, 6))
     return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, plan)
 
 
