@@ -43,6 +43,10 @@ DRAWN_PENDULUM, DRAWN_ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.
 number = st.floats(-20.0, 20.0)
 INSTANTS = st.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9)  # ns that a stamp can tell
 BODY = {('body', 0), ('body', 1)}
+ALWAYS = [  # drawn: what, its name, and what is always to be seen of it
+    (DRAWN_PENDULUM, '', BODY | {('force', 2)}),
+    (DRAWN_ROBOT, 'robot2', BODY | {('reach', 2), ('force', 3), ('name', 0)}),
+]
 
 
 def switched(kind: PlantKind, count: int = 20) -> Trajectory:
@@ -200,13 +204,7 @@ def shown(drawn: Drawn, state, thrust: float = 0.0) -> Scene:
     return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
 
 
-@pytest.mark.parametrize(
-    ('drawn', 'name', 'always'),
-    [
-        (DRAWN_PENDULUM, '', BODY | {('force', 2)}),
-        (DRAWN_ROBOT, 'robot2', BODY | {('reach', 2), ('force', 3), ('name', 0)}),
-    ],
-)
+@pytest.mark.parametrize(('drawn', 'name', 'always'), ALWAYS)
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
 def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
