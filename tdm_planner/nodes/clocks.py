@@ -59,7 +59,7 @@ class MotionClock:
     step of the time of day is reported to `on_step` [s].
 
     With `use_sim_time` the simulated clock is the plant's own, with its pauses and its speed.
-    Instants are then its seconds since the first message on `/clock`.
+    Instants are then seconds since the first stamp there was, on `/clock` or of a message.
 
     Safe in any thread.
     """
@@ -87,9 +87,7 @@ class MotionClock:
         """Present instant [s]."""
         self._simulated = bool(self._clock.ros_time_is_active)
         if self._simulated:
-            stamp = int(self._clock.now().nanoseconds)
-            self._simulated_begin = self._simulated_begin or stamp
-            return self.instant(stamp)
+            return self.instant(int(self._clock.now().nanoseconds))
         before = time.monotonic_ns()
         stamp = int(self._clock.now().nanoseconds)
         steady = time.monotonic_ns()
@@ -103,6 +101,8 @@ class MotionClock:
 
     def instant(self, stamp: int) -> float:
         """Instant [s] of a stamp [ns] of the node's clock."""
+        if self._simulated:
+            self._simulated_begin = self._simulated_begin or stamp
         return (stamp - self._zero) * NANOSECOND
 
     def instant_of(self, stamp: Any) -> float:

@@ -124,6 +124,15 @@ def test_jitter_and_a_look_that_is_interrupted_compare_nothing(day, offset, took
     assert len(told) == steps
 
 
+def test_simulated_time_begins_with_the_first_stamp_also_before_the_clock_runs(day):
+    day.ros_time_is_active, day.offset = True, -(10**18) - day.steady  # nothing on /clock yet
+    motion, first = MotionClock(day), 10**18 + 7
+    assert (motion.runs, motion.now()) == (False, 0.0)
+    assert motion.instant(first) == 0.0
+    day.offset += first + SECOND
+    assert (motion.now(), motion.stamp(1.0)) == (1.0, first + SECOND)
+
+
 class Bench:
     """A tracker whose phase and motions the test sets; `told` is what was published."""
 
