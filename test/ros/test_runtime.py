@@ -145,13 +145,12 @@ def test_a_signal_does_not_interrupt_what_the_executor_of_a_demo_does(ros, monke
     """Rclpy prints a traceback for every task and future that is left half made."""
     done = []
 
-    class Asked(SingleThreadedExecutor):
-        def spin_once(self, timeout_sec: float) -> None:
-            ask()
-            ros.step_to(ros.now + math.ceil(1e9 * timeout_sec))
-            done.append('whole')
+    def spin_once(_: SingleThreadedExecutor, timeout_sec: float) -> None:
+        ask()
+        ros.step_to(ros.now + math.ceil(1e9 * timeout_sec))
+        done.append('whole')
 
-    monkeypatch.setattr(demo, 'SingleThreadedExecutor', Asked)
+    monkeypatch.setattr(SingleThreadedExecutor, 'spin_once', spin_once)
     monkeypatch.setattr(demo.NodeProcesses, 'start', lambda *_: None)
     scene = demo.make_scene('pendulum', None)
     with pytest.raises(Interrupted), interruptible():
