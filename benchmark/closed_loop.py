@@ -32,10 +32,10 @@ from benchmark.scenarios import (
 )
 from distributed import Client
 import numpy as np
+from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.solution import Solution
-from tdm_planner.tracking.motion import wrapped
 from tdm_sim.report.margins import separations
 from tdm_sim.study import ClosedLoop, each, fly, workers
 

@@ -40,6 +40,7 @@ from benchmark.scenarios import (
 )
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.arrays import wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -49,7 +50,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import PendulumTracker, Phase
-from tdm_planner.tracking.motion import ReplanOnDeviation, wrapped
+from tdm_planner.tracking.motion import ReplanOnDeviation
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
 from tdm_sim.study.flights import tracked, tracker_of
 

@@ -153,7 +153,7 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
 
 @given(start=states(3.0, 0.5, 8.0, 3.0), disk_angle=st.sampled_from([2.0, 0.8]))
 @settings(max_examples=8)
-def test_any_plan_along_the_virtual_arc_lands(start, disk_angle):
+def test_any_plan_along_the_virtual_arc_lands_or_says_why_there_is_none(start, disk_angle):
     made = problem(start=start, method='virtual_arc')
     made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
     try:

@@ -154,13 +154,15 @@ def test_separations_against_differences(made):
     rows, at_last = program.linearise(point, None).inequality_jacobian, -len(found)
     assert found[:, CLOSENESS] == pytest.approx(margins(xi), abs=1e-9)
     assert rows[at_last:] == pytest.approx(central(margins, xi), abs=1e-5)
-    dense = places(program, xi, np.linspace(0.0, 60.0, 6001))
+    dense, near = places(program, xi, np.linspace(0.0, 60.0, 6001)), 0
     for one, other in ((0, 1), (0, 2), (1, 2)):
         apart = np.linalg.norm(dense[one] - dense[other], axis=0).min()
         clearance = program.clearances[one, other]
         if apart < 1.24 * clearance:
+            near += 1
             nearest = found[(first == one) & (second == other), CLOSENESS].min()
             assert nearest == pytest.approx(apart / clearance - 1.0, abs=1e-4)
+    assert near
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
@@ -256,6 +258,7 @@ def test_slopes_are_those_of_the_values(changes, count):
     *slopes, gradient = central(smooth, xi)
     assert gradient == pytest.approx(found.gradient, rel=2e-4, abs=1e-5)
     expected, known = found.inequality_jacobian[:rows], np.isfinite(slopes)
+    assert known.any() == bool(rows)
     assert np.array(slopes)[known] == pytest.approx(expected[known], rel=1e-3, abs=1e-4)
 
 
