@@ -130,7 +130,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                 processes.check()
                 progress.update(scene.status())
                 look = time.monotonic() + _LOOK
-                # rclpy tells of every object that a signal leaves half made.
+                # rclpy prints a traceback for every task that a signal interrupts.
                 with uninterrupted():
                     while (left := look - time.monotonic()) > 0.0:
                         executor.spin_once(timeout_sec=left)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 import math
+import threading
 import time
 from typing import Any, cast
 
@@ -67,6 +68,7 @@ class MotionClock:
     def __init__(self, node: Node, on_step: Callable[[float], None] | None = None) -> None:
         self._clock = ros_clock(node)
         self._on_step = on_step
+        self._lock = threading.Lock()
         self._simulated = bool(self._clock.ros_time_is_active)
         self._begin = time.monotonic_ns()
         self._offset = int(self._clock.now().nanoseconds) - self._begin
@@ -84,7 +86,7 @@ class MotionClock:
         return self._simulated_begin if self._simulated else self._begin + self._offset
 
     def now(self) -> float:
-        """Present instant [s]."""
+        """Present instant [s]; without meaning until the time `runs`."""
         self._simulated = bool(self._clock.ros_time_is_active)
         if self._simulated:
             return self.instant(int(self._clock.now().nanoseconds))
@@ -101,8 +103,9 @@ class MotionClock:
 
     def instant(self, stamp: int) -> float:
         """Instant [s] of a stamp [ns] of the node's clock."""
-        if self._simulated:
-            self._simulated_begin = self._simulated_begin or stamp
+        with self._lock:
+            if self._simulated:
+                self._simulated_begin = self._simulated_begin or stamp
         return (stamp - self._zero) * NANOSECOND
 
     def instant_of(self, stamp: Any) -> float:

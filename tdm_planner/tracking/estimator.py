@@ -28,8 +28,8 @@ _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
 _UNMISTAKABLE = 20.0  # standard deviations of the measurement
 _ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
-_DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around what is told of it
-_FARTHEST = 0.01  # s by which the estimate of the delay differs from that, at most
+_DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around the initial guess
+_FARTHEST = 0.01  # s by which the estimate of the delay differs from the guess, at most
 _JITTER = 1e-3  # s, standard deviation of the delay from one command to the next
 _LONGEST = 4  # windows without a change that are looked at together
 
@@ -54,7 +54,7 @@ class PlantWithGains(StatedPlant):
 
 
 class CommandHistory:
-    """The controls sent, each acting from its instant to the next; zero before the first."""
+    """The controls sent, each valid until the next one is sent; zero before the first."""
 
     def __init__(self, size: int) -> None:
         self._zero = np.zeros(size)
@@ -62,7 +62,7 @@ class CommandHistory:
         self._controls: list[Array] = []
 
     def add(self, time: float, control: Array) -> None:
-        """Note that `control` (nu,) acts from `time` [s] on, in place of later ones."""
+        """Note that `control` (nu,) was sent at `time` [s], in place of later ones."""
         while self._times and self._times[-1] >= time:
             self._times.pop()
             self._controls.pop()
@@ -89,7 +89,7 @@ class CommandHistory:
             index += 1
 
     def at(self, time: float) -> Array:
-        """Return the control (nu,) that acts at an instant [s], just before one sent then."""
+        """Return the control (nu,) that was sent last before `time` [s]."""
         index = bisect_left(self._times, time)
         return self._controls[index - 1] if index else self._zero
 
@@ -123,8 +123,10 @@ class StateEstimator:
     can be predicted from it, the estimate begins anew. No step of the prediction is longer than
     `longest_step` s.
 
-    Commands act `delay` s after they were sent. That is estimated, too: where the control changes,
-    it shifts the instant of the change, and the state by the difference of the rates.
+    Commands act `delay` s after they were sent. The delay is a further state of the filter: an
+    error of it shifts the instant at which a control changes, and so the state, by that time times
+    the difference of the rates. It is taken as constant, and estimated while `finds_delay`. About
+    a goal, friction depends on the commands, too, and would be taken for a delay.
     """
 
     def __init__(
@@ -147,15 +149,28 @@ class StateEstimator:
         self._measurement_covariance = np.diag(self.measurement**2)
         prior = np.pad(noise.measurement, more, constant_values=noise.gains)
         self._prior_covariance = np.diag(np.append(prior, _DELAY_SPREAD) ** 2)  # last: the delay
-        self._told = self.delay = 0.0
+        self._guess = self.delay = 0.0
+        self._finds_delay = False
         self.stamp: float | None = None
         self._state = np.zeros(self.size)
         self._covariance = self._prior_covariance
 
     def reset(self, delay: float) -> None:
-        """Forget every sample; commands act after about `delay` s."""
+        """Forget every sample; `delay` [s] is the initial guess of the delay of commands."""
         self.stamp = None
-        self._told = self.delay = delay
+        self._guess = self.delay = delay
+
+    @property
+    def finds_delay(self) -> bool:
+        """Whether samples correct the delay of commands; when set, it counts as unknown again."""
+        return self._finds_delay
+
+    @finds_delay.setter
+    def finds_delay(self, finds: bool) -> None:
+        if finds and not self._finds_delay:
+            self._covariance = self._covariance.copy()
+            self._covariance[-1] = self._covariance[:, -1] = self._prior_covariance[-1]
+        self._finds_delay = finds
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; older ones are ignored."""
@@ -222,11 +237,13 @@ class StateEstimator:
             self._covariance = self._prior_covariance
             return
         gain = np.linalg.solve(total, self._covariance[:size]).T
+        gain[size] *= self._finds_delay
         correction = gain @ innovation
         self._state = self._state + correction[:size]
-        away = self.delay + float(correction[size]) - self._told
-        self.delay = max(self._told + min(max(away, -_FARTHEST), _FARTHEST), 0.0)
+        away = self.delay + float(correction[size]) - self._guess
+        self.delay = max(self._guess + min(max(away, -_FARTHEST), _FARTHEST), 0.0)
         covariance = self._covariance - gain @ self._covariance[:size]
+        covariance[size] = covariance[:, size]  # also where the delay is not corrected
         self._covariance = 0.5 * (covariance + covariance.T)
 
 

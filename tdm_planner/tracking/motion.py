@@ -72,7 +72,8 @@ class TrackerParameters(Validated):
     )
     command_delay: float = parameter(
         0.0,
-        'initial guess of the time from a command to its effect; estimated within 0.01 s of it',
+        'initial guess of the time from a command to its effect; the estimate stays within '
+        '0.01 s of it',
         unit='s',
         allowed=Range(0.0, 1.0),
     )

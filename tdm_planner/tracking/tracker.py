@@ -224,7 +224,10 @@ class TrajectoryTracker(ABC):
 
     def _predicted_state(self, now: float, at: float) -> Array:
         """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
-        state, time = self.estimator.predict(now), now
+        time = min(
+            now + self.estimator.delay, at
+        )  # until then commands act that were sent already
+        state = self.estimator.predict(time)
         # Held for much longer than an interval the feedback would not follow a quick swing.
         longest = max(2.0 * self.parameters.interval, (at - now) / _LOOK_AHEAD)
         while time < at - _CLOCK_TOLERANCE:
@@ -278,6 +281,7 @@ class TrajectoryTracker(ABC):
         if not np.isfinite(control).all():
             return self.break_down(now, 'a value is not a finite number')
         self.history.add(now, control)
+        self.estimator.finds_delay = self.phase is Phase.TRACKING
         return Command(control, self.phase, action, self._broke_down(now) or self.reason)
 
     def _broke_down(self, now: float) -> str:

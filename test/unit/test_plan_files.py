@@ -73,8 +73,13 @@ def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None
     for name in ('plan.txt', 'plan', 'missing/plan.json', ''):
         with pytest.raises(InvalidProblem):
             check_path(tmp_path / name)
+    path = tmp_path / 'plan.json'
     with pytest.raises(InvalidProblem, match='cannot be read'):
-        load_plan(tmp_path / 'plan.json')
+        load_plan(path)
+    for content in ('', '{', '[]', '{"problem": "x"}', '{"problem": "x", "times": [1]}'):
+        path.write_text(content)
+        with pytest.raises(InvalidProblem):
+            load_plan(path)
 
 
 def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:

@@ -103,7 +103,7 @@ def worst_angle_while_held(plan: Trajectory, seed: int, command_delay: float) ->
 
 
 def test_told_of_a_links_delay_the_tracker_mostly_catches_and_holds():
-    """Of ten links tried, all, with half of the torque in reserve; not told of it, none."""
+    """Of ten links tried all were, with half of the torque in reserve; not told of it, none."""
     problem = build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': 0.5})
     plan = problem.solve(deadline=20.0).trajectory
     caught = [worst_angle_while_held(plan, seed, DELAY) < 0.05 for seed in range(6)]

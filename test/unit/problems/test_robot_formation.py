@@ -238,7 +238,7 @@ def test_penalty_is_equation_29_mended():
     pairs = check(verification.separation_constraints(task), times, *whole)[0]
     assert delta > 0.1
     assert verification.penalty(task, worst, pairs, k) == pytest.approx(delta)
-    # What is kept does not count, nor what rounding explains, relative to what it is measured by.
+    # Limits that are kept cost nothing, nor do violations within rounding, relative to each unit.
     units = dict(zip(('thrust', 'thruster_rate', 'torque'), largest, strict=True))
     units |= {'walls': 1.0, 'keep_out': 1.0}
     kept = [{name: size * unit for name, unit in units.items()} for size in (-1e-9, 0.3)]

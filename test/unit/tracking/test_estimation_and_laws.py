@@ -87,11 +87,11 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
     assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
 
 
-@SETTINGS
-@given(st.floats(0.0, 0.008), st.floats(0.0, 0.006), SEEDS)
-def test_the_delay_of_commands_is_found(late: float, told: float, seed: int) -> None:
+def delay_found(late: float, guess: float, seed: int, finds: bool = True) -> float:
+    """Return the estimate after commands that acted `late` s late; few of them were changed."""
     estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1)
-    estimator.reset(told)
+    estimator.reset(guess)
+    estimator.finds_delay = finds
     state, sent, noise = HANGING, CommandHistory(1), np.random.default_rng(seed)
     command = np.array([0.03])
     for k in range(300):
@@ -102,7 +102,19 @@ def test_the_delay_of_commands_is_found(late: float, told: float, seed: int) -> 
             history.add(now, command)
         for duration, control in sent.between(now - late, now + TICK - late):
             state = integrate(PLANT, state, control, duration)
-    assert estimator.delay == pytest.approx(late, abs=1e-3)
+    return estimator.delay
+
+
+@SETTINGS
+@given(st.floats(0.0, 0.008), st.floats(0.0, 0.006), SEEDS)
+def test_the_delay_of_commands_is_found(late: float, guess: float, seed: int) -> None:
+    assert delay_found(late, guess, seed) == pytest.approx(late, abs=1e-3)
+    assert delay_found(late, guess, seed, finds=False) == guess
+
+
+def test_the_delay_found_stays_near_the_guess() -> None:
+    assert delay_found(0.018, 0.0, 1) == pytest.approx(0.01)
+    assert delay_found(0.018, 0.014, 1) == pytest.approx(0.018, abs=1e-3)
 
 
 def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
