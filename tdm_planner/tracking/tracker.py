@@ -135,8 +135,7 @@ class TrajectoryTracker(ABC):
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; gains to be estimated are 1."""
-        newest = self.estimator.stamp
-        if newest is not None and stamp <= newest:
+        if self.estimator.stamp is not None and stamp <= self.estimator.stamp:
             return
         state = np.append(state, np.ones(self.estimator.size - state.size))
         try:
@@ -224,9 +223,8 @@ class TrajectoryTracker(ABC):
 
     def _predicted_state(self, now: float, at: float) -> Array:
         """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
-        time = min(
-            now + self.estimator.delay, at
-        )  # until then commands act that were sent already
+        # Until a command sent now acts, those sent before do.
+        time = min(now + self.estimator.delay, at)
         state = self.estimator.predict(time)
         # Held for much longer than an interval the feedback would not follow a quick swing.
         longest = max(2.0 * self.parameters.interval, (at - now) / _LOOK_AHEAD)
@@ -246,8 +244,7 @@ class TrajectoryTracker(ABC):
         midway = time > motion.start + self.parameters.interval
         name, place = ('path', 'present point') if midway else ('start', 'start')
         error = self.error(state, motion.reference(time))
-        far = self._too_far(error, f'trajectory at its {place}', name)
-        if far:
+        if far := self._too_far(error, f'trajectory at its {place}', name):
             raise TrajectoryMissed(far)
 
     def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
@@ -386,8 +383,7 @@ class TrajectoryTracker(ABC):
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
         if self.parameters.command_delay == other.parameters.command_delay:
             self.estimator.delay = other.estimator.delay
-        if other.estimator.stamp is not None:
-            stamp = other.estimator.stamp
+        if (stamp := other.estimator.stamp) is not None:
             self.estimator.observe(other.estimator.predict(stamp), stamp)
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)
