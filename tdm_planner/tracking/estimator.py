@@ -126,7 +126,8 @@ class StateEstimator:
     Commands act `delay` s after they were sent. The delay is a further state of the filter: an
     error of it shifts the instant at which a control changes, and so the state, by that time times
     the difference of the rates. It is taken as constant, and estimated while `finds_delay`. About
-    a goal, friction depends on the commands, too, and would be taken for a delay.
+    a goal, friction depends on the commands, too, and would be taken for a delay. The constructor
+    takes its initial guess.
     """
 
     def __init__(
@@ -136,6 +137,7 @@ class StateEstimator:
         angles: Sequence[int],
         longest_gap: float,
         longest_step: float = PREDICTION_STEP,
+        delay: float = 0.0,
     ) -> None:
         self._plant = plant
         self.noise = noise
@@ -149,16 +151,19 @@ class StateEstimator:
         self._measurement_covariance = np.diag(self.measurement**2)
         prior = np.pad(noise.measurement, more, constant_values=noise.gains)
         self._prior_covariance = np.diag(np.append(prior, _DELAY_SPREAD) ** 2)  # last: the delay
-        self._guess = self.delay = 0.0
+        self._guess = self.delay = delay
         self._finds_delay = False
         self.stamp: float | None = None
         self._state = np.zeros(self.size)
         self._covariance = self._prior_covariance
 
-    def reset(self, delay: float) -> None:
-        """Forget every sample; `delay` [s] is the initial guess of the delay of commands."""
-        self.stamp = None
-        self._guess = self.delay = delay
+    def reset(self) -> None:
+        """Forget every sample, and what the delay was found to be."""
+        self.stamp, self.delay = None, self._guess
+
+    def acting(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
+        """Durations [s] and controls that make up [start, end], as they act on the plant."""
+        return self.history.between(start - self.delay, end - self.delay)
 
     @property
     def finds_delay(self) -> bool:
@@ -191,7 +196,7 @@ class StateEstimator:
         """State (nx,) at `time` [s], not before the newest sample's stamp."""
         assert self.stamp is not None
         state = self._state
-        for duration, control in self.history.between(self.stamp - self.delay, time - self.delay):
+        for duration, control in self.acting(self.stamp, time):
             state = self.move(state, control, duration)
         return state
 
@@ -202,27 +207,24 @@ class StateEstimator:
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
         noise, size = self.noise, self.size
-        start, end = self.stamp - self.delay, until - self.delay
-        before = self.history.at(start)
-        for duration, control in self.history.between(start, end):
+        before = self.history.at(self.stamp - self.delay)
+        for duration, control in self.acting(self.stamp, until):
             slope, _ = self._plant.jacobians(self._state, control)
             rates = self._plant.derivative(self._state, control)
             step = slope * duration
             transition = np.eye(size + 1)
             transition[:size, :size] += step + 0.5 * step @ step
-            covariance = self._covariance
+            late = np.zeros(size)  # slope of the state by the delay
             if (control != before).any():
                 late = self._plant.derivative(self._state, before) - rates
-                covariance = covariance + 0.0
-                covariance[:size] += np.outer(late, covariance[size])
-                covariance[:, :size] += np.outer(covariance[:, size], late)
-                covariance[:size, :size] += _JITTER**2 * np.outer(late, late)
-            self._covariance = transition @ covariance @ transition.T
+            transition[:size, size] = late = transition[:size, :size] @ late
+            self._covariance = transition @ self._covariance @ transition.T
             # The model's error is about constant for a while: until then it adds up with the time.
             spread = noise.model * np.maximum(np.abs(rates), self._rate_floor)
             spread *= self._rate_floor > 0.0
             lasting = max(duration, noise.lasting)
-            self._covariance[:size, :size] += np.diag(spread**2 * duration * lasting)
+            noises = np.diag(spread**2 * duration * lasting) + _JITTER**2 * np.outer(late, late)
+            self._covariance[:size, :size] += noises
             self._state = self.move(self._state, control, duration)
             before = control
 
@@ -290,8 +292,8 @@ class RepetitionWatch:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
         state, driven = sample, False
-        seen = stamp - estimator.delay - _ON_ITS_WAY * self._window
-        for duration, control in estimator.history.between(self._since - estimator.delay, seen):
+        seen = stamp - _ON_ITS_WAY * self._window
+        for duration, control in estimator.acting(self._since, seen):
             state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())
         far = _UNMISTAKABLE * estimator.measurement

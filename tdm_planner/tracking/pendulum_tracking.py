@@ -168,8 +168,9 @@ class PendulumTracker(TrajectoryTracker):
             gains=_GAIN_SPREAD,
             lasting=_LASTING / frequency,
         )
-        model, gap, step = EstimatedPendulum(plant), parameters.state_timeout, longest_step(plant)
-        super().__init__(parameters, plant, StateEstimator(model, noise, [0], gap, step))
+        model, times = EstimatedPendulum(plant), (parameters.state_timeout, longest_step(plant))
+        estimator = StateEstimator(model, noise, [0], *times, parameters.command_delay)
+        super().__init__(parameters, plant, estimator)
         weights, limit = parameters.weights, parameters.limits.torque
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])

@@ -216,8 +216,8 @@ class RobotTracker(TrajectoryTracker):
             rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0]),
             gains=_ACTUATORS_SPREAD,
         )
-        angles, gap = [_YAW, _ALPHA], parameters.state_timeout
-        estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap)
+        angles, gap, delay = [_YAW, _ALPHA], parameters.state_timeout, parameters.command_delay
+        estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap, delay=delay)
         super().__init__(parameters, plant, estimator)
         self._largest = push
         self._correcting = False

@@ -66,7 +66,8 @@ class StatedTracker(TrajectoryTracker):
         nx = len(problem.state_names)
         measured, model = _BELIEVED
         noise = EstimatorNoise(np.full(nx, measured), model, rate_floor=np.ones(nx))
-        estimator = StateEstimator(self._plant, noise, [], parameters.state_timeout)
+        gap, delay = parameters.state_timeout, parameters.command_delay
+        estimator = StateEstimator(self._plant, noise, [], gap, delay=delay)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last

@@ -64,7 +64,6 @@ class TrajectoryTracker(ABC):
         self.plant = plant
         self.estimator = estimator
         self.history = estimator.history
-        estimator.reset(parameters.command_delay)
         self.nothing = np.zeros(len(plant.control_names))  # commanded
         self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
         self.phase = Phase.IDLE
@@ -143,7 +142,7 @@ class TrajectoryTracker(ABC):
                 self._repetition.observe(state, stamp)
                 self.estimator.observe(state, stamp)
         except BREAKDOWN as error:
-            self.estimator.reset(self.parameters.command_delay)
+            self.estimator.reset()
             what = ' '.join(str(error).split())
             told = f'the estimate of the state broke down ({what}) and begins anew'
             self._breakdown = told, stamp
@@ -307,7 +306,7 @@ class TrajectoryTracker(ABC):
     def break_down(self, now: float, what: str) -> Command:
         """Abort the motion, forget the state and command nothing; `what` says why."""
         self.stop(f'the feedback broke down: {what}')
-        self.estimator.reset(self.parameters.command_delay)
+        self.estimator.reset()
         return self._nothing(now, self.reason)
 
     def _nothing(self, now: float, problem: str) -> Command:
@@ -328,7 +327,7 @@ class TrajectoryTracker(ABC):
 
     def _follow_clock(self, now: float) -> None:
         if now < self._time - _CLOCK_TOLERANCE:
-            self.estimator.reset(self.parameters.command_delay)
+            self.estimator.reset()
             self.history.clear()
             if self.phase is not Phase.IDLE:
                 self.stop(f'the clock was set back by {self._time - now:.3g} s')

@@ -89,8 +89,7 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
 
 def delay_found(late: float, guess: float, seed: int, finds: bool = True) -> float:
     """Return the estimate after commands that acted `late` s late; few of them were changed."""
-    estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1)
-    estimator.reset(guess)
+    estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1, delay=guess)
     estimator.finds_delay = finds
     state, sent, noise = HANGING, CommandHistory(1), np.random.default_rng(seed)
     command = np.array([0.03])
@@ -137,7 +136,7 @@ def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estim
     elsewhere = np.array([1.0, 0.5, 0.0, 0.0])
     estimator.observe(elsewhere, 5.0)
     assert estimator.predict(5.0).tolist() == elsewhere.tolist()
-    estimator.reset(0.0)
+    estimator.reset()
     assert estimator.stamp is None
 
 
