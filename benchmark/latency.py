@@ -26,7 +26,6 @@ from benchmark.nodes import PUSHED, Rig
 from benchmark.progress import counted, report
 from benchmark.scenarios import crossing
 import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -34,8 +33,6 @@ from tdm_planner.problems.pendulum.problem import PendulumStart
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
-
-Array = NDArray[np.float64]
 
 DEADLINE, LATE = 0.03, 0.01  # s
 LONGEST = 0.25  # s that a replan may take where times are measured

@@ -17,11 +17,9 @@ from typing import Any
 
 from benchmark.progress import counted
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
-
-Array = NDArray[np.float64]
 
 REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
 BEST_KNOWN = Path(__file__).parent / 'data' / 'pendulum_best_known.json'

@@ -13,14 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
-
-Array = NDArray[np.float64]
 
 _ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers
 

@@ -39,8 +39,7 @@ from benchmark.scenarios import (
     MISMATCH,
 )
 import numpy as np
-from numpy.typing import NDArray
-from tdm_planner.arrays import wrapped
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -53,8 +52,6 @@ from tdm_planner.tracking import PendulumTracker, Phase
 from tdm_planner.tracking.motion import ReplanOnDeviation
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
 from tdm_sim.study.flights import tracked, tracker_of
-
-Array = NDArray[np.float64]
 
 REVIEWS = ReplanParameters(rate=5.0)
 TORQUE, RESERVE, PUSH = 0.02, 0.3, 0.3

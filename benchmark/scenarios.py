@@ -10,10 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.problems import RobotFormation
-
-Array = NDArray[np.float64]
 
 MINIMUM_SEPARATION = 0.4
 ARRIVAL_INTERVAL = 4.0

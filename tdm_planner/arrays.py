@@ -4,7 +4,7 @@
 """
 Types of arrays, and what is computed of them in many places.
 
-Arrays hold 64-bit numbers. Shapes stand in docstrings: the types do not tell them.
+Their shapes stand in docstrings: the types do not tell them.
 """
 
 from __future__ import annotations

@@ -17,13 +17,13 @@ from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.clocks import ros_clock
+from tdm_planner.nodes.messages import QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of
 
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
 _PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more, usually
 _AGAIN = 0.2  # s of real time of waiting after which the time is told again: it may have got lost
-_QUEUE = 10  # messages; reliable, as one that gets lost would be waited for
 
 
 class _Follower:
@@ -39,7 +39,8 @@ class _Follower:
         self.patience = patience  # s
         self.stamp = 0  # ns
         self.heard_at = -math.inf
-        node.create_subscription(JointState, topic, self._on_message, _QUEUE)
+        # Reliable: a message that gets lost would be waited for.
+        node.create_subscription(JointState, topic, self._on_message, QUEUE)
 
     def _on_message(self, message: JointState) -> None:
         stamp = nanoseconds_of(message.header.stamp)
@@ -76,7 +77,7 @@ class ClockSource:
         if ros_clock(node).ros_time_is_active:
             # The node publishes /clock itself and must not subscribe to it.
             Node.set_parameters_atomically(node, [Parameter('use_sim_time', value=False)])
-        self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, 10)
+        self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, QUEUE)
         self._source: Any = TimeSource()
         self._source.ros_time_is_active = True
         self._source.attach_clock(node.get_clock())

@@ -28,7 +28,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
-from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry
+from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
@@ -49,7 +49,6 @@ from visualization_msgs.msg import MarkerArray
 
 LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
-QUEUE = 10  # messages
 _COUNTED = ('states published', 'commands accepted', 'commands ignored', 'pushes')
 
 

@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.task import FormationTask
@@ -27,7 +27,6 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check, Constraint, verify
 
-Array = NDArray[np.float64]
 # rad, rad/s: from there a linear feedback holds the pendulum.
 PENDULUM_TOLERANCE = np.array([0.05, 0.05, 0.5, 0.5])
 DISK_SLACK = 0.01  # rad

@@ -13,7 +13,7 @@ from typing import Any
 from benchmark.peers.collocation import defects, Outcome, Solver
 import casadi
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import accelerations
@@ -21,7 +21,6 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 _PUMPED, _STEP = 3.0, 2e-3  # s
-Array = NDArray[np.float64]
 _LONGEST = 200.0  # in 1 / w0
 _INSIDE = 0.9  # of the limit: torques of an initial guess stay off their bounds
 

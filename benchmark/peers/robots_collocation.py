@@ -20,12 +20,10 @@ from typing import Any
 from benchmark.peers.collocation import defects, Outcome, Solver
 import casadi
 import numpy as np
-from numpy.typing import NDArray
+from tdm_planner.arrays import Array
 from tdm_planner.plants import FloatingRobot
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-
-Array = NDArray[np.float64]
 
 TIME_UNIT = 10.0  # s, unit of time
 STATE_UNITS = np.array([1.0, 1.0, 1.0 / TIME_UNIT, 1.0 / TIME_UNIT, 1.0, 1.0 / TIME_UNIT, 1.0])

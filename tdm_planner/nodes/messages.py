@@ -37,6 +37,8 @@ LATCHED = QoSProfile(
 # publishers of either kind.
 NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+QUEUE = 10  # messages, sent again where they get lost
+
 # Requests and answers of a service that many may call at once. Of the usual ten, the oldest would
 # be overwritten while the node is busy, and whoever sent it would wait for ever.
 SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)

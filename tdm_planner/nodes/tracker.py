@@ -27,7 +27,7 @@ from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWat
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
+from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
@@ -38,7 +38,6 @@ from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
 
-QUEUE = 10  # messages
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
 FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind

@@ -19,6 +19,12 @@ from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
 
 
+def along_the_path(self, y, z):
+    (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
+    push = (vx * ax + vy * ay) / np.hypot(vx, vy)
+    return (x, y_, vx, vy), (push, ay)
+
+
 def limits(**pairs):
     return {'control_limits': lambda self: pairs}
 
@@ -40,6 +46,7 @@ BAD = [
         margins_of(pole=lambda x: np.vectorize(math.sqrt)(np.asarray(x[0]) ** 2 + 1.0) - 0.5),
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
     ),
+    ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
     (
