@@ -22,7 +22,14 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import roll_states
-from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, Effort, shoot, Steps
+from tdm_planner.problems.pendulum.shooting import (
+    ArcBatch,
+    ARRIVED,
+    Effort,
+    shared_out,
+    shoot,
+    Steps,
+)
 from tdm_planner.problems.pendulum.switching_program import (
     evaluate_arcs,
     lagrangian_slopes,
@@ -36,8 +43,8 @@ from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-TAIL_STEPS, _FINE_TAIL_STEPS = Steps(12, 1.0 / 9.0), Steps(12, 1.0 / 24.0)
-_KEPT = 1.0 / 36.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
+TAIL_STEPS, _FINE_TAIL_STEPS = Steps(12, 1.0 / 4.0), Steps(12, 1.0 / 24.0)
+_KEPT = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
@@ -188,12 +195,10 @@ def shoot_tails(
         return []
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
-    durations, torques, fixed = stacked([each.head for each in candidates])
-    k = task.plant.coefficients
-    ends, peaks = roll_ends(k, task.start, durations, torques, fixed, _KEPT, limit)
+    ends, peaks = ends_and_peaks(task, [each.head for each in candidates], _KEPT, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    durations, torques, counts = stacked([each.tail for each in left])
+    durations, torques, counts = _stacked([each.tail for each in left])
     turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
     batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
     rows, found = np.arange(len(left)), []
@@ -211,7 +216,26 @@ def shoot_tails(
     return found
 
 
-def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
+def ends_and_peaks(
+    task: SwingUpTask, arcs: list[tuple[Array, Array]], share: float, limit: float
+) -> tuple[Array, Array]:
+    """Final states (n, 4) and largest |psi| (n,) of sequences, as `roll_ends` gives them."""
+    stacked = _stacked(arcs)
+    ends, peaks = np.empty((len(arcs), 4)), np.empty(len(arcs))
+
+    def work(first: int) -> int:
+        rows = slice(first, first + LANES)
+        some = [each[rows] for each in stacked]
+        ends[rows], peaks[rows] = roll_ends(
+            task.plant.coefficients, task.start, *some, share, limit
+        )
+        return 0
+
+    shared_out(work, range(0, len(arcs), LANES))
+    return ends, peaks
+
+
+def _stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
     """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
     counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
     stacked = np.zeros((2, counts.size, int(counts.max(initial=0))))

@@ -31,7 +31,6 @@ from tdm_planner.plants.pendulum_kernels import (
     PSI_DOT,
     quick_accelerations,
     quick_time,
-    roll_ends,
     STEP,
     step_lanes,
     THETA_DOT,
@@ -39,10 +38,10 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
+    ends_and_peaks,
     FEWEST_ARCS,
     shoot_tails,
     shoot_tails_finely,
-    stacked,
     TAIL_STEPS,
 )
 from tdm_planner.problems.pendulum.shooting import shared_out
@@ -329,20 +328,20 @@ def pumped_candidates(
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS), most, until)
     swings, landed = _nearest(task, swings), list[Candidate]()
-    for first in range(0, len(swings), LANES):
+    for first in range(0, len(swings), _AT_ONCE):
         late = until.elapsed > _ONE_DOES * until.seconds
         if until.spent or len(landed) >= (1 if late else _ENOUGH):
             break
-        some = slice(first, first + LANES)
-        landed += shoot_tails(task, swings[some], TAIL_STEPS, until)
+        some = slice(first, first + _AT_ONCE)
+        landed += shoot_tails(task, swings[some], TAIL_STEPS, until, _ENOUGH)
     return shoot_tails_finely(task, landed, until), tried
 
 
 def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     """Sort by what they promise, integrated again: near upright an error grows quickly."""
     w0 = task.plant.natural_frequency
-    given = stacked([(each.durations, each.torques) for each in swings])
-    ends, _ = roll_ends(task.plant.coefficients, task.start, *given, TAIL_STEPS.share, np.inf)
+    arcs = [(each.durations, each.torques) for each in swings]
+    ends, _ = ends_and_peaks(task, arcs, TAIL_STEPS.share, np.inf)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
     weight = _RANK * _over_drive(task, _WORK, _WEIGHT)

@@ -327,7 +327,7 @@ def shoot(
     among threads on all cores, none after `until`. The result does not depend on the number of
     cores.
     """
-    size = max(LANES, round(_CHUNK / plant.quickness))
+    size = max(LANES, min(round(_CHUNK / plant.quickness), batch.arcs.size // 2))
     starts = np.empty((batch.arcs.size, 4))
     starts[:] = start
 

@@ -70,7 +70,7 @@ _COARSE = 0.75  # share of the deadline after which no more are polished
 _CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
-_COLLOCATED = 0.4, 0.55  # between these shares of the deadline
+_COLLOCATED = 0.35, 0.45  # between these shares of the deadline
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
