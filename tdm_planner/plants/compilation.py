@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Functions that numba compiles, and where their machine code is kept.
+Functions that numba compiles, where their machine code is kept, and threads that share them.
 
 numba by itself keeps it by path and time stamp of a function's file: it compiles a copy, such as
 `colcon build` makes, again, and does not notice a change in another file that is inlined. Here the
@@ -12,8 +12,10 @@ NUMBA_CACHE_DIR): what `make setup` compiled serves every copy that runs there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 import os
+import threading
 from typing import Any, TypeVar
 
 import numba
@@ -25,6 +27,7 @@ from tdm_planner.plants.slopes import DIGEST, FOLDER
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
+_NICE = 5  # of the threads that help
 COMPILING = (
     "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
     'beforehand'
@@ -73,6 +76,29 @@ def inlined(function: _Function) -> _Function:
     """Let compiled functions call this one, as part of themselves; called itself it is Python."""
     made: _Function = register_jitable(error_model='numpy', forceinline=True)(function)
     return made
+
+
+def shared_out(work: Callable[[int], int], pieces: Sequence[int]) -> int:
+    """
+    Sum what `work` returns for each of the pieces, which all cores take in turn.
+
+    The threads that help are of lower priority, so that the control loop goes first.
+    """
+    left = iter(pieces)
+
+    def some() -> int:
+        return sum(map(work, left))
+
+    helpers = min(len(os.sched_getaffinity(0)), len(pieces)) - 1
+    if helpers <= 0:
+        return some()
+    with ThreadPoolExecutor(helpers, initializer=_give_way) as pool:
+        others = [pool.submit(some) for _ in range(helpers)]
+        return some() + sum(other.result() for other in others)
+
+
+def _give_way() -> None:
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
 
 
 @compiled

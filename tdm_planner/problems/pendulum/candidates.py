@@ -20,14 +20,15 @@ import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
+from tdm_planner.plants.pendulum_kernels import LANES
 from tdm_planner.plants.pendulum_replay import roll_states
 from tdm_planner.problems.pendulum.shooting import (
     ArcBatch,
     ARRIVED,
     Effort,
-    shared_out,
+    roll_to_ends,
     shoot,
+    stacked,
     Steps,
 )
 from tdm_planner.problems.pendulum.switching_program import (
@@ -195,10 +196,11 @@ def shoot_tails(
         return []
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
-    ends, peaks = ends_and_peaks(task, [each.head for each in candidates], _KEPT, limit)
+    heads = stacked([each.head for each in candidates])
+    ends, peaks = roll_to_ends(task.plant, task.start, heads, _KEPT, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    durations, torques, counts = _stacked([each.tail for each in left])
+    durations, torques, counts = stacked([each.tail for each in left])
     turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
     batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
     rows, found = np.arange(len(left)), []
@@ -214,34 +216,6 @@ def shoot_tails(
         end = roll_states(task.plant, begins[row], varied, each.tail[1])[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found
-
-
-def ends_and_peaks(
-    task: SwingUpTask, arcs: list[tuple[Array, Array]], share: float, limit: float
-) -> tuple[Array, Array]:
-    """Final states (n, 4) and largest |psi| (n,) of sequences, as `roll_ends` gives them."""
-    stacked = _stacked(arcs)
-    ends, peaks = np.empty((len(arcs), 4)), np.empty(len(arcs))
-
-    def work(first: int) -> int:
-        rows = slice(first, first + LANES)
-        some = [each[rows] for each in stacked]
-        ends[rows], peaks[rows] = roll_ends(
-            task.plant.coefficients, task.start, *some, share, limit
-        )
-        return 0
-
-    shared_out(work, range(0, len(arcs), LANES))
-    return ends, peaks
-
-
-def _stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
-    """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
-    counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
-    stacked = np.zeros((2, counts.size, int(counts.max(initial=0))))
-    for row, n in enumerate(counts):
-        stacked[:, row, :n] = arcs[row]
-    return stacked[0], stacked[1], counts
 
 
 def shoot_tails_finely(

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine
+from tdm_planner.plants.compilation import compiled, inlined, shared_out, sine_and_cosine
 from tdm_planner.plants.pendulum_kernels import (
     HELD,
     LANES,
@@ -38,13 +38,12 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
-    ends_and_peaks,
     FEWEST_ARCS,
     shoot_tails,
     shoot_tails_finely,
     TAIL_STEPS,
 )
-from tdm_planner.problems.pendulum.shooting import shared_out
+from tdm_planner.problems.pendulum.shooting import roll_to_ends, stacked
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
 _SHARE = 0.15  # of `quick_time`
@@ -340,8 +339,8 @@ def pumped_candidates(
 def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     """Sort by what they promise, integrated again: near upright an error grows quickly."""
     w0 = task.plant.natural_frequency
-    arcs = [(each.durations, each.torques) for each in swings]
-    ends, _ = ends_and_peaks(task, arcs, TAIL_STEPS.share, np.inf)
+    arcs = stacked([(each.durations, each.torques) for each in swings])
+    ends, _ = roll_to_ends(task.plant, task.start, arcs, TAIL_STEPS.share, np.inf)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
     weight = _RANK * _over_drive(task, _WORK, _WEIGHT)

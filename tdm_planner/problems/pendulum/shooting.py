@@ -10,18 +10,22 @@ soon as one is done with, the next takes its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 import math
-import os
-import threading
 from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import LANES, PSI, PSI_DOT, roll_lanes, STATE, THETA_DOT
+from tdm_planner.plants.compilation import compiled, shared_out
+from tdm_planner.plants.pendulum_kernels import (
+    LANES,
+    PSI,
+    PSI_DOT,
+    roll_ends,
+    roll_lanes,
+    STATE,
+    THETA_DOT,
+)
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 # Sum of squares at which a start has arrived, and the effort spent on one.
@@ -30,7 +34,6 @@ _TARGET = 1e-20
 _FLOOR = 1e-3  # of w0^2: least square of a duration's scale
 _CHUNK = 50  # starts between two looks at the clock, with the usual steps
 EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squares
-_NICE = 5  # of the threads that help
 TRIES = 6  # ever more damped steps tried from one point
 
 
@@ -343,28 +346,31 @@ def shoot(
     until.evaluations += shared_out(work, range(0, batch.arcs.size, size))
 
 
-def shared_out(work: Callable[[int], int], pieces: Sequence[int]) -> int:
-    """
-    Sum what `work` returns for each of the pieces, which all cores take in turn.
-
-    The threads that help are of lower priority, so that the control loop goes first.
-    """
-    left = iter(pieces)
-
-    def some() -> int:
-        return sum(map(work, left))
-
-    helpers = min(_cores(), len(pieces)) - 1
-    if helpers <= 0:
-        return some()
-    with ThreadPoolExecutor(helpers, initializer=_give_way) as pool:
-        others = [pool.submit(some) for _ in range(helpers)]
-        return some() + sum(other.result() for other in others)
+def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
+    """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
+    counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
+    both = np.zeros((2, counts.size, int(counts.max(initial=0))))
+    for row, n in enumerate(counts):
+        both[:, row, :n] = arcs[row]
+    return both[0], both[1], counts
 
 
-def _give_way() -> None:
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+def roll_to_ends(
+    plant: RotaryPendulum,
+    start: Array,
+    arcs: tuple[Array, Array, Integers],
+    share: float,
+    limit: float,
+) -> tuple[Array, Array]:
+    """Return the same as `roll_ends` for `stacked` arcs, on all cores."""
+    count = arcs[2].size
+    ends, peaks = np.empty((count, 4)), np.empty(count)
 
+    def work(first: int) -> int:
+        rows = slice(first, first + LANES)
+        some = arcs[0][rows], arcs[1][rows], arcs[2][rows]
+        ends[rows], peaks[rows] = roll_ends(plant.coefficients, start, *some, share, limit)
+        return 0
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
+    shared_out(work, range(0, count, LANES))
+    return ends, peaks

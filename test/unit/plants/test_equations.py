@@ -6,6 +6,7 @@
 from dataclasses import replace
 import inspect
 import math
+import os
 from pathlib import Path
 import shutil
 import threading
@@ -27,7 +28,7 @@ from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, rol
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.problems.pendulum import shooting
-from tdm_planner.problems.pendulum.shooting import ArcBatch, shoot, Steps
+from tdm_planner.problems.pendulum.shooting import ArcBatch, roll_to_ends, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
@@ -134,16 +135,16 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
 @given(st.integers(0, 100))
 @settings(max_examples=10)
 def test_ends_of_many_motions_are_those_one_by_one(seed):
-    rng, k = np.random.default_rng(seed), PLANT.coefficients
+    rng = np.random.default_rng(seed)
     durations = rng.uniform(0.0, 0.2, size=(20, 12))
     torques = np.tile(alternating(12), (20, 1))
     arcs = rng.integers(0, 13, size=20).astype(np.intp)
-    ends, peaks = roll_ends(k, START, durations, torques, arcs, 0.02, np.inf)
+    ends, peaks = roll_to_ends(PLANT, START, (durations, torques, arcs), 0.02, np.inf)
     for row, n in enumerate(arcs):
         states = roll_states(PLANT, START, durations[row, :n], torques[row, :n])
         np.testing.assert_allclose(ends[row], states[-1], rtol=0, atol=1e-4)
         assert peaks[row] >= np.abs(states[:, 1]).max() - 1e-4
-    _, cut = roll_ends(k, START, durations, torques, arcs, 0.02, 0.3)
+    _, cut = roll_to_ends(PLANT, START, (durations, torques, arcs), 0.02, 0.3)
     np.testing.assert_array_equal(cut > 0.3, peaks > 0.3)
 
 
@@ -158,10 +159,10 @@ def test_sine_and_cosine(angle):
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 2), (3, 3), (16, 4)])
 def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
-    monkeypatch.setattr(shooting, '_cores', lambda: 1)
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0})
     alone, together = Budget(math.inf), Budget(math.inf)
     shoot(PLANT, START, one, 2.0, Steps(12), alone)
-    monkeypatch.setattr(shooting, '_cores', lambda: cores)
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(cores))
     shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
