@@ -192,7 +192,8 @@ class Collocation:
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
-        self._limits = Call(trace.unfolded.rows, n + 1)
+        limits_as = trace.unfolded.rows, stated.value
+        self._limits, self._rounded_limits = (Call(rows, n + 1) for rows in limits_as)
         self._kinks = [Call(one.sizes, n + 1) for one in kinked]
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
@@ -297,7 +298,10 @@ class Collocation:
         """
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
-        along = times, guess.states, guess.controls, numbers
+        # A guess may be no motion at all: the ends count.
+        states = _with_ends(guess.states, ends.states)
+        controls = _with_ends(guess.controls, ends.controls)
+        along = times, states, controls, numbers
         charge = COLD if roughly else self._settings
         shares = charge.rounding, charge.rounding, _LIMITS_ROUNDING
         running, motion, limits = self._kinks
@@ -305,37 +309,27 @@ class Collocation:
             rows = self._limits(*along)[0].copy()
             inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
             largest = [np.abs(np.nan_to_num(v)).max(axis=0, initial=0.0) for v in inside]
-        # How far the kinks of the running cost, the rates and the limits are rounded.
-        kinks = np.concatenate([by * size for by, size in zip(shares, largest, strict=True)])
+            # How far the kinks of the running cost, the rates and the limits are rounded.
+            kinks = [by * v + _LEAST_SCALE[1] for by, v in zip(shares, largest, strict=True)]
+            lost = np.nan_to_num(rows - self._rounded_limits(*along, kinks[2])[0])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit] / sl
-        # What is given may be on a limit, but for rounding.
-        kept[[0, -1]] -= _IPOPT['constr_viol_tol']
-        # A guess may be no motion at all: the ends count, too.
-        sx, su = (
-            _scales(np.vstack([values, np.nan_to_num(given)]))
-            for values, given in ((guess.states, ends.states), (guess.controls, ends.controls))
-        )
-        st = guess.duration
-        parts = guess.states / sx, guess.middles / sx, guess.controls / su
+        # What is given may be on a limit, or in its kink, but for rounding.
+        kept[[0, -1]] -= _IPOPT['constr_viol_tol'] + np.maximum(lost[[0, -1]], 0.0) / sl
+        sx, su, st = _scales(states), _scales(controls), guess.duration
+        parts = states / sx, guess.middles / sx, controls / su
         z = np.concatenate([*map(np.ravel, parts), [1.0]])
-        lower, upper = np.full(z.size, -np.inf), np.full(z.size, np.inf)
-        first = (2 * n + 1) * nx
-        for values, scale, at in (
-            (ends.states[0], sx, 0),
-            (ends.states[1], sx, n * nx),
-            (ends.controls[0], su, first),
-            (ends.controls[1], su, first + n * nu),
-        ):
-            index = np.flatnonzero(np.isfinite(values))
-            lower[at + index] = upper[at + index] = values[index] / scale[index]
+        fixed = [np.full(part.shape, np.nan) for part in parts]
+        fixed[0][[0, -1]], fixed[2][[0, -1]] = ends.states / sx, ends.controls / su
+        pinned = np.append(np.concatenate([*map(np.ravel, fixed)]), np.nan)
+        lower, upper = (np.where(np.isnan(pinned), far, pinned) for far in (-np.inf, np.inf))
         lower[-1], upper[-1] = durations[0] / st, durations[1] / st
         z = np.clip(z, lower, upper)
         between = np.tile(kept[1, self.inner_limits], n * (1 + len(INNER)))
         least = np.concatenate([np.zeros(self._equalities), kept.ravel(), between])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, kinks + _LEAST_SCALE[1], [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
@@ -345,15 +339,20 @@ class Collocation:
             budget.evaluations += int(self._solver.stats()['iter_count'])
             cost = float(self._cost(found['x'], given))
         z = np.asarray(found['x']).ravel()
-        states, middles, controls, last = np.split(z, [nx * (n + 1), first, z.size - 1])
+        states, middles, controls, last = np.split(z, [nx * (n + 1), (2 * n + 1) * nx, z.size - 1])
         if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
             return None
-        states, controls = states.reshape(n + 1, nx) * sx, controls.reshape(n + 1, nu) * su
-        for values, wanted in ((states, ends.states), (controls, ends.controls)):
-            values[[0, -1]] = np.where(np.isfinite(wanted), wanted, values[[0, -1]])  # unscaled
-        return CollocatedMotion(
-            states, middles.reshape(n, nx) * sx, controls, float(last[0] * st), cost
-        )
+        states = _with_ends(states.reshape(n + 1, nx) * sx, ends.states)
+        controls = _with_ends(controls.reshape(n + 1, nu) * su, ends.controls)
+        middles, duration = middles.reshape(n, nx) * sx, float(last[0] * st)
+        return CollocatedMotion(states, middles, controls, duration, cost)
+
+
+def _with_ends(values: Array, given: Array) -> Array:
+    """Return a copy of the values, those at the ends replaced where they are given."""
+    found = values.copy()
+    found[[0, -1]] = np.where(np.isfinite(given), given, values[[0, -1]])
+    return found
 
 
 def _scales(values: Array) -> Array:
