@@ -10,22 +10,24 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tdm_planner.direct_method.bases import chebyshev_nodes
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import StatedView
+from tdm_planner.problems.direct.minima import DirectMinima
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.statement import (
     check_ends,
     check_statement,
+    check_use,
     rates_of,
     short_of_reserve,
 )
 from tdm_planner.problems.problem import Problem
 
-_NODES, _REPEATED = 25, 20
+_REPEATED = 20  # evaluations that are timed
 
 
 def check_problem(problem: Problem, console: Console | None = None) -> list[str]:
@@ -44,11 +46,10 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     check_statement(problem)
     pair = {name: np.zeros(2) + 0.1 * k for k, name in enumerate(problem.state_names)}
     StatedView(problem).drawing(pair, {})  # a report draws all instants at once
-    stated = CheckedFormulation(problem)
-    program = Transcription(problem, chebyshev_nodes(_NODES))
-    program.begin(program.first_guess)
-    rng = np.random.default_rng(1)
-    xi = program.first_guess + 0.3 * rng.normal(size=program.size) / np.sqrt(program.size)
+    plant, rng = DirectPlant(problem), np.random.default_rng(1)
+    check_use(plant.stated, plant.trace)
+    minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
+    stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
     limits = check_ends(stated, ends, refuse=False)
 

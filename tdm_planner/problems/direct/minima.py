@@ -43,10 +43,10 @@ class DirectMinima:
     Minima of the direct method for one problem; `budget` counts what they took.
 
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
-    `parts` times as many nodes as usual.
+    `parts` times as many nodes as usual; `changed` a changed initial guess to look along.
 
     Making them raises NotFinite if the initial guess and its changes give numbers that are not
-    finite, InvalidProblem if what is stated contradicts itself along them.
+    finite.
     """
 
     def __init__(
@@ -57,15 +57,18 @@ class DirectMinima:
         rng: np.random.Generator,
     ) -> None:
         self._tolerance, self._budget, self._rng = tolerance, budget, rng
-        self._stated, self._trace = plant.stated, plant.trace
+        self._plant, self._stated, self._trace = plant, plant.stated, plant.trace
         self._problem = plant.stated.formulation
-        self.parts, self.rough, changed = self._begun()
+        self.parts, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
         feasibility = (tolerance, _FEASIBLE)
         self._tight = _TIGHT._replace(steering=steering, feasibility=feasibility)
-        check_dynamics(self.rough, changed)
-        check_costs(plant.trace, self.rough.motion(changed), plant.numbers)
+
+    def check(self) -> None:
+        """Raise InvalidProblem if what is stated contradicts itself along the initial guess."""
+        check_dynamics(self.rough, self.changed)
+        check_costs(self._trace, self.rough.motion(self.changed), self._plant.numbers)
 
     def on(self, nodes: Array) -> Transcription:
         """Return the program on other nodes; its cost is not scaled."""

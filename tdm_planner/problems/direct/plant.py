@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from functools import cached_property
+import math
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import expm
 from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
@@ -27,7 +27,9 @@ _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 _ALLOWED = 1e-5, 1e-6, 1e-4, 1e-14
 _SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
 _PACE = 1e-2  # share of the duration that counts as much as what is left to a control
+END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _FAR = 0.5  # units of room that controls may use up while the duration stays
+_ORDER = 13  # of Taylor's series: of matrices of norm 1/2 all digits
 _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is; at least
 
 
@@ -136,6 +138,20 @@ class DirectPlant:
         slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
         return left, slopes[..., :nx], slopes[..., nx:]
 
+    def end_conditions(self, time: float, state: Array) -> tuple[Array, Array]:
+        """Return the conditions at the end (m,); their slopes by state and time (m, nx + 1)."""
+        stated = self.trace.end_conditions
+
+        def make() -> Any:
+            t, x, p = (ca.SX.sym(name, stated.size1_in(i)) for i, name in enumerate('txp'))
+            found = stated(t, x, p)
+            slopes = ca.densify(ca.jacobian(found, ca.vertcat(x, t)))
+            return ca.Function('ends', [t, x, p], [ca.densify(found), ca.vec(slopes.T)])
+
+        call = Call(self.trace.once('slopes of end conditions', make))
+        values, slopes = call(time, state, self.numbers)
+        return values, slopes.reshape(values.size, state.size + 1)
+
     def limit_tolerances(self, plan: Trajectory | CollocatedMotion) -> Array:
         """
         Return by how much a plan may violate every limit, (nm,).
@@ -190,8 +206,9 @@ def corrected(
     converges however unstable the plant is. See Bock and Plitt, *A multiple shooting algorithm
     for direct solution of optimal control problems*, 1984.
 
-    `durations` are the shortest and the longest [s]; `tolerance` (nx,) is the unit of errors at
-    the end. Raises numpy's LinAlgError where the limits' slopes are out of all proportion.
+    The conditions that are stated at the end are kept in the same way. `durations` are the
+    shortest and the longest [s]; `tolerance` (nx,) is the unit of errors at the end. Raises
+    numpy's LinAlgError where the limits' slopes are out of all proportion.
     """
     x, u, m = motion.states, motion.controls, motion.middles
     n, nx, nu = motion.intervals, x.shape[1], u.shape[1]
@@ -207,7 +224,9 @@ def corrected(
     system[:, :nx, :nx], system[:, :nx, nx:nw] = (mean(*pair) for pair in slopes_of)
     system[:, :nx, -1] = mean(plant.rates(x, u), plant.rates(m, middle_u))
     system[:, nx:nw, nw:-1] = np.eye(nu)
-    grown = expm(np.nan_to_num(system * h, posinf=0.0, neginf=0.0))[:, :nx]  # at rest, 0 / 0
+    grown = _exponentials(np.nan_to_num(system * h, posinf=0.0, neginf=0.0))[
+        :, :nx
+    ]  # at rest: 0 / 0
     transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
     by_first = grown[..., nx:nw] - by_last
     by_duration = grown[..., -1:] / motion.duration
@@ -232,8 +251,16 @@ def corrected(
     of_room = (of_controls[:, :, None] @ room).reshape(nx, -1)
     slopes = np.hstack([of_room, pace * of_duration])
     given = np.isfinite(ends.states[1])
-    missed = ((ends.states[1] - x[-1] - miss) / tolerance)[given]
-    rows = (slopes / tolerance[:, None])[given]
+    values, of_state = plant.end_conditions(motion.duration, x[-1])
+    of_end, of_time = of_state[:, :-1], np.zeros((values.size, slopes.shape[1]))
+    of_time[:, -1] = pace * of_state[:, -1]
+    missed = np.append(
+        ((ends.states[1] - x[-1] - miss) / tolerance)[given],
+        -(values + of_end @ miss) / END_TOLERANCE,
+    )
+    rows = np.vstack(
+        [(slopes / tolerance[:, None])[given], (of_end @ slopes + of_time) / END_TOLERANCE]
+    )
     if not (np.isfinite(rows).all() and np.isfinite(missed).all()):
         return None
     # Another duration moves all instants, by up to a nanosecond: only where it must be.
@@ -249,6 +276,25 @@ def corrected(
         moved[k + 1] += by_first[k] @ du[k] + by_last[k] @ du[k + 1]
     middles = m + 0.5 * (moved[:-1] + moved[1:])
     return CollocatedMotion(x + moved, middles, u + du, motion.duration + longer)
+
+
+def _exponentials(matrices: Array) -> Array:
+    """
+    Return the exponentials of matrices (n, m, m), by Taylor's series of matrices halved enough.
+
+    `scipy.linalg.expm` takes one after the other, and up to a hundred times as long where the
+    threads of its BLAS find the processor busy.
+    """
+    size = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
+    halvings = max(0, math.ceil(math.log2(size)) + 1) if 0.0 < size < np.inf else 0
+    scaled = matrices / 2.0**halvings
+    term = total = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    for order in range(1, _ORDER + 1):
+        term = term @ scaled / order
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return np.asarray(total)
 
 
 def _room(margins: Array, slopes: Array, sizes: Array) -> Array:

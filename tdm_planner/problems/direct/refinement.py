@@ -11,7 +11,6 @@ intervals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -29,7 +28,7 @@ from tdm_planner.direct_method.collocation import (
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.problems.direct.plant import corrected, DirectPlant
+from tdm_planner.problems.direct.plant import corrected, DirectPlant, END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
@@ -41,6 +40,7 @@ _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _MAKING = 1.5  # times what making a program should take: it cannot be stopped
+_SOLVING = 1.2  # times what solving should take, the last solution's time an interval
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
 _LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
@@ -78,6 +78,7 @@ class Refinement:
         limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
         self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
+        self._solved = 0.0  # s an interval that the last solution on more of them took
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
@@ -170,31 +171,30 @@ class Refinement:
 
     def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
-        return self.solve(intervals, self._on(motion, intervals), WARM)
+        began = self._budget.elapsed
+        found = self.solve(intervals, self._on(motion, intervals), WARM)
+        self._solved = (self._budget.elapsed - began) / intervals
+        return found
 
-    def refined(self, motion: CollocatedMotion) -> Iterator[tuple[CollocatedMotion, Array]]:
+    def repaired(
+        self, motion: CollocatedMotion, reserve: Array
+    ) -> tuple[CollocatedMotion, Array, Array]:
         """
-        Yield the motion, repaired until its replay agrees or no further repair is possible.
+        Correct a motion, or solve again, until its replay ends well and keeps the limits.
 
-        Then the same on twice the intervals, again and again while there is time. With each come
-        the replayed states at its nodes, (n + 1, nx); its cost is that of the replay.
+        `reserve` (nm,) is kept of the limits beside what is stated. Return the motion, whose cost
+        is that of the replay; the replayed states at its nodes, (n + 1, nx); and what is kept now.
         """
-        found: CollocatedMotion | None = motion
-        while found is not None:
-            found, states = self._repaired(found)
-            yield found, states
-            if not self.affords(2 * found.intervals):
-                return
-            found = self.finer(found, 2 * found.intervals)
-
-    def _repaired(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, Array]:
-        """Correct a motion, or solve again, until its replay ends well and keeps the limits."""
-        reserve = np.zeros(self._reserve.size)
+        if reserve.any():
+            motion = self.solve(motion.intervals, motion, WARM, reserve=reserve) or motion
+        good: tuple[CollocatedMotion, _Replay] | None = None
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
             near = abs(flown.cost - expected) <= _COST_AGREES * abs(flown.cost)
             landed = flown.gap <= _SHARE and near
             kept = bool((flown.least >= -_TOUCHED).all())
+            if flown.gap <= _SHARE and kept:
+                good = motion, flown
             if (landed and kept) or turn == _REPAIRS or self._late:
                 break
             if landed:
@@ -209,7 +209,9 @@ class Refinement:
             if again is None:
                 break
             motion = again
-        return replace(motion, cost=flown.cost), flown.states[::_LOOKS]
+        if good is not None:
+            motion, flown = good
+        return replace(motion, cost=flown.cost), flown.states[::_LOOKS], reserve
 
     def _landed(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
@@ -243,17 +245,23 @@ class Refinement:
         )[0]
         at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
         cost = self.trace.cost_along(self._numbers, times[at], states[at], controls[at])
-        gap = float(np.abs((states[-1] - self.goal(states)) / self.tolerance(states)).max())
+        conditions = self._plant.end_conditions(times[-1], states[-1])[0] / END_TOLERANCE
+        missed = (states[-1] - self.goal(states)) / self.tolerance(states)
+        gap = float(np.abs(np.append(missed, conditions)).max())
         gap = gap if np.isfinite(states).all() else np.inf
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
 
-    def affords(self, intervals: int) -> bool:
-        """Whether a program on so many intervals may be made and solved in time for the check."""
+    def affords(self, intervals: int, solutions: int = 1) -> bool:
+        """
+        Whether there is time for a program on so many intervals, and for the check after it.
+
+        It is made, and solved so many times.
+        """
         made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
-        making = made * intervals / COARSE
+        work = _MAKING * made / COARSE + _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
-        return intervals <= FINEST and room > _MAKING * making
+        return intervals <= FINEST and room > work * intervals
 
     @property
     def _late(self) -> bool:

@@ -34,7 +34,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FIRST, Refinement
 from tdm_planner.problems.direct.statement import (
     check_ends,
-    check_limits,
+    check_use,
     constraints_of,
     short_of_reserve,
 )
@@ -52,6 +52,9 @@ _HASTY = 1.5  # times the shortest duration: a minimum there has not found a mot
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 2e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
+_SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
+_LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
+_EXCESS = 1.5  # times what a check finds a limit violated by is kept of it
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
@@ -90,7 +93,7 @@ class DirectSearch(Search[Candidate]):
         # When minimising before any check has to end [s]: a check takes its time, too.
         seconds = budget.seconds
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
-        check_limits(self._trace)
+        check_use(self._stated, self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._planned_for = self._warm = False
@@ -150,12 +153,24 @@ class DirectSearch(Search[Candidate]):
         if isinstance(candidate, Minimum):
             yield from self._minimised(candidate)
             return
-        for found, states in self._refinement.refined(candidate):
+        refinement, names = self._refinement, self._trace.margin_names
+        nothing = np.zeros(len(names))
+        found: CollocatedMotion | None = candidate
+        reserve, looked = nothing, False
+        while found is not None:
+            found, states, reserve = refinement.repaired(found, reserve)
             xi = np.concatenate([[found.duration], found.controls.ravel()])
             plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
             if plan is None:
                 return
             yield plan
+            violated = self._violated(plan)
+            looked = bool(violated) and not looked
+            if looked:  # the check looks more closely than the replay before
+                reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
+                continue
+            reserve, more = nothing, 2 * found.intervals
+            found = refinement.finer(found, more) if refinement.affords(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
@@ -165,7 +180,7 @@ class DirectSearch(Search[Candidate]):
                 self._warm = True
                 yield motion
                 self._warm = False
-        solved: list[CollocatedMotion] = []
+        solved, leaping = list[CollocatedMotion](), list[CollocatedMotion]()
         hurried = False
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
@@ -178,7 +193,12 @@ class DirectSearch(Search[Candidate]):
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 hurried = _HURRY * self.budget.elapsed > self.budget.remaining
-                yield self._settled(motion, hurried)
+                settled = self._settled(motion, hurried)
+                if _leaps(motion, settled):
+                    leaping.append(settled)
+                    solved.clear()
+                    continue
+                yield settled
             best = min(found.cost for found in solved)
             again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
@@ -190,8 +210,10 @@ class DirectSearch(Search[Candidate]):
             if self._planned_for and motion.cost >= before.cost - _WORTHWHILE * abs(before.cost):
                 break
             yield self._settled(motion)
-        if hurried:  # there was time after all
+        if hurried and solved:  # there was time after all
             yield self._settled(solved[0])
+        if not self._planned_for:
+            yield from leaping
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -234,10 +256,12 @@ class DirectSearch(Search[Candidate]):
     def _settled(self, motion: CollocatedMotion, hurried: bool = False) -> CollocatedMotion:
         """Solve on more intervals, as many as J asks for; in a hurry on few."""
         intervals = COARSE if hurried else FINE
-        while self._refinement.affords(intervals):
+        while self._refinement.affords(intervals, _SOLUTIONS):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
                 break
+            if _leaps(motion, finer):
+                return finer
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
@@ -272,7 +296,9 @@ class DirectSearch(Search[Candidate]):
 
     @cached_property
     def _minima(self) -> DirectMinima:
-        return DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
+        minima = DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
+        minima.check()
+        return minima
 
     @cached_property
     def _halves(self) -> Transcription:
@@ -294,11 +320,8 @@ class DirectSearch(Search[Candidate]):
             if plan is None:
                 return
             yield plan
-            check, xi = plan.verification, plan.parameters
+            xi, violated = plan.parameters, self._violated(plan)
             samples *= 2
-            tolerances = self._plant.limit_tolerances(plan.trajectory)
-            allowed = zip(self._trace.margin_names, tolerances, strict=True)
-            violated = {k: -check.worst[k] for k, v in allowed if check.worst[k] < -v}
             if not violated and not program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
@@ -313,6 +336,14 @@ class DirectSearch(Search[Candidate]):
                     self.rejected += '; it was not refined further: the time was up'
                 return
             minimum = again
+
+    def _violated(self, plan: Solution) -> dict[str, float]:
+        """Return by how much a plan violates the limits that its check found violated."""
+        allowed = zip(
+            self._trace.margin_names, self._plant.limit_tolerances(plan.trajectory), strict=True
+        )
+        worst = plan.verification.worst
+        return {name: -worst[name] for name, most in allowed if worst[name] < -most}
 
     def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Solution | None:
         """Return the plan of a minimum and its check."""
@@ -366,3 +397,8 @@ class DirectSearch(Search[Candidate]):
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
         return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
+
+
+def _leaps(coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
+    """Whether a motion leaps over an obstacle between two nodes: on more of them it costs more."""
+    return fine.cost - coarse.cost > _LEAP * abs(fine.cost)

@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import Field
 from functools import partial
 from numbers import Real
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
@@ -19,11 +21,11 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
-_END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
 # Of the range of a cost between two looks; looks between these, turns, to find where it is.
 _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
@@ -37,6 +39,10 @@ def check_statement(problem: Formulation) -> None:
 
     Raise InvalidProblem, naming what is missing or not allowed.
     """
+    if any(isinstance(value, Field) for value in vars(type(problem)).values()):
+        raise InvalidProblem(
+            f'{type(problem).__name__} is no dataclass: put @dataclass(frozen=True) above it'
+        )
     costs = 'final_cost', 'running_cost'
     if all(getattr(type(problem), cost) is getattr(Formulation, cost) for cost in costs):
         raise InvalidProblem(
@@ -105,13 +111,27 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
         )
 
 
-def check_limits(trace: Trace) -> None:
-    """Raise InvalidProblem, naming the limit, if one does not depend on the motion."""
+def check_use(stated: CheckedFormulation, trace: Trace) -> None:
+    """
+    Raise InvalidProblem, naming the limit or output, if it has no part in the motion.
+
+    A limit depends on t, x or u; `invert` uses every output.
+    """
     for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
         raise InvalidProblem(
             f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
             'limit must depend on t, x or u; remove it'
         )
+    y, z, p = trace.invert.sx_in()
+    used = set(ca.jacobian_sparsity(trace.invert(y, z, p), y).get_col())
+    first = 0
+    for name, output in stated.outputs().items():
+        begin, first = first, first + output.derivatives + 1
+        if used.isdisjoint(range(begin, first)):
+            raise InvalidProblem(
+                f"invert does not use y['{name}']: states and controls must follow from every "
+                'output; use it, or remove it from outputs'
+            )
 
 
 def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
@@ -209,7 +229,7 @@ def constraints_of(
     def missed(
         function: str, at: slice, index: int, times: Array, states: Array, controls: Array
     ) -> Array:
-        left = np.full(times.size, _END_TOLERANCE)
+        left = np.full(times.size, END_TOLERANCE)
         left[at] -= np.abs(stated.parts(function, times[at], states[at])[index])
         return left
 
