@@ -339,7 +339,7 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
     if found:
         node, what, values = min(found, key=lambda item: item[0])
         remedy = 'or near it (`first_guess` gives another)'
-        if node == 0:
+        if node == 0 or (node == last and not stated.integrated()):
             remedy = 'but the boundary values fix it there: is it 0 / 0 at rest?'
         raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '

@@ -15,6 +15,7 @@ from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.parameters import parameter
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
 
@@ -91,6 +92,14 @@ OF_A_CART = [
     ({'derivative': lambda s, x, u: (x[1], 1.1 * u[0])}, ["derivative gives the rate of 'v' ="]),
     ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
     (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
+    (
+        {'outputs': lambda s: Cart.outputs(s) | {'idle': Output((0.0,), (1.0,))}},
+        ["invert does not use y['idle']"],
+    ),
+    (
+        margins_of(log=lambda x: np.log(x[0])),
+        ["margins gives 'log'", 'node 24 of 25', 'boundary values fix it there'],
+    ),
 ]
 
 
@@ -105,6 +114,14 @@ OF_A_CART = [
 def test_a_mistake_is_one_sentence(of, ask, change, words):
     message = refused(lambda: ask(changed(of, **change)()), 350)
     assert all(word in message for word in words), message
+
+
+def test_a_class_that_is_no_dataclass_is_named():
+    class Forgotten(Cart):
+        track: float = parameter(1.0, 'length', unit='m')
+
+    message = refused(lambda: check_problem(Forgotten()), 350)
+    assert message == 'Forgotten is no dataclass: put @dataclass(frozen=True) above it'
 
 
 def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():

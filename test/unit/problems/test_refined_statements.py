@@ -6,17 +6,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 from brachistochrone import Brachistochrone, cycloid_time
 from closed_loop import Loop
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from replays import replayed
+from scipy.linalg import expm
 from stated import Car, Cart, changed, LONG
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method.collocation import CollocatedMotion
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
-from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.plant import _exponentials, DirectPlant
+from tdm_planner.problems.direct.refinement import Refinement
+from tdm_planner.problems.direct.search import DirectSearch
+from tdm_planner.problems.solution import Solution
 from tdm_sim.study.flights import tracked, tracker_of
 
 
@@ -257,3 +266,88 @@ def test_a_given_end_on_a_limit_but_for_rounding_is_collocated(fastest, beyond) 
     limit = {'margins': lambda s, t, x, u: {'speed': fastest - x[1]}}
     plan = changed(Cart, outputs=lambda s: ends, **limit)(solver=LONG).solve()
     assert plan.trajectory.interpolation == 'linear'  # else the direct method's own
+
+
+def test_a_kink_of_a_limit_at_the_goal_is_collocated() -> None:
+    """Rounded it would be violated at the goal, where nothing can be changed."""
+    ends = {name: Output((0.0, 0.0), (end, 0.0), free=3) for name, end in (('x', 3.0), ('y', 1.0))}
+    cone = {'cone': lambda x: 4.0 * (3.0 - x[0]) - np.hypot(x[0] - 3.0, x[1] - 1.0)}
+    plan = changed(
+        Boat,
+        outputs=lambda s: ends,
+        margins=lambda s, t, x, u: Boat.margins(s, t, x, u) | {'cone': cone['cone'](x)},
+    )(solver=LONG).solve()
+    assert plan.trajectory.interpolation == 'linear'
+    assert plan.verification.worst['cone'] > -1e-5
+
+
+def test_conditions_at_the_end_are_corrected_as_a_given_end_is() -> None:
+    """Thrust that turns round within an interval: integrated, the orbit ended 2e-3 off."""
+    free = {name: Output((0.0, 0.5), (), free=6) for name in ('x', 'y')}
+    orbit = changed(
+        Boat,
+        outputs=lambda s: free,
+        drag=lambda s, vx, vy: np.sin(3.0 * vx) * np.cos(2.0 * vy),
+        end_conditions=lambda s, t, x: (x[0] ** 2 + x[1] ** 2 - 9.0, x[0] * x[2] + x[1] * x[3]),
+    )(solver=LONG)
+    plant = DirectPlant(orbit)
+    plan = orbit.solve().trajectory
+    refinement = Refinement(plant, Budget(math.inf))
+    sample = plan.sample(np.linspace(0.0, plan.duration, 161))
+    weaker = CollocatedMotion(
+        sample.state[::2], sample.state[1::2], 0.995 * sample.control[::2], plan.duration
+    )
+    before, (motion, after) = refinement._replayed(weaker), refinement._landed(weaker)
+    assert before.gap > 1.0 > 10.0 * after.gap
+    off, slopes = plant.end_conditions(motion.duration, after.states[-1])
+    assert np.abs(off).max() < 1e-4
+    x, y, vx, vy = after.states[-1]
+    np.testing.assert_allclose(slopes, [[2 * x, 2 * y, 0, 0, 0], [vx, vy, x, y, 0]], atol=1e-12)
+
+
+def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) -> None:
+    """It looks at more instants than the replay before: a plan of 160 intervals was given up."""
+    checked: list[Solution] = []
+    planned = DirectSearch._planned
+
+    def stricter(self, *given):
+        plan = planned(self, *given)
+        checked.append(plan)
+        if len(checked) > 1:
+            return plan
+        worst = plan.verification.worst | {'force': -0.01}
+        check = replace(plan.verification, ok=False, reasons=('force',), worst=worst)
+        return replace(plan, verification=check)
+
+    monkeypatch.setattr(DirectSearch, '_planned', stricter)
+    plan = changed(Boat, drag=lambda s, vx, vy: 0.0)(solver=LONG).solve()
+    first, second = checked[:2]
+    assert len(second.trajectory.times) == len(first.trajectory.times)
+    assert 1.0 - np.hypot(*second.trajectory.controls[1:-1].T).max() == pytest.approx(
+        0.015, rel=0.1
+    )
+    assert plan.verification.ok
+
+
+def test_a_motion_that_costs_more_on_more_intervals_waits_for_the_others(monkeypatch) -> None:
+    """It leaps over an obstacle between two nodes; the search began with it and ended there."""
+    finer, tried = Refinement.finer, []
+
+    def leaping(self, motion, intervals):
+        found = finer(self, motion, intervals)
+        tried.append(intervals)
+        return replace(found, cost=3.0 * found.cost) if len(tried) == 1 else found
+
+    monkeypatch.setattr(Refinement, 'finer', leaping)
+    plan = Boat(solver=LONG).solve()
+    assert plan.verification.ok
+    assert tried[:2] == [40, 40]  # another motion, at once
+
+
+@given(st.integers(0, 100), st.sampled_from([1e-6, 1e-2, 1.0, 20.0]))
+@settings(max_examples=20)
+def test_exponentials_of_many_matrices(seed, size) -> None:
+    matrices = size * np.random.default_rng(seed).normal(size=(3, 5, 5))
+    exact = expm(matrices)
+    np.testing.assert_allclose(_exponentials(matrices), exact, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_array_equal(_exponentials(0.0 * matrices), np.tile(np.eye(5), (3, 1, 1)))
