@@ -154,9 +154,8 @@ class DirectSearch(Search[Candidate]):
             yield from self._minimised(candidate)
             return
         refinement, names = self._refinement, self._trace.margin_names
-        nothing = np.zeros(len(names))
         found: CollocatedMotion | None = candidate
-        reserve, looked = nothing, False
+        reserve, looked = np.zeros(len(names)), False
         while found is not None:
             found, states, reserve = refinement.repaired(found, reserve)
             xi = np.concatenate([[found.duration], found.controls.ravel()])
@@ -169,7 +168,7 @@ class DirectSearch(Search[Candidate]):
             if looked:  # the check looks more closely than the replay before
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
-            reserve, more = nothing, 2 * found.intervals
+            reserve, more = np.zeros(len(names)), 2 * found.intervals
             found = refinement.finer(found, more) if refinement.affords(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
@@ -180,8 +179,7 @@ class DirectSearch(Search[Candidate]):
                 self._warm = True
                 yield motion
                 self._warm = False
-        solved, leaping = list[CollocatedMotion](), list[CollocatedMotion]()
-        hurried = False
+        solved, leaping, hurried = list[CollocatedMotion](), list[CollocatedMotion](), False
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
@@ -258,10 +256,8 @@ class DirectSearch(Search[Candidate]):
         intervals = COARSE if hurried else FINE
         while self._refinement.affords(intervals, _SOLUTIONS):
             finer = self._refinement.finer(motion, intervals)
-            if finer is None:
-                break
-            if _leaps(motion, finer):
-                return finer
+            if finer is None or _leaps(motion, finer):
+                return finer or motion
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
@@ -390,7 +386,7 @@ class DirectSearch(Search[Candidate]):
                 replayed=self._plant.replay(trajectory, until),
             )
         except (NotFinite, DeadlineExceeded) as error:
-            self.rejected = str(error)
+            self.rejected = self.rejected or str(error)  # what an earlier one violates tells more
             return None
         if check.ok and not self._plant.agrees(states, controls):
             reason = 'derivative gives other rates when it is traced than with numpy'
