@@ -19,11 +19,10 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, RecordedVehicle, Severity
+from tdm_sim.report.mission import Event, Mission, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -39,10 +38,10 @@ from tdm_sim.report.recorded_vehicles import (
     followed,
     measured,
     namespace_of,
+    planned_vehicles,
     Planner,
     read_plans,
     Site,
-    unknown_view,
 )
 from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
 
@@ -96,15 +95,11 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         )
     if 'verification' not in document:
         missing.append('The file does not hold the margins of the plan.')
-    found = []
-    for vehicle, motion in trajectories.items():
-        view = unknown_view(motion) if problem is None else view_of(problem, motion)
-        plan = FollowedPlan(motion, -float(motion.times[0]))
-        found.append(RecordedVehicle(vehicle or view.name, view, (plan,)))
+    found = planned_vehicles(problem, trajectories)
     return Mission(
         title=found[0].view.title or f'Plan for {name}',
         problem=name,
-        vehicles=tuple(found),
+        vehicles=found,
         figures=(figures,),
         parameters=figures.parameters,
         missing=tuple(missing),

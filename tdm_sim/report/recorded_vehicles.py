@@ -22,7 +22,7 @@ from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, Robo
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import FollowedPlan, Signals
+from tdm_sim.report.mission import FollowedPlan, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
     JOINT_STATE,
     ODOMETRY,
@@ -65,6 +65,17 @@ def unknown_view(plan: Trajectory) -> PlantView:
         if set(view.kind.state_names) <= set(plan.state_names):
             return view
     return PlantView(kind_by_names(plan))
+
+
+def planned_vehicles(
+    problem: Problem | None, plans: Mapping[str, Trajectory]
+) -> tuple[RecordedVehicle, ...]:
+    """Return vehicles of which nothing but plans by name is there; a single one may have none."""
+    found = []
+    for name, plan in plans.items():
+        view = unknown_view(plan) if problem is None else view_of(problem, plan)
+        found.append(RecordedVehicle(name or view.name, view, (FollowedPlan(plan, 0.0),)))
+    return tuple(found)
 
 
 def find_sites(topics: RecordedTopics, planners: Mapping[str, Planner]) -> list[Site]:
