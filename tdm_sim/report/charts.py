@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
 from tdm_sim.report.comparison import Comparison
@@ -190,7 +189,8 @@ def _planned(
     values: list[Array] = []
     for plan in vehicle.plans:
         at = plan_instants(plan, most)
-        read = _states(plan, at) if group == 'states' else plan.sample(at).control
+        states, controls = plan.sample(at)
+        read = states if group == 'states' else controls
         times += [at, at[-1:]]
         values += [read, np.full((1, read.shape[1]), np.nan)]
     motion = vehicle.plans[0].trajectory
@@ -203,14 +203,6 @@ def _switches(plan: FollowedPlan) -> Array:
     motion = plan.trajectory
     instants: Array = plan.start + motion.times[motion.switches]
     return instants[instants <= plan.followed_until]
-
-
-def _states(plan: FollowedPlan, at: Array) -> Array:
-    """Read states of a plan; smoothly where only its samples are known but it is smooth."""
-    motion = plan.trajectory
-    if motion.interpolation != 'cubic' or motion.rates is not None or motion.times.size < 4:
-        return plan.sample(at).state
-    return np.asarray(CubicSpline(motion.times, motion.states)(at - plan.start))
 
 
 def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
