@@ -24,8 +24,6 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import FollowedPlan, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
-    JOINT_STATE,
-    ODOMETRY,
     PLAN,
     RecordedTopics,
     STATUSES,
@@ -34,7 +32,6 @@ from tdm_sim.report.recorded_topics import (
 from tdm_sim.report.untrusted import PlanSummary
 
 _TURN = 2 * np.pi
-_STATES = 'joint_states', JOINT_STATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +105,14 @@ def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
     plans = topics.received(f'{namespace}/trajectory', PLAN)
     found = set(plans[0].message.joint_names) if plans else set()
     for name in ('joint_states', 'joint_command'):
-        stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
+        stream = topics.stream(f'{namespace}/{name}')
         found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
     return found
 
 
 def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> PlantView | None:
     for view in (PendulumView(), RobotView()):
-        odometry = topics.stream(f'{namespace}/odom', ODOMETRY) if view.kind.odometry else None
+        odometry = topics.stream(f'{namespace}/odom') if view.kind.odometry else None
         here = odometry is not None and odometry.frame == view.kind.frame
         own = {j.name for j in view.kind.joints if j.name not in view.kind.odometry}
         if here or own <= joints:
@@ -162,8 +159,8 @@ def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, in
     """Return whether a plan's motion was measured, the number of plans, whether there is data."""
     executed, plans, seen = False, 0, False
     for site in sites:
-        name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
-        stream = topics.stream(f'{site.namespace}/{name}', kind)
+        name = 'odom' if site.view.kind.odometry else 'joint_states'
+        stream = topics.stream(f'{site.namespace}/{name}')
         seen |= stream is not None
         for start, motion in _by_start(topics, site.namespace).items():
             if motion.points:
@@ -184,10 +181,8 @@ def measured(
     """
     kind, units = site.view.kind, site.view.units
 
-    def signals(
-        name: str, joints: Sequence[Joint], wanted: Sequence[str], type_name: str = JOINT_STATE
-    ) -> Signals | None:
-        stream = topics.stream(f'{site.namespace}/{name}', type_name)
+    def signals(name: str, joints: Sequence[Joint], wanted: Sequence[str]) -> Signals | None:
+        stream = topics.stream(f'{site.namespace}/{name}')
         if stream is None:
             return None
         places = {getattr(j, what): f'{j.name}.{what}' for j in joints for what in QUANTITIES}
@@ -203,7 +198,7 @@ def measured(
     states = signals('joint_states', kind.measured, kind.state_names)
     if kind.odometry:
         moved = [joint for joint in kind.joints if joint.name in kind.odometry]
-        states = _moving(signals('odom', moved, kind.state_names, ODOMETRY), states, kind)
+        states = _moving(signals('odom', moved, kind.state_names), states, kind)
     return {
         'states': None if states is None else _on_planned_turn(states, plans, site.view),
         'commands': signals('joint_command', kind.actuated, kind.control_names),
