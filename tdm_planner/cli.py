@@ -221,7 +221,7 @@ def _plan(options: argparse.Namespace) -> int:
         if options.plot is not None:
             progress.phase(f'drawing {options.plot}')
             # matplotlib takes half a second to import and only plots need it
-            from tdm_planner.plotting import plot_solution
+            from tdm_sim.report.plotting import plot_solution
 
             plot_solution(problem, solution, options.plot)
     progress.line(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')

@@ -26,7 +26,7 @@ class UnusableFile(InvalidProblem):
     code: ClassVar[str] = 'FILE'
 
 
-_VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
 def plan_document(problem: Problem, solution: Solution) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def to_npz(plan: Mapping[str, Any]) -> bytes:
         for group in ('states', 'controls'):
             for column, values in part[group].items():
                 arrays[f'{prefix}{column}'] = np.array(values)
-    for figure in _VEHICLE_FIGURES:
+    for figure in VEHICLE_FIGURES:
         arrays[figure] = np.array(plan[figure])
     data = io.BytesIO()
     np.savez_compressed(data, **arrays)
@@ -140,13 +140,17 @@ def load_plan(path: Path) -> dict[str, Any]:
 
     """
     try:
-        plan = json.loads(path.read_text())
+        plan: dict[str, Any] = json.loads(path.read_text())
     except OSError as error:
         raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise UnusableFile(f"the file '{path}' is not JSON") from None
-    if not isinstance(plan, dict) or 'problem' not in plan:
-        raise UnusableFile(f"the file '{path}' is not a plan written by tdm")
-    for part in vehicles(plan).values():
-        Trajectory.from_dict(dict(part))
+    try:
+        parts = vehicles(plan)
+        if not parts or 'problem' not in plan:
+            raise KeyError('problem')
+        for part in parts.values():
+            Trajectory.from_dict(dict(part))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise UnusableFile(f"the file '{path}' is not a plan written by tdm") from None
     return plan

@@ -24,7 +24,7 @@ from rich.table import Table
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
-from tdm_planner.plan_files import save_plan, UnusableFile
+from tdm_planner.plan_files import save_plan, UnusableFile, VEHICLE_FIGURES
 from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, Scene
 from tdm_sim.progress import Progress
@@ -45,9 +45,7 @@ _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
 # `parameters.yaml` is of demos of earlier versions.
 _OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
-_REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'cost_terms',
-              'verification', 'summary', 'parameters')  # fmt: skip
+_OF_MESSAGES = ('plan_id', 'stamp', 'vehicles')  # what a plan's summary has, and its file has not
 
 
 class DemoFailed(TdmError):
@@ -173,11 +171,11 @@ def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict
 
 def _plan_file(mission: Mission) -> dict[str, Any]:
     """Return the plan that counts at the end, as published and with the planner's figures."""
-    document = {k: v for k, v in mission.document.items() if k in _PLAN_KEYS}
+    document = {k: v for k, v in mission.document.items() if k not in _OF_MESSAGES}
     plans = {v.name: v.plan.trajectory for v in mission.vehicles if v.plan is not None}
     if len(mission.vehicles) == 1:
         return document | next(iter(plans.values())).to_dict()
-    head = {key: document[key] for key in _PLAN_KEYS[:6]}
+    head = {key: document[key] for key in VEHICLE_FIGURES}
     robots = {name: {**head, 'duration': p.duration, **p.to_dict()} for name, p in plans.items()}
     return document | {'robots': robots}
 
@@ -192,6 +190,6 @@ def _table(mission: Mission, comparison: Comparison) -> Table:
         table.add_column(heading, justify='right')
     for row in figures(comparison):
         table.add_row(*map(escape, row))
-    if abs(mission.speed - 1.0) > _REAL_TIME:
+    if mission.speed != 1.0:
         table.add_row('speed of simulated time', '', f'{mission.speed:.2g}')
     return table

@@ -51,7 +51,7 @@ _COVER_REAL_TIME = frozenset({
 
 
 class ProcessFailed(TdmError):
-    """A process ended unexpectedly."""
+    """A process ended unexpectedly, or does not do what it was started for."""
 
     code = 'PROCESS_FAILED'
 

@@ -37,7 +37,7 @@ ROOMS = {
     'replanning': ('plants of the planner, reviews', 'tdm_planner.replanning'),
     'views': (
         'goals, limits, pictures',
-        'tdm_planner.plant_views tdm_planner.plotting tdm_planner.pendulum_urdf',
+        'tdm_planner.plant_views tdm_planner.pendulum_urdf',
     ),
     'tracking': ('estimator and feedback laws', 'tdm_planner.tracking'),
     'problems': ('what is solved, and how', 'tdm_planner.problems tdm_planner.plan_files'),

@@ -23,7 +23,7 @@ from tdm_planner.exceptions import Busy, TdmError
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import DragHandle, Pose, pulled
-from tdm_sim.processes import NodeProcesses
+from tdm_sim.processes import NodeProcesses, ProcessFailed
 from tdm_sim.record_command import RECORDING
 
 Act = Callable[[], str]
@@ -34,18 +34,6 @@ PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
 _LOOK = 0.02  # s between requests while the planner is busy
 _FIRST = 15.0  # s that the first message of a recording may take
 _ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
-
-
-class RecordingFailed(TdmError):
-    """`tdm record` failed; the message is what it printed last."""
-
-    code = 'RECORDING_FAILED'
-
-
-class ReportFailed(TdmError):
-    """`tdm report` failed; the message is what it printed."""
-
-    code = 'REPORT_FAILED'
 
 
 class Recordings:
@@ -63,7 +51,7 @@ class Recordings:
         return bool(self._recorder.identifiers)
 
     def start(self) -> Path:
-        """Begin a recording, until its first message; raise RecordingFailed if none comes."""
+        """Begin a recording, until its first message; raise ProcessFailed if none comes."""
         while (bag := self._folder / f'recording_{self._number + 1}').exists():
             self._number += 1
         words = ['record', '-o', str(bag), '--namespace', self._namespace]
@@ -74,20 +62,19 @@ class Recordings:
             if late or self._recorder.ended():
                 self._recorder.end()
                 silent = f'no message has come in {self._namespace} within {_FIRST:g} s'
-                raise RecordingFailed(silent if late else self._recorder.last_line('recorder'))
+                raise ProcessFailed(silent if late else self._recorder.last_line('recorder'))
             time.sleep(_LOOK)
         self.last = bag
         return bag
 
     def stop(self) -> None:
-        """End the recording; raise RecordingFailed if it is not complete."""
+        """End the recording; raise ProcessFailed if it is not complete."""
         if any(self._recorder.end().values()):
-            raise RecordingFailed(self._recorder.last_line('recorder'))
+            raise ProcessFailed(self._recorder.last_line('recorder'))
 
     def report(self, problem: str) -> Path:
         """Make a report on the last recording, which ends; `problem` is the planner's."""
-        if self.last is None:
-            raise ReportFailed('nothing was recorded yet')
+        assert self.last is not None  # or it is not offered
         if self.running:
             self.stop()
         file = self.last.with_suffix('.html')
@@ -98,7 +85,7 @@ class Recordings:
             [sys.executable, '-m', 'tdm_planner.cli', *words], capture_output=True, text=True
         )
         if done.returncode:
-            raise ReportFailed(done.stderr.strip() or f'tdm report ended with {done.returncode}')
+            raise ProcessFailed(done.stderr.strip() or f'tdm report ended with {done.returncode}')
         return file
 
 
@@ -159,7 +146,7 @@ class Operations:
         """Drop the waiting tasks, and end a recording."""
         self._plant_tasks.close()
         self._file_tasks.close()
-        with suppress(RecordingFailed):
+        with suppress(ProcessFailed):
             self._recordings.stop()
 
     def plan(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from html import escape
+from itertools import cycle
 import math
 from pathlib import Path
 import re
@@ -59,7 +60,7 @@ class Panel:
         self._sliders: dict[str, Any] = {}
         self._reasons: dict[str, Any] = {}
         self._shown: dict[str, Slider] = {}
-        self._charts: dict[str, tuple[tuple[str, ...], Any]] = {}
+        self._charts: dict[tuple[str, ...], Any] = {}  # by title and names of curves
 
     def _drive(self) -> None:
         gui = self._gui
@@ -183,38 +184,33 @@ class Panel:
 
     def charts(self, charts: Sequence[Chart]) -> None:
         """Show these charts."""
-        for title in self._charts.keys() - {chart.title for chart in charts}:
-            self._charts.pop(title)[1].remove()
-        for chart in charts:
-            names = tuple(chart.curves)
-            data = (chart.x, *chart.curves.values())
-            known = self._charts.get(chart.title)
-            if known is not None and known[0] == names:
-                known[1].data = data
+        wanted = {(chart.title, *chart.curves, *chart.planned): chart for chart in charts}
+        for key in self._charts.keys() - wanted.keys():
+            self._charts.pop(key).remove()
+        for key, chart in wanted.items():
+            data = (chart.x, *chart.curves.values(), *chart.planned.values())
+            if key in self._charts:
+                self._charts[key].data = data
                 continue
-            if known is not None:
-                known[1].remove()
             with self._plots_tab:
-                handle = self._gui.add_uplot(
+                self._charts[key] = self._gui.add_uplot(
                     data,
                     _series(chart),
                     title=chart.title,
                     scales={'x': {'time': False}},
-                    legend={'show': len(names) > 1},
+                    legend={'show': len(data) > 2},
                     height=_HEIGHT,
                 )
-            self._charts[chart.title] = names, handle
 
 
 def _series(chart: Chart) -> tuple[Any, ...]:
-    measured = [name for name in chart.curves if name not in chart.planned]
-    series: list[Any] = [{'label': 's'}]
-    for name in chart.curves:
-        dashed = name in chart.planned
-        number = measured.index(name.partition(',')[0] if dashed else name)
-        one = {'label': name, 'stroke': COLOURS[number % len(COLOURS)], 'width': 1.5}
-        series.append({**one, 'dash': [6, 4], 'width': 1.0} if dashed else one)
-    return tuple(series)
+    colours = dict(zip(chart.curves, cycle(COLOURS), strict=False))
+    dashed = {'width': 1.0, 'dash': [6, 4]}
+    return (
+        {'label': 's'},
+        *({'label': name, 'stroke': colours[name], 'width': 1.5} for name in chart.curves),
+        *({'label': f'{n}, planned', 'stroke': colours[n], **dashed} for n in chart.planned),
+    )
 
 
 def _block(name: str, content: str, style: str = '') -> str:

@@ -26,9 +26,9 @@ from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.trajectory import NANOSECOND, Sample, TimedTrajectory, Trajectory
-from tdm_planner.verification import Constraint
 from tdm_sim.live.geometry import Colour
 from tdm_sim.live.listener import Listener
+from tdm_sim.report.margins import margins_of
 
 SPAN = 12.0  # s that are shown
 RATE = 25.0  # Hz of what is remembered
@@ -159,12 +159,12 @@ class Rig:
 
 
 class Chart(NamedTuple):
-    """Curves over the same instants: `curves` by label, planned ones are dashed."""
+    """Curves over the same instants, and planned ones, by name."""
 
     title: str
     x: Array
-    curves: dict[str, Array]
-    planned: frozenset[str] = frozenset()
+    curves: Mapping[str, Array]
+    planned: Mapping[str, Array] = {}
 
 
 class History:
@@ -172,7 +172,6 @@ class History:
 
     def __init__(self, view: PlantView) -> None:
         self.view = view
-        self._limits: tuple[Any, Sequence[Constraint]] = None, ()  # of a plan, by a view
         self._rows: deque[tuple[float, Array, Array]] = deque(maxlen=round(SPAN * RATE))
 
     def add(self, instant: float, state: Array, control: Array) -> None:
@@ -197,9 +196,8 @@ class History:
             (kind.control_names, controls, planned.control),
         ):
             for title, columns in _by_unit(names, units):
-                curves = {names[k]: values[:, k] for k in columns}
-                dashed = {_planned(names[k]): wanted[:, k] for k in columns}
-                charts.append(Chart(title, times - times[-1], curves | dashed, frozenset(dashed)))
+                shown = ({names[k]: v[:, k] for k in columns} for v in (values, wanted))
+                charts.append(Chart(title, times - times[-1], *shown))
         if plan is not None:
             curves = self._margins(plan.trajectory, times - plan.start, states, controls)
             if curves:
@@ -210,20 +208,12 @@ class History:
         self, plan: Trajectory, times: Array, states: Array, controls: Array
     ) -> dict[str, Array]:
         """Return what is left to every limit, as a share of the most in what is shown."""
-        of = plan, self.view
-        if self._limits[0] != of:
-            self._limits = of, self.view.constraints(plan)
-        found = {}
-        for limit in self._limits[1]:
-            with np.errstate(all='ignore'):
-                left = np.asarray(limit.margin(times, states, controls), dtype=float)
-            if left.shape == times.shape and np.isfinite(left).all():
-                found[limit.name] = left / max(float(np.abs(left).max()), 1e-12)
-        return found
-
-
-def _planned(name: str) -> str:
-    return f'{name}, planned'
+        found = margins_of(self.view.constraints(plan), times, times, states, controls)
+        return {
+            name: left / max(float(np.abs(left).max()), 1e-12)
+            for name, left in zip(found.names, found.values.T, strict=True)
+            if np.isfinite(left).all()
+        }
 
 
 def _by_unit(names: Sequence[str], units: dict[str, str]) -> list[tuple[str, list[int]]]:

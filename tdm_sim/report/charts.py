@@ -11,9 +11,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
+from tdm_planner.trajectory import Sample
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.margins import History, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
@@ -71,12 +71,13 @@ class Chart(NamedTuple):
 def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show."""
     vehicles = mission.vehicles
+    plans = [_planned(mission, vehicle) for vehicle in vehicles]
     states: Sources = {
-        'planned': [_planned(mission, vehicle, 'states') for vehicle in vehicles],
+        'planned': [state for state, _ in plans],
         'measured': [vehicle.states for vehicle in vehicles],
     }
     controls: Sources = {
-        'planned': [_planned(mission, vehicle, 'controls') for vehicle in vehicles],
+        'planned': [control for _, control in plans],
         'measured': [vehicle.applied for vehicle in vehicles],
         'commanded': [vehicle.commands for vehicle in vehicles],
     }
@@ -179,23 +180,18 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
     )
 
 
-def _planned(
-    mission: Mission, vehicle: RecordedVehicle, group: Literal['states', 'controls']
-) -> Signals | None:
-    """Return every plan as long as it was followed, with gaps between them."""
+def _planned(mission: Mission, vehicle: RecordedVehicle) -> tuple[Signals | None, Signals | None]:
+    """Return states and controls of every plan as long as it was followed, gaps between them."""
     if not vehicle.plans:
-        return None
+        return None, None
     most = points_per_curve(mission) // len(vehicle.plans) - 3
-    times: list[Array] = []
-    values: list[Array] = []
+    parts = []
     for plan in vehicle.plans:
         at = plan_instants(plan, most)
-        read = _states(plan, at) if group == 'states' else plan.sample(at).control
-        times += [at, at[-1:]]
-        values += [read, np.full((1, read.shape[1]), np.nan)]
-    motion = vehicle.plans[0].trajectory
-    names = motion.state_names if group == 'states' else motion.control_names
-    return Signals.of(motion, np.concatenate(times), np.concatenate(values), names)
+        gapped = (np.pad(v, ((0, 1), (0, 0)), constant_values=np.nan) for v in plan.sample(at))
+        parts.append((np.append(at, at[-1]), *gapped))
+    times, *read = map(np.concatenate, zip(*parts, strict=True))
+    return Signals.both(vehicle.plans[0].trajectory, times, Sample(*read))
 
 
 def _switches(plan: FollowedPlan) -> Array:
@@ -203,14 +199,6 @@ def _switches(plan: FollowedPlan) -> Array:
     motion = plan.trajectory
     instants: Array = plan.start + motion.times[motion.switches]
     return instants[instants <= plan.followed_until]
-
-
-def _states(plan: FollowedPlan, at: Array) -> Array:
-    """Read states of a plan; smoothly where only its samples are known but it is smooth."""
-    motion = plan.trajectory
-    if motion.interpolation != 'cubic' or motion.rates is not None or motion.times.size < 4:
-        return plan.sample(at).state
-    return np.asarray(CubicSpline(motion.times, motion.states)(at - plan.start))
 
 
 def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:

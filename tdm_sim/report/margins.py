@@ -49,7 +49,7 @@ def _planned(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Sig
         times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)
         times = times[times + plan.start <= plan.followed_until]
         parts.append((times + plan.start, times, *plan.trajectory.sample(times)))
-    return _margins(constraints, *map(np.concatenate, zip(*parts, strict=True)))
+    return margins_of(constraints, *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals | None:
@@ -65,21 +65,21 @@ def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Si
     controls = np.full((states.times.size, len(names)), np.nan)
     if vehicle.controls is not None:
         controls = vehicle.controls.select(*names).at(states.times).values
-    return _margins(constraints, states.times, states.times - plan.start, own, controls)
+    return margins_of(constraints, states.times, states.times - plan.start, own, controls)
 
 
-def _margins(
+def margins_of(
     constraints: Sequence[Constraint],
     instants: Array,
     times: Array,
     states: Array,
     controls: Array,
 ) -> Signals:
-    """Return margins at `instants` of the mission, which are `times` of the plan."""
+    """Return margins at `instants`, which are `times` of the plan; all arrays begin with (n,)."""
     shown: list[Constraint] = []
     found: list[Array] = []
     for constraint in constraints:
-        with np.errstate(invalid='ignore'):
+        with np.errstate(all='ignore'):
             margin = np.asarray(constraint.margin(times, states, controls), dtype=float)
         # a robot that coasts is at the lower bound
         if constraint.name != LOWER_THRUST or (margin < -ROUNDING).any():

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.plant_views import PlantView
-from tdm_planner.trajectory import TimedTrajectory, Trajectory
+from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,14 @@ class Signals:
     ) -> Signals:
         """Return histories whose names, and so their units, are those of a trajectory."""
         return cls(times, values, names, tuple(motion.units.get(name, '') for name in names))
+
+    @classmethod
+    def both(cls, motion: Trajectory, times: Array, sample: Sample) -> tuple[Signals, Signals]:
+        """Return states and controls as they were read at `times` (n,) from a trajectory."""
+        return (
+            cls.of(motion, times, sample.state, motion.state_names),
+            cls.of(motion, times, sample.control, motion.control_names),
+        )
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a history called `name`."""
@@ -141,15 +149,11 @@ class RecordedVehicle:
 
     def planned(self, times: Array) -> tuple[Signals, Signals]:
         """Return planned states and controls at instants (n,), of the plans in turn."""
-        state, control = self.plans[0].sample(times)
+        read = self.plans[0].sample(times)
         for plan in self.plans[1:]:
             during = times >= plan.start
-            state[during], control[during] = plan.sample(times[during])
-        motion = self.plans[0].trajectory
-        return (
-            Signals.of(motion, times, state, motion.state_names),
-            Signals.of(motion, times, control, motion.control_names),
-        )
+            read.state[during], read.control[during] = plan.sample(times[during])
+        return Signals.both(self.plans[0].trajectory, times, read)
 
 
 class Margin(NamedTuple):

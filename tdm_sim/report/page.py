@@ -32,7 +32,6 @@ from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
-_REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SCRIPTS = ('scene.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
@@ -138,7 +137,7 @@ def _source(mission: Mission) -> str:
     if mission.recorded_at is not None:
         at = datetime.fromtimestamp(mission.recorded_at, timezone.utc)
         parts.append(f'recorded {at:%Y-%m-%d %H:%M:%S} UTC')
-    if abs(mission.speed - 1.0) > _REAL_TIME:
+    if mission.speed != 1.0:
         parts.append(f'simulated time at {mission.speed:.2g} times real time')
     return ' · '.join(parts)
 

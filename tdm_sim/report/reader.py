@@ -15,15 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.plant_views import view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, RecordedVehicle, Severity
+from tdm_sim.report.mission import Event, Mission, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -39,10 +37,10 @@ from tdm_sim.report.recorded_vehicles import (
     followed,
     measured,
     namespace_of,
+    planned_vehicles,
     Planner,
     read_plans,
     Site,
-    unknown_view,
 )
 from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
 
@@ -51,6 +49,7 @@ MOST_EVENTS = 300
 _LEAST_CLOCK = 10  # messages of a simulated clock
 _WARNING, _ERROR = 30, 40  # levels of a log message
 _PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
+_REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SAME_TIME = 2.0  # s; within it, a diagnostic and a log message report the same event
 
 
@@ -77,14 +76,11 @@ def read_mission(
 
 def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     """Read a plan file of `tdm plan` or of a demo; raises InvalidProblem if it is none."""
-    try:
-        document = load_plan(path)
-        trajectories = {
-            untrusted.text(name, 60): Trajectory.from_dict(dict(part))
-            for name, part in vehicles(document).items()
-        }
-    except (TypeError, ValueError, AttributeError, KeyError, RecursionError):
-        raise InvalidProblem(f"the file '{path}' is not a plan written by tdm") from None
+    document = load_plan(path)
+    trajectories = {
+        untrusted.text(name, 60): Trajectory.from_dict(dict(part))
+        for name, part in vehicles(document).items()
+    }
     name = untrusted.text(document['problem'], 100)
     figures = plan_figures(document, 0.0)
     missing = ['This is a plan file without a recording: nothing is measured.']
@@ -96,15 +92,11 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         )
     if 'verification' not in document:
         missing.append('The file does not hold the margins of the plan.')
-    found = []
-    for vehicle, motion in trajectories.items():
-        view = unknown_view(motion) if problem is None else view_of(problem, motion)
-        plan = FollowedPlan(motion, -float(motion.times[0]))
-        found.append(RecordedVehicle(vehicle or view.name, view, (plan,)))
+    found = planned_vehicles(problem, trajectories)
     return Mission(
         title=found[0].view.title or f'Plan for {name}',
         problem=name,
-        vehicles=tuple(found),
+        vehicles=found,
         figures=(figures,),
         parameters=figures.parameters,
         missing=tuple(missing),
@@ -202,7 +194,7 @@ def _mission(
         document=summaries[max(summaries)].document if summaries else {},
         source=str(path),
         recorded_at=origin * NANOSECOND,
-        speed=1.0 if clock is None else clock.speed,
+        speed=1.0 if clock is None or abs(clock.speed - 1.0) < _REAL_TIME else clock.speed,
     )
 
 

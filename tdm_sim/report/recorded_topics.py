@@ -151,10 +151,10 @@ class RecordedTopics(dict[str, Topic]):
         topic = self.get(name)
         return topic.received if topic is not None and topic.kind == kind else ()
 
-    def stream(self, name: str, kind: str) -> Stream | None:
-        """Return the numbers of a topic; None if there are none of this type."""
+    def stream(self, name: str) -> Stream | None:
+        """Return the numbers of a topic; None if there are none."""
         topic = self.get(name)
-        return topic.stream if topic is not None and topic.kind == kind else None
+        return None if topic is None else topic.stream
 
 
 def _joints(message: Any) -> dict[str, float]:

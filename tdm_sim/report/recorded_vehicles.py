@@ -22,10 +22,8 @@ from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, Robo
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import FollowedPlan, Signals
+from tdm_sim.report.mission import FollowedPlan, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
-    JOINT_STATE,
-    ODOMETRY,
     PLAN,
     RecordedTopics,
     STATUSES,
@@ -34,7 +32,6 @@ from tdm_sim.report.recorded_topics import (
 from tdm_sim.report.untrusted import PlanSummary
 
 _TURN = 2 * np.pi
-_STATES = 'joint_states', JOINT_STATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +64,17 @@ def unknown_view(plan: Trajectory) -> PlantView:
     return PlantView(kind_by_names(plan))
 
 
+def planned_vehicles(
+    problem: Problem | None, plans: Mapping[str, Trajectory]
+) -> tuple[RecordedVehicle, ...]:
+    """Return vehicles of which nothing but plans by name is there; a single one may have none."""
+    found = []
+    for name, plan in plans.items():
+        view = unknown_view(plan) if problem is None else view_of(problem, plan)
+        found.append(RecordedVehicle(name or view.name, view, (FollowedPlan(plan, 0.0),)))
+    return tuple(found)
+
+
 def find_sites(topics: RecordedTopics, planners: Mapping[str, Planner]) -> list[Site]:
     """Return every vehicle; `planners` are the namespaces in which plans were told of."""
     sites = []
@@ -97,14 +105,14 @@ def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
     plans = topics.received(f'{namespace}/trajectory', PLAN)
     found = set(plans[0].message.joint_names) if plans else set()
     for name in ('joint_states', 'joint_command'):
-        stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
+        stream = topics.stream(f'{namespace}/{name}')
         found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
     return found
 
 
 def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> PlantView | None:
     for view in (PendulumView(), RobotView()):
-        odometry = topics.stream(f'{namespace}/odom', ODOMETRY) if view.kind.odometry else None
+        odometry = topics.stream(f'{namespace}/odom') if view.kind.odometry else None
         here = odometry is not None and odometry.frame == view.kind.frame
         own = {j.name for j in view.kind.joints if j.name not in view.kind.odometry}
         if here or own <= joints:
@@ -151,8 +159,8 @@ def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, in
     """Return whether a plan's motion was measured, the number of plans, whether there is data."""
     executed, plans, seen = False, 0, False
     for site in sites:
-        name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
-        stream = topics.stream(f'{site.namespace}/{name}', kind)
+        name = 'odom' if site.view.kind.odometry else 'joint_states'
+        stream = topics.stream(f'{site.namespace}/{name}')
         seen |= stream is not None
         for start, motion in _by_start(topics, site.namespace).items():
             if motion.points:
@@ -173,10 +181,8 @@ def measured(
     """
     kind, units = site.view.kind, site.view.units
 
-    def signals(
-        name: str, joints: Sequence[Joint], wanted: Sequence[str], type_name: str = JOINT_STATE
-    ) -> Signals | None:
-        stream = topics.stream(f'{site.namespace}/{name}', type_name)
+    def signals(name: str, joints: Sequence[Joint], wanted: Sequence[str]) -> Signals | None:
+        stream = topics.stream(f'{site.namespace}/{name}')
         if stream is None:
             return None
         places = {getattr(j, what): f'{j.name}.{what}' for j in joints for what in QUANTITIES}
@@ -192,7 +198,7 @@ def measured(
     states = signals('joint_states', kind.measured, kind.state_names)
     if kind.odometry:
         moved = [joint for joint in kind.joints if joint.name in kind.odometry]
-        states = _moving(signals('odom', moved, kind.state_names, ODOMETRY), states, kind)
+        states = _moving(signals('odom', moved, kind.state_names), states, kind)
     return {
         'states': None if states is None else _on_planned_turn(states, plans, site.view),
         'commands': signals('joint_command', kind.actuated, kind.control_names),

@@ -67,12 +67,8 @@ def _verdict(comparison: Comparison) -> str:
 
 def figures(comparison: Comparison) -> list[tuple[str, str, str]]:
     """Return name, planned and achieved of the summary's figures as text, for terminals."""
-
-    def text(value: float | None) -> str:
-        return '' if value is None else f'{0.0 if abs(value) < _NOTHING else value:.4g}'
-
     return [
-        (f'{e.name} [{e.unit}]' if e.unit else e.name, text(e.planned), text(e.achieved))
+        (f'{e.name} [{e.unit}]' if e.unit else e.name, _text(e.planned), _text(e.achieved))
         for e in _worst(comparison.entries)
     ]
 
@@ -172,13 +168,14 @@ def _cell(
     return f'<td{style}>{number(value)}{at}</td>'
 
 
+def _text(value: float | None) -> str:
+    """Return a figure with four significant digits; '' where there is none."""
+    return '' if value is None else f'{0.0 if abs(value) < _NOTHING else value:.4g}'
+
+
 def number(value: float | None) -> str:
     """Return a figure with four significant digits, as HTML."""
-    if value is None:
-        return ''
-    if abs(value) < _NOTHING:
-        return '0'
-    digits, _, exponent = f'{value:.4g}'.partition('e')
+    digits, _, exponent = _text(value).partition('e')
     if exponent:
         digits = f'{float(digits):.3g}&thinsp;&middot;&thinsp;10<sup>{int(exponent)}</sup>'
     return digits.replace('-', MINUS)

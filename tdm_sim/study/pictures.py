@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
 from tdm_planner.plan_files import write_file
-from tdm_planner.plotting import legend_above
 from tdm_sim.report.page import page_html
+from tdm_sim.report.plotting import legend_above
 from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis, cell
 from tdm_sim.study.flights import FLOWN, MARGIN

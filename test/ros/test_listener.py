@@ -153,7 +153,8 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         shown = set(server.scene._handle_from_node_name)
         assert {'/still/lines', '/plants/cylinder_100', '/plan/lines'} <= shown
         assert {'/handles/disk', '/handles/pendulum'} <= shown
-        status, charts = page._panel._status.content, {*page._panel._charts}
+        status = page._panel._status.content
+        charts = {title for title, *_ in page._panel._charts}
         assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
         assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= charts
         assert 'limits.torque' in page._panel._sliders

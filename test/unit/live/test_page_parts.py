@@ -76,17 +76,17 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     titles = ['theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS]
     assert [chart.title for chart in charts] == titles
     angles = charts[0]
-    assert set(angles.curves) == {'theta', 'psi', 'theta, planned', 'psi, planned'}
-    assert angles.planned == {'theta, planned', 'psi, planned'}
-    assert angles.curves['theta'] == pytest.approx(angles.curves['theta, planned'], abs=1e-6)
-    assert angles.curves['psi'] - angles.curves['psi, planned'] == pytest.approx(0.1, abs=1e-6)
+    assert list(angles.curves) == list(angles.planned) == ['theta', 'psi']
+    assert angles.curves['theta'] == pytest.approx(angles.planned['theta'], abs=1e-6)
+    assert angles.curves['psi'] - angles.planned['psi'] == pytest.approx(0.1, abs=1e-6)
     assert angles.x[-1] == 0.0
     assert 0.8 * RATE < angles.x.size < 1.3 * RATE
     margins = charts[-1]
     assert set(margins.curves) == {'torque', 'disk_angle'}
     assert (margins.curves['torque'] > 0.0).all()
     for chart in charts:
-        assert all(np.isfinite(curve).all() for curve in chart.curves.values())
+        for curve in (*chart.curves.values(), *chart.planned.values()):
+            assert np.isfinite(curve).all()
     made = history(SPAN + 5.0)
     x = made.charts(None)[0].x
     assert -SPAN - 1.0 < x[0] < -SPAN / 2

@@ -17,9 +17,9 @@ viser = pytest.importorskip('viser')
 from tdm_planner.drawing import Line  # noqa: E402
 from tdm_sim.live import operations, run  # noqa: E402
 from tdm_sim.live.geometry import view_on  # noqa: E402
-from tdm_sim.live.operations import RecordingFailed, Recordings  # noqa: E402
+from tdm_sim.live.operations import Recordings  # noqa: E402
 from tdm_sim.live.scene import Scene  # noqa: E402
-from tdm_sim.processes import NodeProcesses  # noqa: E402
+from tdm_sim.processes import NodeProcesses, ProcessFailed  # noqa: E402
 from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
@@ -57,7 +57,7 @@ def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, 
     ends = lambda self, name, *_: begin(self, name, 'calendar', ['2026'])  # noqa: E731
     monkeypatch.setattr(NodeProcesses, 'start', ends)
     made = Recordings(tmp_path, 'space')
-    with pytest.raises(RecordingFailed, match=told):
+    with pytest.raises(ProcessFailed, match=told):
         made.start()
     assert not made.running
     assert made.last is None
