@@ -392,7 +392,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
     outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
     single = _LONGER * np.abs(_BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
     paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
-    for chosen in screened(program, paths, single, np.inf, _WANTED, _TOO_NEAR, rng):
+    for chosen in screened(program, paths, single, _BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
         yield fit(_BOWS[chosen])
     while True:
         yield fit(rng.uniform(-0.35, 0.35, task.n))

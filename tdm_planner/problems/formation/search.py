@@ -186,6 +186,7 @@ def screened(
     program: FormationProgram,
     paths: Array,
     single: Array,
+    bows: Array,
     meeting: float,
     wanted: float,
     price: float,
@@ -197,7 +198,7 @@ def screened(
     `paths` (n, c, K, 2) are the ways of every robot's choices at equal times, `single` (n, c)
     what they cost. A metre that robots are nearer than `wanted` clearances, or than they may to
     what stands still, costs `price`. Sides are those of robots that come within `meeting`
-    clearances of one another: a detour that avoids no robot gives no other minimum.
+    clearances of one another, and the signs of `bows` (c,).
     """
     n, count = single.shape
     reach = program.clearances[:n, n:]
@@ -218,7 +219,8 @@ def screened(
     passed = np.zeros((len(combinations), len(couples)))
     for q, (i, j) in enumerate(couples):
         passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
-    _, first = np.unique(passed, axis=0, return_index=True)
+    turned = np.sign(bows[combinations])[:, program.varied]
+    _, first = np.unique(np.hstack([passed, turned]), axis=0, return_index=True)
     return combinations[np.sort(first)]
 
 

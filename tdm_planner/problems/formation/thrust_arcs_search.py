@@ -147,7 +147,8 @@ class ArcSeeds:
         paths, gas = _survey(x, program.fleet, times)
         price = _OVERLAP * program.scale / program.fleet.length
         single = self.task.weights[2] * gas
-        for chosen in screened(program, paths, single, _MEETING, _SPARE, price, self.rng):
+        alike = np.zeros(_BOWS.size)  # a detour that avoids no robot gives no other minimum
+        for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
             yield x[np.arange(n), chosen]
 
 
