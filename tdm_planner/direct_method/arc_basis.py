@@ -70,16 +70,13 @@ class ArcLayout:
 
     def read(self, w: Any) -> tuple[Any, Any, dict[str, list[Any]]]:
         """Return mu, t, and the outputs' derivatives by time, from the symbols w."""
-        mu, at = [w[i] for i in range(self.rates)], self.rates + 1
-        found = {}
+        constant = (max(1, *self.orders) - self.rates) * [0.0]
+        factor = reciprocal([*(w[i] for i in range(self.rates)), *constant])
+        at, found = self.rates + 1, {}
         for name, order in zip(self.names, self.orders, strict=True):
-            jet = [w[at + k] for k in range(order + 1)]
+            found[name] = time_derivatives([w[at + k] for k in range(order + 1)], factor)
             at += order + 1
-            if self.degree == 0:
-                found[name] = [value / mu[0] ** k if k else value for k, value in enumerate(jet)]
-            else:
-                found[name] = time_derivatives(jet, reciprocal(mu[: max(1, order)]))
-        return mu[0], w[self.rates], found
+        return w[0], w[self.rates], found
 
 
 @lru_cache(maxsize=64)
@@ -95,9 +92,7 @@ def boundary_values(layout: ArcLayout) -> Differentiated:
             basis = [bernstein_basis(layout.degree, side, k) for k in range(max(size, 1))]
             mu = [(ca.SX(row[None]) @ c)[0] for row in basis]
             known = dict(zip(orders, values, strict=True))
-            if layout.degree == 0:
-                found += [known[k] * mu[0] ** k for k in orders]
-            elif size:
+            if orders:
                 jet = [known.get(k, ca.SX(0)) for k in range(size)]
                 by_arc = arc_derivatives(jet, reciprocal(mu))
                 found += [by_arc[k] for k in orders]

@@ -33,7 +33,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import legendre, polynomial
 from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.interpolate import BPoly
@@ -44,8 +44,6 @@ from tdm_planner.exceptions import InvalidProblem
 Orders = tuple[int, ...]
 Sampled = Callable[[ArrayLike, int], Array]  # of s (...) and the derivative's order, (..., m)
 
-# Multiplications of one matrix product: few enough for the result not to depend on the threads.
-_BLOCK = 65536
 _DEPENDENT = 1e-9  # share of a shape, or of a condition, that the others leave of it
 
 
@@ -106,18 +104,12 @@ class PolynomialBasis:
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
         at = np.asarray(s, dtype=float)
-        near_start = at <= 0.5
-        coefficients = _differentiated(self, derivative)
-        powers = np.empty((coefficients.shape[0], at.size))
-        powers[:1] = 1.0
-        powers[1:] = np.where(near_start, at, at - 1.0).ravel()
-        np.multiply.accumulate(powers, axis=0, out=powers)
-        count = coefficients.shape[1] // 2
-        block = max(1, _BLOCK // coefficients.size) if coefficients.size else at.size + 1
-        parts = np.split(powers, range(block, at.size, block), axis=1)
-        table = np.concatenate([part.T @ coefficients for part in parts])
-        both = table.reshape(*at.shape, 2 * count)
-        return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))
+        near_start, coefficients = at <= 0.5, _differentiated(self, derivative)
+        nearer = np.where(near_start, at, at - 1.0).ravel()
+        powers = polynomial.polyvander(nearer, len(coefficients) - 1)
+        # Not by BLAS, whose last digits depend on the number of threads.
+        table = np.einsum('sp,pm->sm', powers, coefficients).reshape(*at.shape, 2, -1)
+        return np.asarray(np.where(near_start[..., None], table[..., 0, :], table[..., 1, :]))
 
 
 def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
@@ -141,9 +133,8 @@ def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
 @lru_cache(maxsize=256)
 def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
     """Return both expansions' coefficients of a derivative, side by side, (powers, 2 m)."""
-    both = np.concatenate([basis.about_start, basis.about_end], axis=1)[derivative:]
-    factors = [math.perm(power + derivative, derivative) for power in range(len(both))]
-    return np.asarray(np.array(factors, dtype=float)[:, None] * both)
+    both = np.concatenate([basis.about_start, basis.about_end], axis=1)
+    return np.asarray(polynomial.polyder(both, derivative))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import sindg
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 
@@ -107,14 +108,9 @@ class SineSeries(Shapes):
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
         k = np.arange(1, self.terms + 1)
-        at = np.asarray(s, dtype=float)[..., None]
-        # From the nearer end, so that the values at both ends are exact.
-        beyond = at > 0.5
-        angle = k * np.pi * np.where(beyond, 1.0 - at, at)
-        parity = np.where(beyond, (-1.0) ** k, 1.0)
-        wave = np.cos(angle) if derivative % 2 else np.where(beyond, -np.sin(angle), np.sin(angle))
-        sign = -1.0 if derivative % 4 in (2, 3) else 1.0
-        return np.asarray(sign * (k * np.pi) ** derivative * parity * wave)
+        # In degrees, so that the values at both ends are exact.
+        angle = 180.0 * k * np.asarray(s, dtype=float)[..., None] + 90.0 * derivative
+        return np.asarray((k * np.pi) ** derivative * sindg(angle))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from tdm_planner.problems.formation.parameters import (
     default_start,
     formation_specifications,
     FormationParameters,
+    place_in_arena,
     robot_names,
     RobotStart,
 )
@@ -134,13 +135,12 @@ class RobotFormation(FormationParameters, Problem):
         alpha = np.array([math.nan if s.alpha is None else s.alpha for s in starts])
         thrust = np.array([s.thrust for s in starts]) / self.plant.mass
         heading = state[:, 4] + np.nan_to_num(alpha)
-        x, y, turn = self.formation.anchor
-        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        offset = np.array(list(self.offsets.values()), dtype=float)
+        places = [place for place in self.offsets.values() if place is not None]
+        goal = np.array([place_in_arena(self.formation.anchor, place) for place in places])
         torque = self.limits.torque / self.plant.inertia
         # The attitude is reached on the turn nearest to where braking alone would end.
         resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
-        goal_yaw = resting + np.angle(np.exp(1j * (turn + offset[:, 2] - resting)))
+        goal_yaw = resting + np.angle(np.exp(1j * (goal[:, 2] - resting)))
         arena, weights = self.arena, self.weights
         return FormationTask(
             names=tuple(self.robots),
@@ -152,7 +152,7 @@ class RobotFormation(FormationParameters, Problem):
             yaw_rate=state[:, 5],
             yaw_acceleration=np.array([s.torque for s in starts]) / self.plant.inertia,
             alpha=alpha,
-            goal=np.array([x, y]) + offset[:, :2] @ rotation.T,
+            goal=goal[:, :2],
             goal_yaw=goal_yaw,
             thrust=self.limits.thrust / self.plant.mass,
             torque=torque,

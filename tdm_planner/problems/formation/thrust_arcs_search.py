@@ -24,7 +24,6 @@ from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.program import CLOSENESS
 from tdm_planner.problems.formation.search import (
     Candidate,
     FormationSearch,
@@ -35,7 +34,6 @@ from tdm_planner.problems.formation.search import (
 )
 from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
-    ArcValues,
     CENTRE,
     Fleet,
     HALF,
@@ -54,25 +52,13 @@ from tdm_planner.problems.formation.thrust_arcs_program import (
 )
 from tdm_planner.problems.solution import Solution
 
-MANY = 5  # robots from which on choices are richer, and combined by descent
-_BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
-_RICH_BOWS = (0.1, -0.1, 0.2, -0.2, 0.35, -0.35)
-# Of a choice: where on the way its corner lies, the bow as a share of the way, the wait before.
-_CHOICES = tuple((0.5, bow, 0.0) for bow in _BOWS)
-_RICH_CHOICES = (
-    (0.5, 0.0, 0.0),
-    *((share, bow, 0.0) for share in (0.3, 0.5, 0.7) for bow in _RICH_BOWS),
-    *((0.6, bow, 0.2) for bow in (0.0, 0.15, -0.15)),
-    *((0.7, bow, 0.35) for bow in (0.0, 0.15, -0.15)),
-)
-_OVERLAP, _RICH_OVERLAP = 0.35, 1.15  # price of coming too near by a unit of length, in costs
+MANY = 5  # robots from which on more is tried, and violations are charged more
+_BOWS = np.array([0.0, 0.12, -0.12, 0.25, -0.25])  # as shares of the way
+_OVERLAP = 0.35  # price of coming too near by a unit of length, in costs
 _SPARE = 1.02  # clearances wanted of a guess
 _MEETING = 1.1  # clearances within which it matters on which side robots pass
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
 _STRETCHES = 8  # times that a guess may be given more time
-_TOUCHING = 1.01  # clearances within which robots touch
-_STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
-_SEATED = 0.02  # of a duration, by which a corner must move to be worth it
 Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
@@ -135,8 +121,8 @@ class ArcSeeds:
         size = np.maximum(np.linalg.norm(self._way, axis=1), 1e-9)
         self._normal = normal * np.maximum(1.0, _LEAST_BOW * program.fleet.length / size)[:, None]
 
-    def guess(self, share: Array, bow: Array, wait: Array) -> Array:
-        """Parameters (n, 5): corners at shares of way and time, off by bows, after waiting."""
+    def guess(self, share: Array, bow: Array) -> Array:
+        """Parameters (n, 5): corners at shares of way and time, off by bows."""
         fleet = self.program.fleet
         x = np.zeros((self.task.n, 5))
         corner = self.task.start + share[:, None] * self._way + bow[:, None] * self._normal
@@ -144,66 +130,26 @@ class ArcSeeds:
         first = np.linalg.norm(corner - self.task.start, axis=1)
         last = np.linalg.norm(self.task.goal - corner, axis=1)
         share = first / np.maximum(first + last, 1e-9)
-        x[:, 0], x[:, 1:3], x[:, 4] = wait * self.durations, corner, self.durations
-        x[:, 3] = x[:, 0] + share * (x[:, 4] - x[:, 0])
+        x[:, 1:3], x[:, 3], x[:, 4] = corner, share * self.durations, self.durations
         _give_time(x, share, fleet)
         return x
 
     def random(self) -> Array:
         """Return a guess with random corners."""
         n = self.task.n
-        return self.guess(
-            self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n), np.zeros(n)
-        )
+        return self.guess(self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n))
 
     def screened(self) -> Iterator[Array]:
         """Yield the best guess for every set of sides, the best set first."""
         program, n = self.program, self.task.n
-        rich = n >= MANY
-        every = np.array(_RICH_CHOICES if rich else _CHOICES)
-        x = np.stack([self.guess(*np.tile(c, (n, 1)).T) for c in every], axis=1)
+        x = np.stack([self.guess(np.full(n, 0.5), np.full(n, bow)) for bow in _BOWS], axis=1)
         times = np.linspace(0.0, self.durations.max(), INSTANTS)
         paths, gas = _survey(x, program.fleet, times)
-        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.fleet.length
+        price = _OVERLAP * program.scale / program.fleet.length
         single = self.task.weights[2] * gas
-        alike = np.zeros(len(every))  # a detour that avoids no robot gives no other minimum
+        alike = np.zeros(_BOWS.size)  # a detour that avoids no robot gives no other minimum
         for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
-            yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
-
-    def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
-        """Guess with every corner where the robot comes nearest to another on its way."""
-        (share, bow, wait), fleet, robot = choice.T, self.program.fleet, np.arange(self.task.n)
-        apart = np.linalg.norm(paths[:, None] - paths, axis=3)
-        apart -= fleet.clearances[: robot.size, : robot.size, None]
-        apart[robot, robot] = np.inf
-        along = times / self.durations[:, None]
-        nearest = np.where((along > 0.15) & (along < 0.85), apart.min(axis=1), np.inf)
-        at = robot, np.argmin(nearest, axis=1)
-        return self.guess(np.where(nearest[at] < 0.3 * fleet.length, along[at], share), bow, wait)
-
-
-def reseated(program: ThrustArcProgram, point: ArcValues) -> Array | None:
-    """
-    Parameters (n, 5) with corners of robots that touch another one flying straight put there.
-
-    None where there is none: then all have their corners where they need them.
-    """
-    x, moved = point.x.copy(), False
-    touching = point.approaches[point.approaches[:, CLOSENESS] < _TOUCHING - 1.0]
-    for i in np.flatnonzero(program.varied).tolist():
-        burns = point.burns[i]
-        if np.hypot(*burns[1, :2]) > _STRAIGHT * program.fleet.speed:
-            continue
-        mine = (touching[:, :2] == i).any(axis=1)
-        leg = 0.3 * program.fleet.time
-        times = touching[mine, 2]
-        times = times[(times > burns[0, 2] + leg) & (times < burns[2, 2] - leg)]
-        if not times.size or np.abs(times - x[i, 3]).min() < _SEATED * x[i, 4]:
-            continue
-        x[i, 1:3] = positions(times[:1], program.fleet, i, point.burns)
-        x[i, 3] = times[0]
-        moved = True
-    return x if moved else None
+            yield x[np.arange(n), chosen]
 
 
 class ArcSearch(FormationSearch[Arcs | Solution]):
@@ -262,7 +208,8 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         found = self.minima(program, map(program.reduce, guesses), self._options, _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
             if candidate.point.cost < _PROMISING * found[0].point.cost and not self.budget.spent:
-                found[k] = self._seated(candidate)
+                finer = self._polished(program, candidate.point.xi, _FINE)
+                found[k] = min(candidate, *finer, key=lambda each: each.point.cost)
         return sorted(found, key=lambda each: each.point.cost)
 
     def _resumed(self) -> Iterator[Arcs]:
@@ -286,19 +233,6 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         options = self._options._replace(radius=_POLISHING_RADIUS, cost_tolerance=accuracy)
         found = self.minimised(program, xi, options)
         return [] if found is None else [found]
-
-    def _seated(self, candidate: Arcs) -> Arcs:
-        """Minimise on, with corners where robots that fly straight touch others."""
-        for _ in range(2):
-            x = reseated(candidate.program, candidate.point.cache)
-            xi = candidate.point.xi if x is None else candidate.program.reduce(x)
-            better = self._polished(candidate.program, xi, _FINE)
-            if not better or not better[0].point.cost < candidate.point.cost:
-                break
-            candidate = better[0]
-            if x is None:
-                break
-        return candidate
 
     def plans(self, candidate: Arcs | Solution) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
