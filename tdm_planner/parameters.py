@@ -10,9 +10,10 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field, replace
+import difflib
 from functools import cache
 import math
 import operator
@@ -294,6 +295,12 @@ def shown(name: object) -> str:
     """Return a name as it can stand in a sentence: short, on one line, without control codes."""
     text = _short(name)
     return text[1:-1] if isinstance(name, str) else text
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a question that names those known that are most like `name`; '' if none are."""
+    similar = difflib.get_close_matches(name, known, n=3)
+    return f'did you mean {" or ".join(similar)}?' if similar else ''
 
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:

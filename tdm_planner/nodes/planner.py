@@ -357,10 +357,7 @@ class Planner(ManagedNode):
         return Level.OK, f'plan {self._plan_id} active'
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(Planner, args)
-
+main = partial(run, Planner)
 
 if __name__ == '__main__':
     sys.exit(main())
