@@ -29,7 +29,7 @@ from tdm_planner.drawing import (
     Shape,
 )
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plant_kind import BUILT_IN, kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
@@ -339,6 +339,9 @@ def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
 
 
 def kind_by_names(plan: Trajectory) -> PlantKind:
-    """Return a plant whose joints are named like the states and controls of a plan."""
-    units = plan.state_units, plan.control_units
-    return named_kind(plan.state_names, plan.control_names, units=units)
+    """Return the plant of a plan by its states and controls; if unknown, they name joints."""
+    names, units = (plan.state_names, plan.control_names), (plan.state_units, plan.control_units)
+    for kind in BUILT_IN.values():
+        if (kind.state_names, kind.control_names) == names:
+            return kind
+    return named_kind(*names, units=units)
