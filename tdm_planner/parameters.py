@@ -27,6 +27,7 @@ T = TypeVar('T')
 _METADATA_KEY = 'tdm_parameter'
 _LONGEST_INTEGER = 10**60
 _LONGEST_NAME = 200
+_LONGEST_VALUE = 80
 _MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',
@@ -155,16 +156,16 @@ class ParameterSpec:
         )
 
 
-def _short(value: Any, longest: int = 80) -> str:
+def _short(value: Any) -> str:
     if isinstance(value, int) and abs(value) > _LONGEST_INTEGER:
         return f'an integer of {value.bit_length()} bits'  # too long to be written out
     if isinstance(value, str):
-        value = repr(value[:longest])
+        value = repr(value[:_LONGEST_VALUE])
     try:
         text = ' '.join(str(value).split())
     except (ValueError, RecursionError):
         text = f'a {type(value).__name__}'
-    return text if len(text) <= longest else text[: longest - 3] + '...'
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + '...'
 
 
 def parameter(
@@ -262,7 +263,7 @@ class Validated:
                 object.__setattr__(self, name, spec.check(getattr(self, name)))
 
 
-def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+def flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
     """
     Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
 
@@ -273,7 +274,7 @@ def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
             f'parameters must be a mapping of names to values, not {_short(mapping)}'
         )
     flat: dict[str, Any] = {}
-    _flatten(mapping, prefix, flat)
+    _flatten(mapping, '', flat)
     return flat
 
 
