@@ -251,7 +251,7 @@ class Planner(ManagedNode):
         return self._adapter.plans.newest
 
     def _follow(self, start: tuple[int, float] | None) -> None:
-        """Expect trackers to follow the plan that starts then [ns, s]; None: another planner's."""
+        """Expect trackers to follow the plan that starts then [ns, s]; None: none of ours."""
         self._expected, self._unfollowed = start, ''
         self._queue.drop_review()
 
