@@ -112,13 +112,12 @@ class Action:
     """
     A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
 
-    `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
+    `error` (nx,) is the state minus the planned one, angles the shorter way round.
     """
 
     control: Array
     feedback: Array
     error: Array
-    reference: Array
 
 
 @dataclass(frozen=True, eq=False)
