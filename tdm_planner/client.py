@@ -14,6 +14,7 @@ that belong to the answer by `plan_summary`, and reads them with the joints that
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -42,7 +43,7 @@ from trajectory_msgs.msg import JointTrajectory
 T = TypeVar('T')
 
 _BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
-_REMEMBERED = 64  # plans, and motions of all vehicles
+_REMEMBERED = 64  # summaries of plans, and motions of all vehicles
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _LOOK = 0.05  # s between looks at what comes without a callback
 
@@ -100,10 +101,9 @@ class PlanClient:
         self._executor = SingleThreadedExecutor(context=node.context)
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
-        self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id, the newest last
-        self._last: Mapping[str, Any] | None = None  # of them
-        self._newest: tuple[Mapping[str, Any] | None, PlanResult | None] = None, None
-        self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
+        self._summaries: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)  # the newest last
+        self._newest: tuple[Mapping[str, Any], PlanResult | None] = {}, None
+        self._messages: deque[tuple[str, JointTrajectory]] = deque(maxlen=_REMEMBERED)  # by topic
         self._subscriptions: dict[str, Any] = {}
         self._client = node.create_client(
             SetParametersAtomically, f'{self._prefix}plan_with', qos_profile=SERVICE
@@ -188,9 +188,8 @@ class PlanClient:
         warnings, plan_id = tuple(answer.pop('warnings', ())), answer['plan_id']
 
         def found() -> PlanResult | None:
-            summary = self._summaries.get(plan_id, {})
-            told = answer.items() <= summary.items()
-            return self._read(summary) if told else None
+            told = [s for s in list(self._summaries) if answer.items() <= s.items()]
+            return self._read(told[-1]) if told else None
 
         missing = f'the messages of plan {plan_id} did not come within {timeout:g} s'
         return replace(self._wait(found, end - time.monotonic(), missing), warnings=warnings)
@@ -202,8 +201,8 @@ class PlanClient:
 
         It is known as far as the node has been served.
         """
-        told = self._last
-        if told and told is not self._newest[0] and (found := self._read(told)) is not None:
+        told = self._summaries[-1] if self._summaries else self._newest[0]
+        if told is not self._newest[0] and (found := self._read(told)) is not None:
             self._newest = told, found
         return self._newest[1]
 
@@ -229,24 +228,25 @@ class PlanClient:
             topics = ['trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])]
             for topic in topics:
                 self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
-            _remember(self._summaries, summary['plan_id'], summary)
-            self._last = summary
+            self._summaries.append(summary)
         except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
             return  # not a planner's
 
     def _on_trajectory(self, topic: str, message: JointTrajectory) -> None:
-        _remember(self._messages, (topic, nanoseconds_of(message.header.stamp)), message)
+        self._messages.append((topic, message))
 
     def _read(self, summary: Mapping[str, Any]) -> PlanResult | None:
         """Return the plan that a summary tells of; None until all its motions have come."""
         start = summary['stamp']['sec'] * SECOND + summary['stamp']['nanosec']
+        # A list, in one step: another thread may serve the node.
+        came = list(self._messages)
+        received = {topic: m for topic, m in came if nanoseconds_of(m.header.stamp) == start}
         trajectories = {}
         for vehicle, told in summary['vehicles'].items():
-            topics = (f'{vehicle}/trajectory', 'trajectory')
-            messages = [self._messages[t, start] for t in topics if (t, start) in self._messages]
-            if not messages:
+            message = received.get(f'{vehicle}/trajectory', received.get('trajectory'))
+            if message is None:
                 return None
-            trajectories[vehicle] = read_plan(_kind(told), messages[0], told['interpolation'])
+            trajectories[vehicle] = read_plan(_kind(told), message, told['interpolation'])
         return PlanResult(
             **{f.name: summary[f.name] for f in fields(PlanResult) if f.name in summary},
             start=start,
@@ -268,14 +268,6 @@ class PlanClient:
                 self._news.wait(min(left, _LOOK))
                 self._news.clear()
         return found
-
-
-def _remember(kept: dict[Any, Any], key: Any, value: Any) -> None:
-    """Keep the newest, and no more than anybody can ask for."""
-    kept.pop(key, None)
-    kept[key] = value
-    while len(kept) > _REMEMBERED:
-        del kept[next(iter(kept))]
 
 
 def _kind(told: Mapping[str, Any]) -> PlantKind:

@@ -14,13 +14,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Final, Literal, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tdm_planner.arrays import Array
 from tdm_planner.plant_kind import PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.formation.parameters import Arena
 
 Point = Sequence[ArrayLike]
 Style = Literal['body', 'limit', 'reach', 'goal', 'force']
@@ -196,12 +199,14 @@ class RobotDrawing:
     A floating robot in the frame `arena`; the jet of its thruster is drawn against the force.
 
     `separation` is the distance [m] that robots keep, None where it is not known; `radius` that of
-    the body [m], by default a share of it; `thrust` is the largest [N].
+    the body [m], by default a share of it; `thrust` is the largest [N]; `arena` stands around all
+    robots.
     """
 
     separation: float | None = None
     thrust: float = 1.0
     radius: float = 0.0
+    arena: Sequence[Shape] = ()
     kind = ROBOT
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
@@ -221,17 +226,17 @@ class RobotDrawing:
         return shapes
 
     def surroundings(self) -> Sequence[Shape]:
-        """Nothing: the arena is that of all robots, see `arena_drawing`."""
-        return ()
+        """Return the arena."""
+        return self.arena
 
 
-def arena_drawing(
-    length: float, width: float, separation: float, zones: Sequence[Sequence[float]]
-) -> Sequence[Shape]:
-    """Return walls, what the robots' centres keep from them, and the zones (x, y, radius)."""
-    inner = separation / 2
+def arena_drawing(arena: Arena) -> Sequence[Shape]:
+    """Return walls, what the robots' centres keep from them, and the zones to keep out of."""
+    length, width, inner = arena.length, arena.width, arena.minimum_separation / 2
     walls = Line(_rectangle(0.0, 0.0, length, width))
     kept = Line(_rectangle(inner, inner, length - inner, width - inner), 'limit')
+    places = iter(arena.obstacles)
+    zones = zip(places, places, places, strict=False)
     return [walls, kept, *(Disc((x, y), r, 'limit') for x, y, r in zones if r > 0.0)]
 
 

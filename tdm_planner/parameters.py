@@ -10,9 +10,10 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field, replace
+import difflib
 from functools import cache
 import math
 import operator
@@ -26,6 +27,7 @@ T = TypeVar('T')
 _METADATA_KEY = 'tdm_parameter'
 _LONGEST_INTEGER = 10**60
 _LONGEST_NAME = 200
+_LONGEST_VALUE = 80
 _MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',
@@ -154,16 +156,16 @@ class ParameterSpec:
         )
 
 
-def _short(value: Any, longest: int = 80) -> str:
+def _short(value: Any) -> str:
     if isinstance(value, int) and abs(value) > _LONGEST_INTEGER:
         return f'an integer of {value.bit_length()} bits'  # too long to be written out
     if isinstance(value, str):
-        value = repr(value[:longest])
+        value = repr(value[:_LONGEST_VALUE])
     try:
         text = ' '.join(str(value).split())
     except (ValueError, RecursionError):
         text = f'a {type(value).__name__}'
-    return text if len(text) <= longest else text[: longest - 3] + '...'
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + '...'
 
 
 def parameter(
@@ -261,7 +263,7 @@ class Validated:
                 object.__setattr__(self, name, spec.check(getattr(self, name)))
 
 
-def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+def flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
     """
     Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
 
@@ -272,7 +274,7 @@ def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
             f'parameters must be a mapping of names to values, not {_short(mapping)}'
         )
     flat: dict[str, Any] = {}
-    _flatten(mapping, prefix, flat)
+    _flatten(mapping, '', flat)
     return flat
 
 
@@ -294,6 +296,12 @@ def shown(name: object) -> str:
     """Return a name as it can stand in a sentence: short, on one line, without control codes."""
     text = _short(name)
     return text[1:-1] if isinstance(name, str) else text
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a question that names those known that are most like `name`; '' if none are."""
+    similar = difflib.get_close_matches(name, known, n=3)
+    return f'did you mean {" or ".join(similar)}?' if similar else ''
 
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:

@@ -22,8 +22,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 if TYPE_CHECKING:  # a simulated robot has no use for what problems need
-    from tdm_planner.problems.problem import Problem
-    from tdm_planner.trajectory import Interpolation, Trajectory
+    from tdm_planner.trajectory import Interpolation
 
 WORLD_FRAME: Final = 'world'  # of the pendulum: the disk's centre, z up, psi about z from x
 ARENA_FRAME: Final = 'arena'  # of the robots: a corner, x along the length, y along the width
@@ -148,14 +147,3 @@ def kind_of(problem: Formulation) -> PlantKind:
                 )
     units = tuple(problem.state_units), tuple(problem.control_units)
     return named_kind(problem.state_names, problem.control_names, joints, units)
-
-
-def plan_kind(problem: Problem, trajectory: Trajectory) -> PlantKind:
-    """Return the plant that a problem's plan moves."""
-    if isinstance(problem, Formulation):
-        return kind_of(problem)
-    names = trajectory.state_names, trajectory.control_names
-    for kind in BUILT_IN.values():
-        if (kind.state_names, kind.control_names) == names:
-            return kind
-    return named_kind(*names)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
@@ -29,7 +29,7 @@ from tdm_planner.drawing import (
     Shape,
 )
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plant_kind import BUILT_IN, kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
@@ -204,10 +204,13 @@ class RobotView(PlantView):
     }
 
     def __init__(self, problem: RobotFormation | None = None) -> None:
-        super().__init__(ROBOT, problem)
-        self._task = None if problem is None else problem.task
-        self.separation = None if self._task is None else self._task.separation
-        self._drawn = RobotDrawing(self.separation, self._most(THRUST))
+        drawn = RobotDrawing()
+        if problem is not None:
+            arena, self.separation = problem.arena, problem.arena.minimum_separation
+            thrust = problem.limits.thrust
+            drawn = RobotDrawing(self.separation, thrust, arena=arena_drawing(arena))
+        super().__init__(ROBOT, problem, drawn)
+        self._formation = problem
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
         """
@@ -216,8 +219,9 @@ class RobotView(PlantView):
         A robot that coasts is at the lower one all the time: together with it, the margin of the
         upper one would never be seen.
         """
-        most = self._most(THRUST)
-        found: list[Constraint] = []
+        if self._formation is None:
+            return ()
+        most, found = self._formation.limits.thrust, list[Constraint]()
         for constraint in super().constraints(plan):
             if constraint.name != THRUST:
                 found.append(constraint)
@@ -229,27 +233,17 @@ class RobotView(PlantView):
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Walls less the safety radius, and the limits of the actuators."""
-        task = self._task
-        if task is None:
+        if self._formation is None:
             return {}
-        half = task.separation / 2
-        length, width = task.sides.tolist()
-        sides = {'x': (half, length - half), 'y': (half, width - half)}
-        names = ('thruster_rate', 'torque')
-        both = {name: (-self._most(name), self._most(name)) for name in names}
-        return {**sides, THRUST: (0.0, self._most(THRUST)), **both}
-
-    def _most(self, control: str) -> float:
-        limits: Any = getattr(self.problem, 'limits', None)
-        return 1.0 if limits is None else float(getattr(limits, control))
-
-    def surroundings(self) -> Sequence[Shape]:
-        """Walls, what the centres keep from them, and the zones to keep out of."""
-        task = self._task
-        if task is None:
-            return ()
-        length, width = task.sides.tolist()
-        return arena_drawing(length, width, task.separation, task.obstacles.tolist())
+        arena, limits = self._formation.arena, self._formation.limits
+        half, turning, torque = arena.minimum_separation / 2, limits.thruster_rate, limits.torque
+        return {
+            'x': (half, arena.length - half),
+            'y': (half, arena.width - half),
+            THRUST: (0.0, limits.thrust),
+            'thruster_rate': (-turning, turning),
+            'torque': (-torque, torque),
+        }
 
 
 class StatedView(PlantView):
@@ -339,6 +333,9 @@ def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
 
 
 def kind_by_names(plan: Trajectory) -> PlantKind:
-    """Return a plant whose joints are named like the states and controls of a plan."""
-    units = plan.state_units, plan.control_units
-    return named_kind(plan.state_names, plan.control_names, units=units)
+    """Return the plant of a plan by its states and controls; if unknown, they name joints."""
+    names, units = (plan.state_names, plan.control_names), (plan.state_units, plan.control_units)
+    for kind in BUILT_IN.values():
+        if (kind.state_names, kind.control_names) == names:
+            return kind
+    return named_kind(*names, units=units)

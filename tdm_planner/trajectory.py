@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING
+from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from tdm_planner.exceptions import InvalidProblem
 if TYPE_CHECKING:
     from tdm_planner.plants.base import Named
 
+T = TypeVar('T', float, Array)
 Interpolation = Literal['zero_order_hold', 'linear', 'cubic']
 
 NANOSECOND = 1e-9
@@ -303,9 +304,13 @@ class TimedTrajectory:
         """Instant of the last sample [s]."""
         return self.start + self.trajectory.duration
 
+    def elapsed(self, time: T) -> T:
+        """How far the plan has come at instant(s) [s]: seconds of the plan since its start."""
+        return time - self.start
+
     def sample(self, time: ArrayLike) -> Sample:
         """Read states and controls at instant(s) [s], held at the ends outside the samples."""
-        return self.trajectory.sample(np.asarray(time) - self.start + self.trajectory.times[0])
+        return self.trajectory.sample(self.trajectory.times[0] + self.elapsed(np.asarray(time)))
 
     def reference(self, time: float) -> Array:
         """Planned state (nx,) at an instant [s]; the ends are held."""

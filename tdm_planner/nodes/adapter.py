@@ -25,7 +25,6 @@ from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_s
 from tdm_planner.nodes.reading import check_frame, read_joints, yaw_of
 from tdm_planner.nodes.services import Request
 from tdm_planner.nodes.tracker_plans import TrackerWatch
-from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
@@ -48,16 +47,24 @@ class ActivePlans:
     """
     The newest published plan, pending or active, and the one that is active until it begins.
 
-    A pending plan that is superseded never becomes active. Safe in any thread.
+    A pending plan that is superseded never becomes active. `superseded` says that another planner
+    has published one that begins later. Safe in any thread.
     """
 
     def __init__(self) -> None:
         self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
+        self.superseded = False
+
+    @property
+    def newest(self) -> ActivePlan | None:
+        """Return the plan that was published last."""
+        return self._plans[-1] if self._plans else None
 
     def add(self, plan: ActivePlan, now: float) -> None:
         """Add a plan published at the instant `now` [s]."""
         active = self.at(now)
         self._plans = (plan,) if active is None else (active, plan)
+        self.superseded = False
 
     def at(self, now: float) -> ActivePlan | None:
         """Return the plan that is active at an instant [s]; None before the first."""
@@ -299,8 +306,9 @@ class Adapter:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
         motions, several = plan.solution.trajectories, self._plant.several
         only = next(iter(self.vehicles.values())) if len(motions) == 1 else None
+        views = {name: view_of(plan.problem, motion) for name, motion in motions.items()}
         for name, trajectory in motions.items():
-            kind = plan_kind(plan.problem, trajectory)
+            kind = views[name].kind
             besides = self._plant.besides(plan.problem, trajectory)
             message = plan_message(kind, trajectory, to_stamp(stamp), besides)
             vehicle = self.vehicles.get(name, only)
@@ -316,7 +324,7 @@ class Adapter:
             self._others[name].publish(message)
         self.plans.add(plan, self._clock.now())
         self._drawn = True
-        view = view_of(plan.problem, next(iter(motions.values())))
+        view = next(iter(views.values()))
         ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]
         try:
             self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), ways))

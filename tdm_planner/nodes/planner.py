@@ -65,9 +65,7 @@ class Planner(ManagedNode):
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
         self._declare_problem()
         self.warn_of_unknown_overrides()
-        self._plan: ActivePlan | None = None
         self._failure: Failure | None = None
-        self._superseded = False
         self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
         self._unfollowed = ''
         self._plan_id = self._requests = self._failures = 0
@@ -113,8 +111,7 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._plan = self._expected = self._failure = None
-        self._superseded, self._unfollowed = False, ''
+        self._expected, self._failure, self._unfollowed = None, None, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Reject values for which the problem cannot say which parameters it has."""
@@ -215,9 +212,8 @@ class Planner(ManagedNode):
             stamp = self._time.stamp(plan.start)
             self._adapter.publish(plan, stamp)
             self._plan_id += 1
-            self._failure, self._superseded = None, False
-            self._follow(plan)
-            self._expected = stamp, plan.start
+            self._failure = None
+            self._follow((stamp, plan.start))
             self._own_starts.append(stamp)
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
@@ -249,11 +245,15 @@ class Planner(ManagedNode):
 
     # The active plan.
 
-    def _follow(self, plan: ActivePlan | None) -> None:
-        """Make a plan the active one; None: there is none."""
-        self._plan = plan
-        self._expected, self._unfollowed = None, ''
-        self._replanning.follow(None if self._superseded else plan)
+    @property
+    def _plan(self) -> ActivePlan | None:
+        """Return the newest plan of this planner."""
+        return self._adapter.plans.newest
+
+    def _follow(self, start: tuple[int, float] | None) -> None:
+        """Expect trackers to follow the plan that starts then [ns, s]; None: none of ours."""
+        self._expected, self._unfollowed = start, ''
+        self._queue.drop_review()
 
     def _look_who_follows(self) -> None:
         """Name the trackers that do not follow the active plan once it has begun."""
@@ -278,13 +278,13 @@ class Planner(ManagedNode):
         if not 0 <= stamp < _LATEST or stamp in self._own_starts:
             return
         self._of_others.append(stamp)
-        start = self._time.instant(stamp)
-        if self._superseded or (self._plan is not None and start < self._plan.start):
+        start, plans = self._time.instant(stamp), self._adapter.plans
+        if plans.superseded or (self._plan is not None and start < self._plan.start):
             return
-        self._superseded = True
+        plans.superseded = True
         if self._plan is not None:
             self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is no longer reviewed')
-        self._follow(self._plan)
+        self._follow(None)
         self._diagnostics.update()
 
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
@@ -316,7 +316,8 @@ class Planner(ManagedNode):
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""
-        if not ros_clock(self).ros_time_is_active or self._plan is None:
+        simulated = ros_clock(self).ros_time_is_active
+        if not (simulated and self.configured and self._plan is not None):
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
         self._adapter.forget_plans()
@@ -347,7 +348,8 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        told = [_SUPERSEDED * self._superseded, self._planners.warning, self._unfollowed]
+        other = _SUPERSEDED * self._adapter.plans.superseded
+        told = [other, self._planners.warning, self._unfollowed]
         if any(told):
             return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared:
@@ -357,10 +359,7 @@ class Planner(ManagedNode):
         return Level.OK, f'plan {self._plan_id} active'
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(Planner, args)
-
+main = partial(run, Planner)
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -228,7 +228,7 @@ def _with_prediction_note(error: TdmError, delay: float) -> TdmError:
 
 class Replanning:
     """
-    Reviews the active plan at a rate, and hands new plans to `publish`.
+    Reviews the newest plan at a rate, and hands new plans to `publish`.
 
     A plan is reviewed for the node's present parameters, except those that were given for it alone
     (`ActivePlan.request_parameters`). Problems without a measured state are not reviewed.
@@ -246,7 +246,6 @@ class Replanning:
         self._adapter = adapter
         self._rate = 0.0  # Hz
         self._timer: Timer | None = None
-        self._plan: ActivePlan | None = None
         self._replanner: Replanner | None = None
         self._reviewed: ActivePlan | None = None
         self._trackers: Values = {}
@@ -267,11 +266,6 @@ class Replanning:
             period, clock = min(1.0 / rate, _LONGEST_PERIOD), pacing_clock(self._node)
             self._timer = self._node.create_timer(period, self._on_timer, clock=clock)
 
-    def follow(self, plan: ActivePlan | None) -> None:
-        """Review this plan from now on; drop the outcome of a review under way."""
-        self._plan = plan
-        self._queue.drop_review()
-
     def figures(self) -> dict[str, Any]:
         """Return what the diagnostics show."""
         if self._timer is None:
@@ -279,8 +273,9 @@ class Replanning:
         return {'reviews': self._reviews, 'replans': self._replans, 'last review': self._last}
 
     def _on_timer(self) -> None:
-        plan, adapter = self._plan, self._adapter
-        if not self._node.active or plan is None or not adapter.measures:
+        adapter, plan = self._adapter, self._adapter.plans.newest
+        reviewed = self._node.active and adapter.measures and not adapter.plans.superseded
+        if plan is None or not reviewed:
             return
         values, now = {**self._node.parameter_values, **plan.request_parameters}, self._clock.now()
         inactive = adapter.inactive if plan.start <= now else []

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-import difflib
 import math
 from typing import Any, get_origin
 
@@ -27,7 +26,7 @@ from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
-from tdm_planner.parameters import ParameterSpec
+from tdm_planner.parameters import ParameterSpec, suggestion
 from yaml import YAMLError
 
 _TYPES: Mapping[Any, Parameter.Type] = {
@@ -257,8 +256,7 @@ class ParameterNode(Node):
         self._values[spec.name] = value
 
     def _unknown(self, name: str) -> str:
-        similar = difflib.get_close_matches(name, self._specifications, n=3)
-        hint = f'did you mean {" or ".join(similar)}?' if similar else 'it is not declared here'
+        hint = suggestion(name, self._specifications) or 'it is not declared here'
         return f"parameter '{name}' is unknown: {hint}"
 
     def _as_ros(self, name: str, value: Any) -> Parameter:

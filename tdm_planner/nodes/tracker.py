@@ -10,7 +10,8 @@ the planner's service and the diagnostics.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 import sys
 import time
 from typing import Any
@@ -361,10 +362,7 @@ class TrackerNode(ManagedNode):
         return Report(level, message, figures)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is asked to end."""
-    return run(TrackerNode, args)
-
+main = partial(run, TrackerNode)
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-import difflib
 import math
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -24,6 +23,7 @@ from tdm_planner.parameters import (
     SEED,
     shown,
     specifications,
+    suggestion,
     to_mapping,
 )
 from tdm_planner.problems.planner_parameters import PlannerParameters, SolverParameters
@@ -339,18 +339,13 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     specs = cls.parameter_specifications(values)
     unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]
     if unknown:
+        hint = suggestion(unknown[0], specs)
+        listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
         raise InvalidProblem(
             f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
-            f'{_similar(unknown[0], specs)}'
+            + (f': {hint}' if hint else listed)
         )
     return {name: specs[name].check(value) for name, value in values.items() if name in specs}
-
-
-def _similar(name: str, specs: Mapping[str, ParameterSpec]) -> str:
-    similar = difflib.get_close_matches(name, specs, n=3)
-    if similar:
-        return f': did you mean {" or ".join(similar)}?'
-    return '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
 
 
 def _belongs_to_node(name: str) -> bool:

@@ -13,34 +13,30 @@ A package registers a problem under the entry-point group `tdm_planner.problems`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import is_dataclass
-import difflib
 from importlib import import_module
 from importlib.metadata import entry_points
 import os
 import sys
-from types import MappingProxyType
 
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import suggestion
 from tdm_planner.problems.problem import Problem
 
 GROUP = 'tdm_planner.problems'
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plant: problem
 
-# Named here as well, so that they are found in a source tree that is not installed.
-BUILT_IN: Mapping[str, str] = MappingProxyType(
-    {
-        'pendulum_swing_up': 'tdm_planner.problems.pendulum.problem:PendulumSwingUp',
-        'robot_formation': 'tdm_planner.problems.formation.problem:RobotFormation',
-    }
-)
+
+def _registered() -> dict[str, str]:
+    """Return where the problems are, ``module:Class`` by name, the package's own first."""
+    found = {item.name: item.value for item in entry_points(group=GROUP)}
+    own = {name: found.pop(name) for name in SHORT_NAMES.values()}
+    return own | dict(sorted(found.items()))
 
 
 def problem_names() -> list[str]:
     """Names of all problems that can be loaded, the package's own first."""
-    registered = sorted({found.name for found in entry_points(group=GROUP)} - set(BUILT_IN))
-    return [*BUILT_IN, *registered]
+    return list(_registered())
 
 
 def load_problem(name: str) -> type[Problem]:
@@ -53,19 +49,14 @@ def load_problem(name: str) -> type[Problem]:
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())  # as `python` itself has it, and console scripts do not
         return _load(name, name)
-    address = BUILT_IN.get(name)
-    if address is None:
-        registered = {found.name: found.value for found in entry_points(group=GROUP)}
-        address = registered.get(name)
-    if address is None:
-        names = problem_names()
-        similar = difflib.get_close_matches(name, names, n=1)
-        hint = f' (did you mean {similar[0]}?)' if similar else ''
+    known = _registered()
+    if name not in known:
+        hint = suggestion(name, known)
         raise InvalidProblem(
-            f"parameter 'problem' = '{name}' is not allowed: must be one of "
-            f'{", ".join(names)}, or a stated problem such as my_module:MyProblem{hint}'
+            f"parameter 'problem' = '{name}' is not allowed: must be one of {', '.join(known)}, "
+            f'or a stated problem such as my_module:MyProblem{hint and f" ({hint})"}'
         )
-    return _load(name, address)
+    return _load(name, known[name])
 
 
 def _load(name: str, address: str) -> type[Problem]:

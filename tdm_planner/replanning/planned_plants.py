@@ -27,7 +27,7 @@ from tdm_planner.drawing import (
 )
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.parameters import build, specifications
-from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -48,7 +48,6 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
     TrackerParameters,
 )
-from tdm_planner.tracking.tracked_plants import stated_tracker_type
 from tdm_planner.trajectory import Trajectory
 
 Values = Mapping[str, Any]
@@ -206,14 +205,7 @@ class PlannedRobots(PlannedPlant):
 
     def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]]:
         """Return the arena, and the robots in their places of the formation."""
-        arena, drawn = build(Arena, values, 'arena.'), self.drawn(values)
-        zones = arena.obstacles[: len(arena.obstacles) // 3 * 3]
-        around = arena_drawing(
-            arena.length,
-            arena.width,
-            arena.minimum_separation,
-            np.reshape(zones, (-1, 3)).tolist(),
-        )
+        around, drawn = arena_drawing(build(Arena, values, 'arena.')), self.drawn(values)
         ways = []
         for name in values['robots']:
             place = values.get(f'formation.{name}')
@@ -236,9 +228,7 @@ def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
     ]
     if not issubclass(problem, DirectProblem):
         return PlannedPlant(problem, named_kind(wanted), None)
-    tracked = stated_tracker_type(problem)
-    names = tracked.kind.state_names
-    if not set(wanted) <= set(names):
-        return PlannedPlant(problem, named_kind(wanted), tracked.parameters)
-    known = tuple(name for name in names if name in wanted)
-    return PlannedPlant(problem, replace(tracked.kind, state_names=known), tracked.parameters)
+    kind = kind_of(problem())
+    known = tuple(name for name in kind.state_names if name in wanted)
+    kind = replace(kind, state_names=known) if len(known) == len(wanted) else named_kind(wanted)
+    return PlannedPlant(problem, kind, TrackerParameters)

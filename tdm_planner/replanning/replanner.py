@@ -109,7 +109,6 @@ class Review:
 
     plan: ActivePlan | None
     reason: str
-    outlook: Outlook
     necessary: bool = False
     solve_time: float = 0.0
     rejected: tuple[str, ...] = ()
@@ -148,14 +147,14 @@ class Replanner:
         """
         newest = self.plan
         if newest is None or newest.start > now:
-            return Review(None, 'no plan is under way', Outlook(settled=True))
+            return Review(None, 'no plan is under way')
         kept = any(keeping(plan, newest, observations) for plan in self._earlier)
         if kept and now < newest.start + _TAKEN_OVER:
-            return Review(None, 'the newest plan is not followed yet', Outlook(settled=True))
+            return Review(None, 'the newest plan is not followed yet')
         rejected = self._rejected(newest, observations)
         plan = self.plan or newest
         if not self.execution.holds_goal and now >= plan.end:
-            return Review(None, 'the plan has come to its end', Outlook(settled=True))
+            return Review(None, 'the plan has come to its end')
         failure = ''
         if rejected and plan is newest:
             failure = f"'{rejected[0]}' has kept the plan before the active one"
@@ -190,7 +189,7 @@ class Replanner:
         changed = not same_question(problem, plan.problem)
         necessary = changed or bool(outlook.failure)
         if not (necessary or self._may_improve(plan, outlook, now)):
-            return Review(None, 'the active plan does', outlook)
+            return Review(None, 'the active plan does')
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
         allowed -= time.perf_counter() - began
         try:
@@ -198,14 +197,14 @@ class Replanner:
             new = self._solve(new_problem, plan, predicted, at, allowed)
         except TdmError as error:
             spent = time.perf_counter() - began
-            return Review(None, f'{error.code}: {error}', outlook, necessary, spent)
+            return Review(None, f'{error.code}: {error}', necessary, spent)
         supersedes, reason = decide(outlook, changed, new.cost, self.parameters.improvement)
         taking_over = None
         if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
             taking_over = ActivePlan(new_problem, new, at, whole, plan.request_parameters)
-        return Review(taking_over, reason, outlook, necessary, time.perf_counter() - began)
+        return Review(taking_over, reason, necessary, time.perf_counter() - began)
 
     def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:
         """Whether to look for a better plan though the old one does: not often, it costs time."""

@@ -11,12 +11,11 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import group, LARGEST, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.base import Named
-from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
+from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
@@ -113,13 +112,12 @@ class Action:
     """
     A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
 
-    `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
+    `error` (nx,) is the state minus the planned one, angles the shorter way round.
     """
 
     control: Array
     feedback: Array
     error: Array
-    reference: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,14 +152,9 @@ class Motion(TimedTrajectory):
         """Instant of the last sample [s]."""
         return self.start + self.late + self.trajectory.duration / self.pace
 
-    def elapsed(self, time: float) -> float:
-        """How far the plan has come at an instant [s]: seconds of the plan since its start."""
+    def elapsed(self, time: T) -> T:
+        """How far the plan has come at instant(s) [s]: seconds of the plan since its start."""
         return self.pace * (time - self.start - self.late)
-
-    def sample(self, time: ArrayLike) -> Sample:
-        """Read states and controls at instant(s) [s], held at the ends outside the samples."""
-        elapsed = self.pace * (np.asarray(time) - self.start - self.late)
-        return self.trajectory.sample(self.trajectory.times[0] + elapsed)
 
     def played(self, time: float, elapsed: float, pace: float) -> Motion:
         """Return the same, come so far at the instant `time` [s], and played at another pace."""

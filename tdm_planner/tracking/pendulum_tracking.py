@@ -293,4 +293,4 @@ class PendulumTracker(TrajectoryTracker):
         error = self.error(state, reference)
         limit = self.parameters.limits.torque
         torque = np.clip(planned - gain @ error, -limit, limit)
-        return Action(torque, torque - planned, error, reference)
+        return Action(torque, torque - planned, error)

@@ -303,7 +303,7 @@ class RobotTracker(TrajectoryTracker):
             onward,
         )
         feedback = control - [thrust, 0.0, torque]
-        return Action(control, feedback, error, reference)
+        return Action(control, feedback, error)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Keep station at the end of the trajectory."""
@@ -314,7 +314,7 @@ class RobotTracker(TrajectoryTracker):
         wanted = self._correction(error, self._station)
         torque = self._yaw_feedback(error[_YAW], error[_OMEGA])
         control = self._drive(state, wanted, torque, float(state[_ALPHA]), coasting=True)
-        return Action(control, control, error, goal)
+        return Action(control, control, error)
 
     def recover(self, state: Array) -> Array:
         """Brake."""

@@ -174,7 +174,7 @@ class StatedTracker(TrajectoryTracker):
         hold: Hold | None = motion.law.end
         if hold is None:
             nothing = self.nothing
-            return Action(nothing, nothing, np.zeros(state.size), state)
+            return Action(nothing, nothing, np.zeros(state.size))
         return self._action(motion, hold.control, hold.gain, state, hold.state)
 
     def _check_start(self, motion: Motion, now: float) -> None:
@@ -217,4 +217,4 @@ class StatedTracker(TrajectoryTracker):
                 violated = (margins(elapsed, state, between) < least).any()
                 low, high = (low, share) if violated else (share, high)
             control = planned + low * (control - planned)
-        return Action(control, control - planned, error, reference)
+        return Action(control, control - planned, error)

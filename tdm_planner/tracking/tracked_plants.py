@@ -105,20 +105,12 @@ _BUILT_IN: Mapping[str, TrackerType] = {
 }
 
 
-def stated_tracker_type(problem: type[DirectProblem]) -> TrackerType:
-    """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
-    return TrackerType(
-        kind_of(problem()),
-        with_parameters_of(TrackerParameters, problem),
-        lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
-    )
-
-
 def tracker_type(kind: str) -> TrackerType:
     """
     Return the plant of a kind: pendulum, robot, or the problem of that name.
 
-    Raise InvalidProblem if there is none of that name.
+    The tracker of a stated problem has the problem's parameters as well. Raise InvalidProblem if
+    there is none of that name.
     """
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]
@@ -127,4 +119,9 @@ def tracker_type(kind: str) -> TrackerType:
             f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of pendulum, "
             'robot, or a stated problem such as my_module:MyProblem'
         )
-    return stated_tracker_type(stated_problem(kind))
+    problem = stated_problem(kind)
+    return TrackerType(
+        kind_of(problem()),
+        with_parameters_of(TrackerParameters, problem),
+        lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
+    )

@@ -27,6 +27,7 @@ from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.formation.parameters import Arena
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -267,11 +268,12 @@ def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
 def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> None:
     states = np.linspace([0.5, 0.5, 0, 0, 0.5, 0, 0], [3.0, 1.0, 0, 0, 0.5, 0, 0], 1000)
 
-    def formation(names: str, zones: list[list[float]]) -> MarkerArray:
+    def formation(names: str, zones: list[float]) -> MarkerArray:
+        arena = Arena(length=5.0, width=3.0, minimum_separation=0.4, obstacles=zones)
         ways = [DrawnPath(DRAWN_ROBOT, states[-1:] if n == 'a' else states, n) for n in names]
-        return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
+        return plan_markers('arena', arena_drawing(arena), ways)
 
-    array = formation('abc', [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]])
+    array = formation('abc', [1.0, 2.0, 0.3, 4.0, 1.0, 0.2])
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     scene = Scene(array)

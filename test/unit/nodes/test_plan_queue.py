@@ -20,7 +20,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, Outlook, Review
+from tdm_planner.replanning import ActivePlan, Review
 from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.trajectory import TimedTrajectory
 
@@ -112,16 +112,16 @@ def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> Non
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped() -> None:
     values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
     it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
-    it.now.return_value = 0.0
+    it.now.return_value, it.plans = 0.0, ActivePlans()
     replanning = Replanning(it, it, it, it, it.publish)
     plan = partial(ActivePlan, 'problem', 'solution')
-    replanning.follow(plan(0.0, request_parameters={'wide': 2.0}))
+    it.plans.add(plan(0.0, request_parameters={'wide': 2.0}), 0.0)
     replanning._on_timer()
     ((asked, *_), _) = it.observations.call_args
     assert asked == {**values, 'wide': 2.0}
     ((_, done), _) = it.review.call_args
     for _ in range(2):
-        done(Review(plan(0.5), 'the problem has changed', Outlook(), True))
+        done(Review(plan(0.5), 'the problem has changed', True))
         assert [call.args[0].start for call in it.publish.call_args_list] == [0.5]
         it.now.return_value += 0.6
     assert replanning._last == 'a new plan came 0.100 s late'

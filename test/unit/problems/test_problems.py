@@ -173,7 +173,7 @@ def test_the_packages_own_and_another_packages(registered: Path) -> None:
 @pytest.mark.parametrize(
     ('name', 'says'),
     [
-        ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another\?\)"),
+        ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another or nothing\?\)"),
         ('zzz', "'zzz' is not allowed: must be one of pendulum_swing_up, .*my_module:MyP"),
         ('a_function', 'another_package:solve is not a subclass'),
         ('nothing', 'AttributeError'),
