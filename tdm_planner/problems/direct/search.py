@@ -192,7 +192,7 @@ class DirectSearch(Search[Candidate]):
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 hurried = _HURRY * self.budget.elapsed > self.budget.remaining
                 settled = self._settled(motion, hurried)
-                if _leaps(motion, settled):
+                if self._leaps(motion, settled):
                     leaping.append(settled)
                     solved.clear()
                     continue
@@ -256,7 +256,7 @@ class DirectSearch(Search[Candidate]):
         intervals = COARSE if hurried else FINE
         while self._refinement.affords(intervals, _SOLUTIONS):
             finer = self._refinement.finer(motion, intervals)
-            if finer is None or _leaps(motion, finer):
+            if finer is None or self._leaps(motion, finer):
                 return finer or motion
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
@@ -264,6 +264,11 @@ class DirectSearch(Search[Candidate]):
             if hurried or left <= _SETTLED * abs(motion.cost):
                 break
         return motion
+
+    def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
+        """Whether it leaps over an obstacle between two nodes: on more of them it costs more."""
+        dearer = fine.cost - coarse.cost > _LEAP * abs(fine.cost)
+        return bool(self._trace.obstacles) and dearer
 
     def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of initial guesses while there is time."""
@@ -393,8 +398,3 @@ class DirectSearch(Search[Candidate]):
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
         return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
-
-
-def _leaps(coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
-    """Whether a motion leaps over an obstacle between two nodes: on more of them it costs more."""
-    return fine.cost - coarse.cost > _LEAP * abs(fine.cost)

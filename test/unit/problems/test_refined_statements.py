@@ -335,7 +335,7 @@ def test_a_motion_that_costs_more_on_more_intervals_waits_for_the_others(monkeyp
         return replace(found, cost=3.0 * found.cost) if len(tried) == 1 else found
 
     monkeypatch.setattr(Refinement, 'finer', leaping)
-    plan = Boat(solver=LONG).solve()
+    plan = Slalom(solver=LONG).solve()
     assert plan.verification.ok
     assert tried[:2] == [40, 40]  # another motion, at once
 
