@@ -20,8 +20,8 @@ from tdm_planner.plan_files import check_path, load_plan, save_plan
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-from tdm_sim.report.margins import margin_history, smallest
-from tdm_sim.report.mission import Margin, Mission
+from tdm_sim.report.margins import margin_history
+from tdm_sim.report.mission import Mission, Signals
 from tdm_sim.report.plotting import plot_plan, plot_solution
 from tdm_sim.report.recorded_vehicles import planned_vehicles
 
@@ -92,29 +92,31 @@ def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
     return [getattr(line, f'get_{way}data')()[0] for line in lines]
 
 
-def margins_of(problem: Problem, plans: Mapping[str, Trajectory]) -> list[dict[str, Margin]]:
-    vehicles = planned_vehicles(problem, plans)
-    return [smallest(margin_history(vehicle).planned) for vehicle in vehicles]
+def histories_of(problem: Problem, plans: Mapping[str, Trajectory]) -> list[Signals | None]:
+    return [margin_history(vehicle).planned for vehicle in planned_vehicles(problem, plans)]
 
 
 def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
     for problem, solution in (swing_up, formation, (CART, CART.solve(deadline=10.0))):
         checks = solution.verifications.values() or [solution.verification]
-        found = margins_of(problem, solution.trajectories)
-        for check, margins in zip(checks, found, strict=True):
-            assert list(margins) == [name for name in check.worst if name in margins]
-            for name, margin in margins.items():
+        found = histories_of(problem, solution.trajectories)
+        for check, history in zip(checks, found, strict=True):
+            margins = dict(zip(history.names, history.values.T, strict=True))
+            assert margins
+            for name, values in margins.items():
                 if (problem.name, name) != ('robot_formation', 'thrust'):  # of one side only
-                    assert margin.worst == pytest.approx(check.worst[name], abs=2e-3), name
+                    assert values.min() == pytest.approx(check.worst[name], abs=2e-3), name
     assert list(margins) == ['push', 'pull']
+    np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
     plans = swing_up[1].trajectories
-    assert margins_of(Foreign(), plans) == [{}]
+    assert histories_of(Foreign(), plans) == [None]
     limited, fastest = Foreign(), np.abs(swing_up[1].trajectory.state('theta_dot')).max()
     rate = Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s')
     monkeypatch.setattr(limited, 'constraints_on', lambda _: (rate,), raising=False)
-    ((name, margin),) = margins_of(limited, plans)[0].items()
-    assert (name, margin.unit) == ('rate', 'rad/s')
-    assert margin.worst == pytest.approx(fastest, rel=1e-2)
+    (history,) = histories_of(limited, plans)
+    assert (history.names, history.units) == (('rate',), ('rad/s',))
+    extremes = (history.values.max(), history.values.min())
+    assert extremes == pytest.approx((2 * fastest, fastest), rel=1e-2)
 
 
 def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -> None:

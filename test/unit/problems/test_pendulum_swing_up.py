@@ -151,6 +151,17 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
     assert quickest.cost * (1 - 1e-3) < solution.cost < 1.03 * quickest.cost
 
 
+@given(start=states(3.0, 0.5, 8.0, 3.0), disk_angle=st.sampled_from([2.0, 0.8]))
+@settings(max_examples=8)
+def test_any_plan_along_the_virtual_arc_lands_or_says_why_there_is_none(start, disk_angle):
+    made = problem(start=start, method='virtual_arc')
+    made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
+    try:
+        checked(made, 1.0)
+    except Infeasible as error:
+        assert 'switching' in str(error) or 'passes the check' in str(error)
+
+
 def rig(size: float, arm: float, disk: float, across: float, torque: float, angle: float):
     """Return a swing-up of a rig of 1 kg; inertias in units of m l^2, the torque of m g l."""
     parts = {'disk': disk, 'x': across, 'y': 0.01, 'z': across}

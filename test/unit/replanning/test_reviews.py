@@ -110,6 +110,7 @@ def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
     replanner.adopt(later)
     review = replanner.review(FORMATION, now, at)
     assert (review.rejected, review.necessary) == (('robot1',), True)
+    assert 'robot1' in review.reason
     assert replanner.plan is later
 
 

@@ -4,6 +4,7 @@
 """Charts, animation and page of a report: what was planned and measured, complete, no markup."""
 
 import base64
+from dataclasses import replace
 import hashlib
 import itertools
 import json
@@ -23,11 +24,11 @@ from tdm_sim.report.animation import measured_frames, planned_frames, scene
 from tdm_sim.report.charts import Chart, chart_json, Curve, mission_charts, Panel, plan_instants
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals
-from tdm_sim.report.page import report_page, write_report
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity, Signals
+from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.reader import RecordedClock
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics, Topic
-from tdm_sim.report.tables import summary_table
+from tdm_sim.report.tables import events_table, number, summary_table
 
 MINUS = '\N{MINUS SIGN}'
 
@@ -230,6 +231,22 @@ def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -
         write_report(mission, tmp_path)
 
 
+def test_the_time_shown_first_is_the_motions() -> None:
+    start, end = motion_span(pendulum_mission())
+    assert -0.5 <= start <= 0.0
+    assert 2.0 < end <= 4.0
+    assert playing_speed(pendulum_mission()) < 1.0
+    for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
+        assert '<h1>t</h1>' in report_page(mission)
+
+
+def test_numbers() -> None:
+    texts = {None: '', 0.0: '0', -1e-15: '0', 1.49207: '1.492', 22.0348: '22.03'}
+    texts |= {-0.05: f'{MINUS}0.05'}
+    texts |= {1.36314e-6: f'1.36&thinsp;&middot;&thinsp;10<sup>{MINUS}6</sup>'}
+    assert {value: number(value) for value in texts} == texts
+
+
 def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
     entries = (
         Entry('margin', 'margin of thrust', 'N', 0.2, 0.1, 1.0, 2.0, vehicle='a'),
@@ -247,3 +264,10 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
     ):
         assert row in missions.Parts(table).rows
     assert re.findall('<td class="bad">([^ ]*)', table) == [f'{MINUS}0.02']
+
+
+def test_events_are_dimmed_before_the_motion() -> None:
+    kinds = (-1.0, Severity.ERROR), (1.0, Severity.WARN)
+    events = tuple(Event(*kind, '/p/tracker', 'text') for kind in kinds)
+    table = events_table(replace(pendulum_mission(), events=events))
+    assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']

@@ -302,6 +302,14 @@ def test_pictures_and_page_of_any_number_of_variables(axes, names, closed, tmp_p
     assert 'http' not in page.replace('http-equiv', '')
 
 
+def test_a_plan_that_does_nothing_leaves_the_others_their_colours() -> None:
+    axes = [Axis('x', (1.0, 2.0)), Axis('y', (-1.0, 0.0, 1.0))]
+    rows = [row | ({} if row['y'] else {'duration': 1e-3}) for row in rows_of(axes)]
+    figure, _ = draw(columns_of(rows), axes, {})['duration']
+    (norm,) = {mesh.norm for axis in figure.axes[:1] for mesh in axis.collections if mesh.norm}
+    assert (norm.vmin, norm.vmax) == pytest.approx((1.0 / 30.0, 2.0))
+
+
 def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shared = ['--set', 'torque_reserve=.2', 'solver.deadline=.2']
