@@ -47,7 +47,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     pair = {name: np.zeros(2) + 0.1 * k for k, name in enumerate(problem.state_names)}
     StatedView(problem).drawing(pair, {})  # a report draws all instants at once
     plant, rng = DirectPlant(problem), np.random.default_rng(1)
-    check_use(plant.stated, plant.trace)
+    check_use(plant.trace)
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)

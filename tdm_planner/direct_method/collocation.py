@@ -192,8 +192,8 @@ class Collocation:
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
-        limits_as = trace.unfolded.rows, stated.value
-        self._limits, self._rounded_limits = (Call(rows, n + 1) for rows in limits_as)
+        self._limits = Call(trace.unfolded.rows, n + 1)
+        self._rounded_limits = Call(stated.value, n + 1)
         self._kinks = [Call(one.sizes, n + 1) for one in kinked]
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)

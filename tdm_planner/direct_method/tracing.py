@@ -99,6 +99,7 @@ class Trace:
     `invert` (y, z, p) -> x, u with y the outputs' derivatives by time one after the other;
     `rates` (x, u, p) -> (nx,), `margins` and `running` (t, x, u, p), `final`, `start_conditions`
     and `end_conditions` (t, x, p); p are the `values` of the problem's `symbolic` numbers.
+    `unused` names outputs that `invert` does not depend on.
 
     What cannot be traced, or traces to other numbers, raises InvalidProblem, naming function and
     line.
@@ -138,6 +139,8 @@ class Trace:
         everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
         of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
         self.of_states, self.of_controls = of  # limits on more than controls; with a part of them
+        followed = self.invert(symbolic_of['y'], z, p)
+        self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)
         self.between = self.of_states | bent(self.margins, values, 'u')
         self.obstacles = bool(bent(self.margins, values, 'x').any())

@@ -224,9 +224,8 @@ def corrected(
     system[:, :nx, :nx], system[:, :nx, nx:nw] = (mean(*pair) for pair in slopes_of)
     system[:, :nx, -1] = mean(plant.rates(x, u), plant.rates(m, middle_u))
     system[:, nx:nw, nw:-1] = np.eye(nu)
-    grown = _exponentials(np.nan_to_num(system * h, posinf=0.0, neginf=0.0))[
-        :, :nx
-    ]  # at rest: 0 / 0
+    system = np.nan_to_num(system * h, posinf=0.0, neginf=0.0)  # 0 / 0 at rest
+    grown = _exponentials(system)[:, :nx]
     transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
     by_first = grown[..., nx:nw] - by_last
     by_duration = grown[..., -1:] / motion.duration

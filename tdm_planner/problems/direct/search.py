@@ -93,7 +93,7 @@ class DirectSearch(Search[Candidate]):
         # When minimising before any check has to end [s]: a check takes its time, too.
         seconds = budget.seconds
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
-        check_use(self._stated, self._trace)
+        check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._planned_for = self._warm = False

@@ -11,7 +11,6 @@ from functools import partial
 from numbers import Real
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
@@ -111,7 +110,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
         )
 
 
-def check_use(stated: CheckedFormulation, trace: Trace) -> None:
+def check_use(trace: Trace) -> None:
     """
     Raise InvalidProblem, naming the limit or output, if it has no part in the motion.
 
@@ -122,16 +121,11 @@ def check_use(stated: CheckedFormulation, trace: Trace) -> None:
             f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
             'limit must depend on t, x or u; remove it'
         )
-    y, z, p = trace.invert.sx_in()
-    used = set(ca.jacobian_sparsity(trace.invert(y, z, p), y).get_col())
-    first = 0
-    for name, output in stated.outputs().items():
-        begin, first = first, first + output.derivatives + 1
-        if used.isdisjoint(range(begin, first)):
-            raise InvalidProblem(
-                f"invert does not use y['{name}']: states and controls must follow from every "
-                'output; use it, or remove it from outputs'
-            )
+    for name in trace.unused:
+        raise InvalidProblem(
+            f"invert does not use y['{name}']: states and controls must follow from every "
+            'output; use it, or remove it from outputs'
+        )
 
 
 def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:

@@ -59,7 +59,7 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _ROWS,
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
-_VARIANTS, _AT_ONCE = 128, 2 * LANES  # simulated, and so many between two looks at the clock
+_VARIANTS, _AT_ONCE = 128, 2 * LANES  # simulated; so many, or tails, between two looks
 _MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
 # Longest time of a pump, in 1/w0: the work over the drive, within bounds.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
