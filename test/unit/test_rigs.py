@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmark.rigs import rig
 from closed_loop import Loop, pendulum, pendulum_tracker
+from numba.core.dispatcher import Dispatcher
 import numpy as np
 import pytest
 from ros_harness import SOURCE
@@ -15,6 +16,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.pendulum import candidates, pumping, shooting, switching_program
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched
@@ -94,3 +96,19 @@ def test_scales_follow_the_rig() -> None:
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
+
+
+def test_a_request_compiles_nothing_that_was_not_compiled_before() -> None:
+    """Collocation gives arcs on this rig; their arrays must be like all others."""
+    problem = rig(10002, hanging=False)
+    problem.prepare()
+
+    def signatures() -> dict[str, int]:
+        modules = candidates, pumping, shooting, switching_program
+        kernels = (kernel for module in modules for kernel in vars(module).items())
+        return {n: len(k.signatures) for n, k in kernels if isinstance(k, Dispatcher)}
+
+    before = signatures()
+    assert before['mesh_of_arcs'] == 1
+    assert problem.solve(DEADLINE).verification.ok
+    assert signatures() == before

@@ -267,5 +267,5 @@ def _arcs(torques: Array, interval: float, alike: float) -> tuple[Array, Array]:
                 torque = (length * other + duration * torque) / (length + duration)
                 duration += length
             arcs.append((duration, torque))
-    durations, shares = np.array(arcs).T
+    durations, shares = np.array(arcs).T.copy()  # kernels are compiled for rows in one piece
     return durations, shares
