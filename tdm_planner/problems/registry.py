@@ -23,13 +23,14 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import suggestion
 from tdm_planner.problems.problem import Problem
 
-GROUP = 'tdm_planner.problems'
+GROUP = _HERE = 'tdm_planner.problems'
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}  # plant: problem
 
 
 def _registered() -> dict[str, str]:
     """Return where the problems are, ``module:Class`` by name, the package's own first."""
-    found = {item.name: item.value for item in entry_points(group=GROUP)}
+    registered = sorted(entry_points(group=GROUP), key=lambda item: item.module.startswith(_HERE))
+    found = {item.name: item.value for item in registered}  # no other package replaces its own
     own = {name: found.pop(name) for name in SHORT_NAMES.values()}
     return own | dict(sorted(found.items()))
 

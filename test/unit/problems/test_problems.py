@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+import sys
 from unittest.mock import Mock
 
 import numpy as np
@@ -153,13 +154,14 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (metadata / 'entry_points.txt').write_text(
         '[tdm_planner.problems]\nanother = another_package:Another\nbroken = broken_package:A\n'
         'a_function = another_package:solve\nnothing = another_package:Missing\n'
+        'pendulum_swing_up = another_package:Another\n'
     )
     (tmp_path / 'another_package.py').write_text(
         'from tdm_planner.problems import PendulumSwingUp\n'
         'class Another(PendulumSwingUp): name = "another"\ndef solve(): pass\n'
     )
     (tmp_path / 'broken_package.py').write_text('1 / 0\n')
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
     return tmp_path
 
 
