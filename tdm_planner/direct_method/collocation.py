@@ -289,9 +289,10 @@ class Collocation:
         budget: Budget,
         *,
         roughly: bool = False,
+        unfinished: bool = False,
     ) -> CollocatedMotion | None:
         """
-        Return the optimum near `guess`; None if Ipopt does not converge to one in time.
+        Return the optimum near `guess`; None if Ipopt does not converge, unless `unfinished` does.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
         to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
@@ -335,7 +336,7 @@ class Collocation:
             given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
             self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
-            solved = bool(self._solver.stats()['success'])
+            solved = unfinished or bool(self._solver.stats()['success'])
             budget.evaluations += int(self._solver.stats()['iter_count'])
             cost = float(self._cost(found['x'], given))
         z = np.asarray(found['x']).ravel()

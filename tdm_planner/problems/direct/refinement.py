@@ -99,18 +99,20 @@ class Refinement:
         settings: Settings,
         until: Budget | None = None,
         reserve: Array | float = 0.0,
+        unfinished: bool = False,
     ) -> CollocatedMotion | None:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
 
-        `reserve` (nm,) is kept of the limits beside what is stated.
+        `reserve` (nm,) is kept of the limits beside what is stated. Where it may be `unfinished`
+        it is what the minimiser has reached, if that is not finished in time.
         """
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._durations, kept, until
-        found = program.solve(*given)
+        found = program.solve(*given, unfinished=unfinished)
         if found is None and settings is WARM and program.has_kinks and not until.spent:
             found = program.solve(*given, roughly=True)
         return found

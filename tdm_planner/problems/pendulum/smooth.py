@@ -243,7 +243,7 @@ def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterat
     states, torques = sample.state, sample.control[::2]
     guess = CollocatedMotion(states[::2], states[1::2], torques, motion.duration)
     refinement = Refinement(DirectPlant(stated), until)
-    found = refinement.solve(_INTERVALS, guess, _SETTINGS)
+    found = refinement.solve(_INTERVALS, guess, _SETTINGS, unfinished=True)
     if found is not None:
         shares = np.clip(found.controls[:, 0] / task.planned_torque, -1.0, 1.0)
         for alike in _ALIKE:

@@ -70,12 +70,12 @@ _COARSE = 0.75  # share of the deadline after which no more are polished
 _CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
-_COLLOCATED = 0.35, 0.45  # between these shares of the deadline
+_COLLOCATED = 0.35, 0.4, 0.48  # begun, left, and polished until these shares of the deadline
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
 _MOST_ROUNDS, _LEAST_GAIN = 6, 1e-3  # most turns, least relative gain of one
-_SHORTENED = 0.3  # share of the deadline after which there are none, collocation apart
+_SHORTENED = 0.3  # share of the deadline after which there are none
 
 # The check.
 _CHECKED = 4  # candidates that are verified before the search begins anew
@@ -85,10 +85,11 @@ _INTEGRATION_TIME, _REPLAY_TIME = 3e-5, 5e-5  # s for 1/w0 of a motion: to corre
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 
-# An earlier plan.
-_WARM_CHANGES = 0.0, 0.01, 0.03, 0.1  # of the logarithms of its arcs' durations, side by side
+# Arcs of an earlier plan, or read from a collocation.
+_CHANGES = 0.0, 0.01, 0.03, 0.1  # of the logarithms of their durations, side by side,
+_ARRIVED = 2  # until so many arrive
 _WARM_UNTIL = 0.6  # share of the deadline after which it is dropped
-_WARM_ENOUGH, _WARM_TRIED = 2, 3  # arrivals that do, and those that are polished
+_WARM_TRIED = 3  # arrivals that are polished
 _WARM_POLISHED = 12  # most arcs whose time is minimised
 
 
@@ -179,18 +180,23 @@ class SwitchingSearch(Search[Candidate]):
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
-        guesses = [
-            guess
-            for change in _WARM_CHANGES
-            for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
-        ]
         until = self._part(_WARM_UNTIL)
-        found = shoot_tails(self._task, guesses, TAIL_STEPS, until, _WARM_ENOUGH)
-        self._starts += len(guesses)
-        self._arrived += len(found)
+        found = self._shot_again(previous, until)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
             found = shoot_tails_finely(self._task, found, until) or found
         yield from distinct(found)[:_WARM_TRIED]
+
+    def _shot_again(self, arcs: Candidate, until: Budget) -> list[Candidate]:
+        """Return arrivals of these arcs, a little changed in several ways, side by side."""
+        guesses = [
+            guess
+            for change in _CHANGES
+            for guess in warm_starts(self._task, self._rng, arcs, self._arcs, change)
+        ]
+        found = shoot_tails(self._task, guesses, TAIL_STEPS, until, _ARRIVED)
+        self._starts += len(guesses)
+        self._arrived += len(found)
+        return found
 
     def _part(self, share: float) -> Budget:
         """Return what remains until that share of the deadline."""
@@ -286,11 +292,12 @@ class SwitchingSearch(Search[Candidate]):
         return found
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Minimise the times of the quickest candidates."""
-        done: list[Candidate] = []
-        best = math.inf
-        budget = self.budget
-        until = self._part(_COARSE)
+        """Minimise the times of the quickest candidates, unless collocation shortens the first."""
+        if candidates and not self._replans:
+            quicker = self._collocated(candidates[0])
+            if quicker is not None:
+                return [quicker, *candidates]
+        done, best, until = list[Candidate](), math.inf, self._part(_COARSE)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
                 done.append(candidate)
@@ -300,15 +307,11 @@ class SwitchingSearch(Search[Candidate]):
             if violation < _FEASIBLE:
                 best = min(best, better.total)
         done.sort(key=lambda c: c.total)
-        if not done or self._replans:
-            return done
-        shorter, left = done[0], self._part(_SHORTENED).seconds
-        many = shorter.durations.size >= _FEWEST_COLLOCATED
-        if self._narrow or (many and self._task.drive >= _WEAK_DRIVE):
-            shorter = self._collocated(shorter)
-        if shorter.durations.size <= _MOST_SHORTENED:
-            shorter = self._shortened(shorter, budget.part(left))
-        return [shorter, *done] if shorter.total < done[0].total else done
+        if done and not self._replans and done[0].durations.size <= _MOST_SHORTENED:
+            shorter = self._shortened(done[0], self._part(_SHORTENED))
+            if shorter.total < done[0].total:
+                done = [shorter, *done]
+        return done
 
     @property
     def _coarse_steps(self) -> int:
@@ -340,18 +343,24 @@ class SwitchingSearch(Search[Candidate]):
                 break
         return best
 
-    def _collocated(self, candidate: Candidate) -> Candidate:
-        """Return the first quicker arcs that collocation leads to from a candidate, or that."""
-        budget = self.budget
-        if budget.elapsed < _COLLOCATED[0] * budget.seconds:
-            until = self._part(_COLLOCATED[1])
+    def _collocated(self, candidate: Candidate) -> Candidate | None:
+        """
+        Return the first quicker arcs that collocation leads to from a candidate, if any.
+
+        It pays for a strong motor whose candidate has many arcs.
+        """
+        strong, budget = self._task.drive >= _WEAK_DRIVE, self.budget
+        pays = self._narrow or (strong and candidate.durations.size >= _FEWEST_COLLOCATED)
+        if pays and budget.elapsed < _COLLOCATED[0] * budget.seconds:
+            left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
-                for other in collocated(self._task, candidate, until):
-                    better, violation = self._polish(other, until, candidate.total)
-                    quicker = violation < _FEASIBLE and better.total < candidate.total
-                    if quicker and better.durations.size <= self._arcs:
-                        return better
-        return candidate
+                for read in collocated(self._task, candidate, left):
+                    found = self._shot_again(read, until)
+                    quickest = min(found, key=lambda c: c.total, default=candidate)
+                    if quickest.total < candidate.total:
+                        better, violation = self._polish(quickest, until)
+                        return better if violation < _FEASIBLE else quickest
+        return None
 
     def _reason(self) -> str:
         task = self._task

@@ -397,4 +397,5 @@ def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
     assert violation < 1e-8
     assert task.plan(candidates.trajectory(task, best), best.durations, violation).verification.ok
     assert best.total < 0.7 * first.total
-    assert list(collocated(task, first, Budget(0.0))) == []
+    unfinished = list(collocated(task, first, Budget(0.0)))
+    assert unfinished[0].total == pytest.approx(first.total, rel=0.05)
