@@ -32,7 +32,8 @@ INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends 
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
 _LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
-_HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
+_COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
+_HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
     'sb': 'yes',
@@ -184,11 +185,11 @@ class Collocation:
         began = time.thread_time()
         self.trace, self.intervals, n = trace, intervals, intervals
         self._settings, self._lock = settings, threading.Lock()
-        nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
+        nx, nu = self._sizes = trace.rates.size1_in(0), trace.rates.size1_in(1)
         x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
         u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
-        sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1
-        p, sx, su, sl, st, charged = (ca.SX.sym('s', size) for size in sizes)
+        sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1, 1
+        p, sx, su, sl, st, charged, unit_j = (ca.SX.sym('s', size) for size in sizes)
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
@@ -245,10 +246,9 @@ class Collocation:
             ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
         )
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged)
+        given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self._equalities = 2 * n * nx + conditions.numel()
-        self._sizes = nx, nu
-        smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
+        smoothed = _COST * (rounded / unit_j + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1]))
         self._cost = ca.Function('cost', [z, given], [cost])
         ipopt = {
             **_IPOPT,
@@ -330,10 +330,10 @@ class Collocation:
         between = np.tile(kept[1, self.inner_limits], n * (1 + len(INNER)))
         least = np.concatenate([np.zeros(self._equalities), kept.ravel(), between])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
-            given[-1] = charge.smoothing * (size if 1e-9 < size < 1e9 else st)
+            given[-1] = size if 1e-9 < size < 1e9 else st
             self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = unfinished or bool(self._solver.stats()['success'])

@@ -43,7 +43,8 @@ class DirectMinima:
     Minima of the direct method for one problem; `budget` counts what they took.
 
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
-    `parts` times as many nodes as usual; `changed` a changed initial guess to look along.
+    `parts` times as many nodes as usual; `changed` a changed initial guess to look along. Xi of
+    rough minima that are feasible but for little are `in_sight`.
 
     Making them raises NotFinite if the initial guess and its changes give numbers that are not
     finite.
@@ -59,6 +60,7 @@ class DirectMinima:
         self._tolerance, self._budget, self._rng = tolerance, budget, rng
         self._plant, self._stated, self._trace = plant, plant.stated, plant.trace
         self._problem = plant.stated.formulation
+        self.in_sight: list[Array] = []
         self.parts, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
@@ -107,7 +109,10 @@ class DirectMinima:
         program = self.rough
         size = min(_CHANGE[program.has_end_conditions] * attempt, 1.0)
         xi = self._change(program, size) if attempt else program.first_guess
-        return self._minimise(program, xi, self._budget, self._loose)
+        minimum = self._minimise(program, xi, self._budget, self._loose)
+        if minimum is not None and minimum.point.violation <= self._loose.feasibility[0]:
+            self.in_sight.append(minimum.point.xi)
+        return minimum
 
     def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         """Minimise to the end; None where nothing can be computed."""
@@ -157,11 +162,12 @@ class DirectMinima:
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
-        Yield an `earlier` solution, the initial guess if still untried, changes of it.
+        Yield those in sight, an `earlier` solution, the first guess if untried, changes of it.
 
         With an earlier solution no changes are tried: replanning is to be quick.
         """
         program, first = self.program, self.program.first_guess
+        yield from self.in_sight
         if plain and earlier is not None and earlier.shape == first.shape:
             yield from (earlier, first)
             return

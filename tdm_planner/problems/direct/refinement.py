@@ -40,7 +40,7 @@ _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _MAKING = 1.5  # times what making a program should take: it cannot be stopped
-_SOLVING = 1.2  # times what solving should take, the last solution's time an interval
+_SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
 _LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
@@ -78,7 +78,7 @@ class Refinement:
         limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
         self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        self._solved = 0.0  # s an interval that the last solution on more of them took
+        self._solved = 0.0  # s an interval that solutions on more of them took, the last most
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
@@ -96,7 +96,7 @@ class Refinement:
         self,
         intervals: int,
         guess: CollocatedMotion,
-        settings: Settings,
+        settings: Settings | None = None,
         until: Budget | None = None,
         reserve: Array | float = 0.0,
         unfinished: bool = False,
@@ -107,6 +107,7 @@ class Refinement:
         `reserve` (nm,) is kept of the limits beside what is stated. Where it may be `unfinished`
         it is what the minimiser has reached, if that is not finished in time.
         """
+        settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
@@ -157,10 +158,10 @@ class Refinement:
             for values, given in ((states, self.ends.states), (controls, self.ends.controls)):
                 values += np.nan_to_num(given[side] - values[side]) * share[:, None]
         guess = CollocatedMotion(states[::2], states[1::2], controls[::2], rest)
-        motion = self.solve(COARSE, guess, WARM)
+        motion = self.solve(COARSE, guess)
         if motion is None:
             longer = replace(self._on(guess, FIRST), duration=_LONGER * rest)
-            motion = self.solve(FIRST, longer, COLD)
+            motion = self.solve(FIRST, longer)
             motion = motion and self.finer(motion, COARSE)
         return motion
 
@@ -174,8 +175,9 @@ class Refinement:
     def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
         began = self._budget.elapsed
-        found = self.solve(intervals, self._on(motion, intervals), WARM)
-        self._solved = (self._budget.elapsed - began) / intervals
+        found = self.solve(intervals, self._on(motion, intervals))
+        took = (self._budget.elapsed - began) / intervals
+        self._solved = 0.5 * (took + (self._solved or took))
         return found
 
     def repaired(
@@ -188,7 +190,7 @@ class Refinement:
         is that of the replay; the replayed states at its nodes, (n + 1, nx); and what is kept now.
         """
         if reserve.any():
-            motion = self.solve(motion.intervals, motion, WARM, reserve=reserve) or motion
+            motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
@@ -207,7 +209,7 @@ class Refinement:
                 guess = self._on(motion, 2 * motion.intervals)
             else:
                 break
-            again = self.solve(guess.intervals, guess, WARM, reserve=reserve)
+            again = self.solve(guess.intervals, guess, reserve=reserve)
             if again is None:
                 break
             motion = again
@@ -261,6 +263,7 @@ class Refinement:
         It is made, and solved so many times.
         """
         made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
+        made *= intervals > FINE  # or else it was prepared
         work = _MAKING * made / COARSE + _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > work * intervals

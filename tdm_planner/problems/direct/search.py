@@ -4,8 +4,7 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-1. Initial guesses are roughly minimised motions of the direct method, and bent lines; the lines
-   come earlier where there are obstacles.
+1. Initial guesses are roughly minimised motions of the direct method and bent lines, in turn.
 2. Each is solved by collocation on few intervals. The first solution is solved on more at once; of
    the others only the cheapest is, if it is cheaper.
 3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
@@ -17,13 +16,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-import itertools
 
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import check_finite
-from tdm_planner.direct_method.collocation import COLD, CollocatedMotion
+from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
@@ -46,7 +44,7 @@ from tdm_planner.verification import verify
 _MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
 # No further guess once so many solutions are alike in cost, within a share, or so many are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
-_KINDS, _SIDES = 2, 5  # initial guesses before that counts: without and with obstacles
+_SIDES = 5  # initial guesses before that counts where there are obstacles
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -112,13 +110,13 @@ class DirectSearch(Search[Candidate]):
 
     def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
-        costs = [
-            c.cost
-            if isinstance(c, CollocatedMotion)
-            else c.point.cost * self._minima.program.cost_scale
-            for c in (candidate, than)
-        ]
-        return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
+        cost, other = map(self._cost, (candidate, than))
+        return cost < other - _WORTHWHILE * abs(other)
+
+    def _cost(self, candidate: Candidate) -> float:
+        if isinstance(candidate, CollocatedMotion):
+            return candidate.cost
+        return candidate.point.cost * self._minima.program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
@@ -132,13 +130,11 @@ class DirectSearch(Search[Candidate]):
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
-        kind: type[Infeasible] = Infeasible
+        kind = VerificationFailed if self.rejected else Infeasible
         if self.rejected:
-            kind = VerificationFailed
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
-        elif self._nearest_miss:
-            reason = 'no initial guess led to a feasible motion; the nearest violated '
-            reason += self._nearest_miss
+        elif miss := self._nearest_miss:
+            reason = f'no initial guess led to a feasible motion; the nearest violated {miss}'
         elif self._late:
             reason = 'no initial guess could be followed'
         else:
@@ -184,13 +180,13 @@ class DirectSearch(Search[Candidate]):
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
                 break
-            motion = self._refinement.solve(FIRST, guess, COLD, until)
+            motion = self._refinement.solve(FIRST, guess, until=until)
             if motion is None:
                 continue
             solved.append(motion)
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
-                hurried = _HURRY * self.budget.elapsed > self.budget.remaining
+                hurried = self._past(1.0 / (1.0 + _HURRY))
                 settled = self._settled(motion, hurried)
                 if self._leaps(motion, settled):
                     leaping.append(settled)
@@ -199,9 +195,8 @@ class DirectSearch(Search[Candidate]):
                 yield settled
             best = min(found.cost for found in solved)
             again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
-            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
-            agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
-            if agreed or len(solved) >= _ENOUGH or late:
+            agreed = again >= _AGREED and (tried >= _SIDES or not self._trace.obstacles)
+            if agreed or len(solved) >= _ENOUGH or self._past(_STARTS_SHARE):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
@@ -221,14 +216,14 @@ class DirectSearch(Search[Candidate]):
             if not self._refinement.ends.regular:
                 raise
             minima = None
-        lines, parity = itertools.count(), int(self._trace.obstacles)
         for attempt in range(_MOST):
-            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
-            if attempt >= _TRIED and (self._found or late):
+            late = self._past(_STARTS_SHARE)
+            direct = late and minima is not None and bool(minima.in_sight)  # takes its time, too
+            if (attempt >= _TRIED and (self._found or late)) or (direct and not self._found):
                 break
-            # Lines to either side of what may be in the way, sooner where something is.
-            if minima is None or (attempt and attempt % 2 == parity):
-                pair, side = divmod(next(lines) if attempt else 0, 2)
+            # Lines to either side of what may be in the way.
+            if minima is None or attempt % 2:
+                pair, side = divmod(attempt if minima is None else attempt // 2, 2)
                 bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
                 rng = np.random.default_rng([self._seed, pair])
                 yield self._refinement.straight(FIRST, bend, rng)
@@ -256,6 +251,9 @@ class DirectSearch(Search[Candidate]):
         intervals = COARSE if hurried else FINE
         while self._refinement.affords(intervals, _SOLUTIONS):
             finer = self._refinement.finer(motion, intervals)
+            if finer is None and motion.intervals < COARSE < intervals:
+                intervals = COARSE
+                continue
             if finer is None or self._leaps(motion, finer):
                 return finer or motion
             # The error is that of a second-order method: controls are linear in an interval.
@@ -277,8 +275,7 @@ class DirectSearch(Search[Candidate]):
         until = self.budget.part(self._latest - self.budget.elapsed)
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
-            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
-            if until.spent or (found and late):
+            if until.spent or (found and self._past(_SEARCH_SHARE)):
                 break
             minimum = minima.tight(minima.program, xi, until)
             if minimum is None:
@@ -309,6 +306,9 @@ class DirectSearch(Search[Candidate]):
     @property
     def _late(self) -> bool:
         return self.budget.elapsed > self._latest
+
+    def _past(self, share: float) -> bool:
+        return self.budget.elapsed > share * self.budget.seconds
 
     def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""

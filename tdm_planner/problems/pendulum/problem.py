@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 import math
 from typing import Any, ClassVar
 
@@ -149,9 +149,8 @@ class PendulumSwingUp(Problem, Validated):
         """Compile the kernels, or load them."""
         _compile()
         stated = StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc')
-        if self.method == 'switching':
-            prepare_collocation(stated)
-        else:
+        prepare_collocation(stated)
+        if self.method != 'switching':
             stated.prepare()
 
     def standing_plan(self) -> Solution | None:
@@ -182,12 +181,17 @@ class PendulumSwingUp(Problem, Validated):
             raise Infeasible(
                 f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
             )
+        switching = partial(
+            SwitchingSearch, task, rng=rng, arcs=self.switching_arcs, tolerance=tolerance
+        )
         if self.method != 'switching':
+            one_way = self.method == 'virtual_arc'
             return ContinuousTorqueSearch(
-                task, budget, rng, self.method == 'virtual_arc', previous
+                task, budget, rng, one_way, lambda until: switching(until).run(), previous
             )
-        arcs = None if previous is None else arcs_of(previous.trajectory)
-        return SwitchingSearch(task, budget, rng, self.switching_arcs, tolerance, arcs)
+        return switching(
+            budget, previous=None if previous is None else arcs_of(previous.trajectory)
+        )
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of torque and disk angle."""

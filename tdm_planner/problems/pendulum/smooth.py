@@ -17,7 +17,8 @@ between the extremes where the disk moves along its limit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import math
 from typing import Any, ClassVar
@@ -41,6 +42,7 @@ from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
 _FREE = 12  # varied parameters of the disk's angle
+_SWITCHING_SHARE = 0.4  # of the time allowed, for a switching torque to begin from
 _ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough
 _FIRST_SHARE = 0.7  # of the time allowed, for the nearest way up
 _LONGER, _LEAST = 4.5, 0.3  # of the time scale of the transfer, and of 1/w0: a guess of the time
@@ -143,7 +145,8 @@ class ContinuousTorqueSearch(Search[Solution]):
     """
     The search for the quickest continuous torque to the nearest two upright positions.
 
-    What is left of a `previous` plan is tried first.
+    What is left of a `previous` plan is tried first, else the swing-up that `switching` finds in
+    the time it is given: that is quick, but keeps its swings.
     """
 
     def __init__(
@@ -152,31 +155,41 @@ class ContinuousTorqueSearch(Search[Solution]):
         budget: Budget,
         rng: np.random.Generator,
         one_way: bool,
+        switching: Callable[[Budget], Solution],
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
         self._task, self._rng = task, rng
-        self._one_way, self._previous = one_way, previous
+        self._one_way, self._previous, self._switching = one_way, previous, switching
         self._refusal: Infeasible | None = None
 
     def candidates(self) -> Iterator[Solution]:
-        """Plan for the nearest goal, then for the next one if there is time."""
+        """Plan from a switching torque, for the nearest goal, and for the next one in time."""
+        if self._previous is None and not self._one_way:
+            with suppress(Infeasible):
+                plan = self._switching(self.budget.part(_SWITCHING_SHARE * self.budget.remaining))
+                (motion,) = plan.trajectories.values()
+                turns = round(float(motion.states[-1, 0]) / (2.0 * math.pi))
+                yield from self._continuous(turns, self.budget.remaining, plan)
         for number, turns in enumerate(self._goals()):
-            share = _FIRST_SHARE if number == 0 else 1.0
-            until = self.budget.part(share * self.budget.remaining)
-            task = replace(self._task, whole_range=True)  # it is planned for once
-            stated = StatedSwingUp.of(task, turns, self._one_way)
-            search = stated.search(until, self._rng, self._previous)
-            try:
-                plan = search.run()
-            except Infeasible as error:
-                self._refusal = self._refusal or error
-                continue
-            except InvalidProblem as error:  # what is stated here is right: its numbers are not
-                raise FloatingPointError(str(error)) from error
-            yield plan
             if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
                 return
+            share = _FIRST_SHARE if number == 0 else 1.0
+            yield from self._continuous(turns, share * self.budget.remaining, self._previous)
+
+    def _continuous(
+        self, turns: int, seconds: float, previous: Solution | None
+    ) -> Iterator[Solution]:
+        """Yield the plan to theta = 2 pi `turns` that is found in `seconds` [s], if any."""
+        task = replace(self._task, whole_range=True)  # it is planned for once
+        stated = StatedSwingUp.of(task, turns, self._one_way)
+        search = stated.search(self.budget.part(seconds), self._rng, previous)
+        try:
+            yield search.run()
+        except Infeasible as error:
+            self._refusal = self._refusal or error
+        except InvalidProblem as error:  # what is stated here is right: its numbers are not
+            raise FloatingPointError(str(error)) from error
 
     def plans(self, candidate: Solution) -> Iterator[Solution]:
         """Yield the plan with the check that all swing-ups pass."""

@@ -193,7 +193,7 @@ def test_a_first_guess_may_be_too_quick_for_a_few_nodes():
 def test_a_program_whose_multipliers_grow_without_end_is_given_up():
     budget = Budget(60.0)
     made = refinement(WEAK(), budget)
-    guess = made.straight(20, 0.2, np.random.default_rng(4))
+    guess = made.straight(20, 1.0, np.random.default_rng(8))
     assert made.solve(20, guess, COLD) is None
     assert budget.evaluations < COLD.iterations
 
