@@ -30,6 +30,7 @@ from tdm_planner.problems.problem import Problem
 _REPEATED = 20  # evaluations that are timed
 
 
+@np.errstate(all='ignore')
 def check_problem(problem: Problem, console: Console | None = None) -> list[str]:
     """
     Trace everything that a problem states, compare it, and print what was found.
@@ -72,11 +73,14 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             'constants of the traced functions, for `if`, math or float on them; to change one '
             'traces the problem again: ' + ', '.join(program.trace.fixed)
         )
-    one, both = _timed(program, xi)
-    console.print(
-        f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
-        f'{1e3 * both:.3f} ms'
-    )
+    if program.size:
+        one, both = _timed(program, xi)
+        console.print(
+            f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
+            f'{1e3 * both:.3f} ms'
+        )
+    else:
+        console.print('nothing is varied: no output has `free` parameters, and the duration is fixed')
     return reasons + short_of_reserve(stated, limits)
 
 

@@ -182,6 +182,14 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
         near.solve()
 
 
+def test_nothing_to_vary_is_said():
+    console = Console(width=120)
+    with console.capture() as shown:
+        fixed = {'x': Output((1.0, 0.0), (0.0, 0.0))}
+        assert check_problem(changed(Cart, outputs=lambda s: fixed)(), console) == []
+    assert 'nothing is varied: no output has' in shown.get()
+
+
 Rolling = changed(
     Car,
     way=Integrated(0.1, 0.0),
