@@ -80,22 +80,21 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             f'{1e3 * both:.3f} ms'
         )
     else:
-        console.print('nothing is varied: no output has `free` parameters, and the duration is fixed')
+        console.print(
+            'nothing is varied: no output has `free` parameters, and the duration is fixed'
+        )
     return reasons + short_of_reserve(stated, limits)
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:
-    """Print every state's rates at the node where they differ most; return which are wrong."""
+    """Print every state's rates at one node; return which are wrong."""
     table = Table('state', 'rate by invert', 'rate by derivative', '')
-    by_inverse, rates, wrong = rates_of(program, xi)
-    reasons = []
-    for index, state in enumerate(program.formulation.state_names):
-        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
-        inverse, rate = by_inverse[node, index], rates[node, index]
-        verdict = '[bold red]differ' if wrong[index] else 'agree'
+    states, reasons = program.formulation.state_names, []
+    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
+        verdict = '[bold red]differ' if wrong else 'agree'
         verdict = 'integrated: not compared' if state in program.integrated else verdict
         table.add_row(state, f'{inverse:.6g}', f'{rate:.6g}', verdict)
-        if wrong[index]:
+        if wrong:
             reasons.append(
                 f"derivative gives the rate of '{state}' = {rate:.6g}, the states of invert "
                 f'change by {inverse:.6g}: one of the two is wrong'

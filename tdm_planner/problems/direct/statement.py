@@ -25,7 +25,9 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
-_CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
+# Share by which rates differ where two statements contradict each other: where they do not, it is
+# 1e-12; share by which states are moved to see rounding, and how often its effect is allowed.
+_CONTRADICTED, _NEAR, _MOVED = 1e-4, 1e-9, 10.0
 # Of the range of a cost between two looks; looks between these, turns, to find where it is.
 _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
 _NODES = 5, 10_000
@@ -79,18 +81,28 @@ def check_statement(problem: Formulation) -> None:
                 )
 
 
+@np.errstate(all='ignore')
 def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, Mask]:
     """
-    Return the rates (K, nx) by `invert` and by `derivative`, and which states' contradict (nx,).
+    Return the rates (nx,) by `invert` and by `derivative`, and which states' contradict (nx,).
 
-    At most nodes, that is: formulas may be abrupt somewhere.
+    They are those of the node where they differ most, beyond their size and rounding: what rates
+    change by where states and controls do by a little. Kinks may be met at the ends, and by chance
+    at a node between.
     """
-    with np.errstate(all='ignore'):
-        by_inverse, rates = program.flow(xi)
-    finite = np.isfinite(by_inverse + rates)
-    sizes = np.where(finite, np.abs(by_inverse) + np.abs(rates), 0.0)
-    wrong = finite & (np.abs(by_inverse - rates) > _CONTRADICTED * sizes.max(axis=0))
-    return by_inverse, rates, 2 * wrong.sum(axis=0) > finite.sum(axis=0)
+    motion, numbers = program.motion(xi), program.trace.values(program.formulation)
+    rng, both = np.random.default_rng(0), program.flow(xi)
+    near = [v * (1.0 + _NEAR * rng.normal(size=v.shape)) for v in motion[1:]]
+    moved = Call(program.trace.rates, motion.times.size)(*near, numbers)[0] - both[1]
+    by_inverse, rates, moved = (values[1:-1] for values in (*both, moved))
+    sizes, differ = np.abs(by_inverse) + np.abs(rates), np.abs(by_inverse - rates)
+    finite = np.isfinite(differ + moved)
+    sizes = np.where(finite, sizes, 0.0)
+    allowed = _CONTRADICTED * np.maximum(sizes, np.median(sizes, axis=0)) + _MOVED * np.abs(moved)
+    excess = np.where(finite, differ - allowed, 0.0)
+    wrong = (excess > 0.0).sum(axis=0) > 1
+    node = np.argmax(np.where(wrong, excess, sizes), axis=0), np.arange(wrong.size)
+    return by_inverse[node], rates[node], wrong
 
 
 def check_dynamics(program: Transcription, xi: Array) -> None:
@@ -99,15 +111,14 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
 
     Raise InvalidProblem, naming the first state whose rates differ.
     """
-    by_inverse, rates, wrong = rates_of(program, xi)
-    for index in np.flatnonzero(wrong):
-        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
-        raise InvalidProblem(
-            f"derivative gives the rate of '{program.formulation.state_names[index]}' = "
-            f'{rates[node, index]:.6g} where the states of invert change by '
-            f'{by_inverse[node, index]:.6g}: one of the two is wrong '
-            '(`tdm check` compares all of them)'
-        )
+    states = program.formulation.state_names
+    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
+        if wrong:
+            raise InvalidProblem(
+                f"derivative gives the rate of '{state}' = {rate:.6g} where the states of invert "
+                f'change by {inverse:.6g}: one of the two is wrong '
+                '(`tdm check` compares all of them)'
+            )
 
 
 def check_use(trace: Trace) -> None:

@@ -89,8 +89,16 @@ OF_A_CART = [
         {'integrated': lambda self: {'v': Integrated(5.0)}},
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
-    ({'derivative': lambda s, x, u: (x[1], 1.1 * u[0])}, ["derivative gives the rate of 'v' ="]),
-    ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
+    *(
+        ({'derivative': rates}, [f"derivative gives the rate of '{name}' ="])
+        for name, rates in (
+            ('x', lambda s, x, u: (-x[1], u[0])),
+            ('v', lambda s, x, u: (x[1], 1.01 * u[0])),
+            ('v', lambda s, x, u: (x[1], u[0] + 0.05)),
+            ('v', lambda s, x, u: (x[1], u[0] - 0.02 * x[1])),
+            ('v', lambda s, x, u: (x[1], u[0] - np.where(x[0] > 0.8, 0.1, 0.0))),
+        )
+    ),
     (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
     (
         {'outputs': lambda s: Cart.outputs(s) | {'idle': Output((0.0,), (1.0,))}},
@@ -188,6 +196,20 @@ def test_nothing_to_vary_is_said():
         fixed = {'x': Output((1.0, 0.0), (0.0, 0.0))}
         assert check_problem(changed(Cart, outputs=lambda s: fixed)(), console) == []
     assert 'nothing is varied: no output has' in shown.get()
+
+
+def test_rates_that_differ_by_rounding_or_at_a_kink_agree():
+    stiff = changed(
+        Cart,
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + 1e13 * y['x'][0],)),
+        derivative=lambda s, x, u: (x[1], u[0] - 1e13 * x[0]),
+    )
+    speedy = changed(  # a kink at rest
+        Cart,
+        invert=lambda s, y, z: ((y['x'][0], np.abs(y['x'][1])), y['x'][2:]),
+        outputs=lambda s: {'x': Output((1.0, 0.0), (2.0, 1.5))},
+    )
+    assert check_problem(stiff(limit=1e14)) == check_problem(speedy()) == []
 
 
 Rolling = changed(
