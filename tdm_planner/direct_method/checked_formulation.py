@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 import linecache
@@ -82,12 +82,7 @@ class CheckedFormulation:
     def integrated(self) -> dict[str, Integrated]:
         """Return the integrated states by name."""
         found = self._named('integrated', Integrated)
-        for name in found:
-            if name not in self.state_names:
-                raise InvalidProblem(
-                    f"integrated state '{name}' is not one of the states "
-                    + ', '.join(self.state_names)
-                )
+        _check_names('integrated', found, 'states', self.state_names)
         return found
 
     def duration(self) -> Duration:
@@ -139,12 +134,8 @@ class CheckedFormulation:
         """Lowest and highest value of the controls that are limited, by name; may be infinite."""
         found = self._mapping('control_limits')
         limits = {}
+        _check_names('control_limits', found, 'controls', self.control_names)
         for name, pair in found.items():
-            if name not in self.control_names:
-                raise InvalidProblem(
-                    f'control_limits names {shown(name)}, which is not one of the controls '
-                    + ', '.join(self.control_names)
-                )
             try:
                 low, high = (float(value) for value in pair)
             except (TypeError, ValueError):
@@ -191,8 +182,13 @@ class CheckedFormulation:
         found, what = self._call(function, times, *map(components, others)), f'{function} gives'
         if function.endswith('_cost'):
             return [self._shaped(f'{what} J', found, times.shape)]
-        if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
-            raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
+        one = getattr(found, 'ndim', 2) < 2
+        if one or isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
+            given = 'one value' if one else shown(found)
+            raise InvalidProblem(
+                f'{function} returns {given}, expected a sequence of values that must vanish, '
+                'such as [x[0]]'
+            )
         return [
             self._shaped(f'{what} number {index}', value, times.shape)
             for index, value in enumerate(found)
@@ -201,13 +197,7 @@ class CheckedFormulation:
     def guess(self, s: Array) -> dict[str, Array]:
         """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
         found = self._mapping('first_guess', s)
-        names = self.outputs()
-        for name in found:
-            if name not in names:
-                raise InvalidProblem(
-                    f'first_guess names {shown(name)}, which is not one of the outputs '
-                    + ', '.join(names)
-                )
+        _check_names('first_guess', found, 'outputs', self.outputs())
         return {
             name: np.asarray(self._shaped(f"first_guess gives '{name}'", v, s.shape), dtype=float)
             for name, v in found.items()
@@ -294,6 +284,15 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'{what} of shape {found.shape}, expected {shape}: one number at every node'
             ) from None
+
+
+def _check_names(function: str, found: Iterable[Any], kind: str, known: Iterable[str]) -> None:
+    for name in found:
+        if name not in known:
+            raise InvalidProblem(
+                f'{function} names {shown(name)}, which is not one of the {kind} '
+                + ', '.join(known)
+            )
 
 
 def told(formulation: Any, function: str, error: Exception, traced: bool = False) -> str:

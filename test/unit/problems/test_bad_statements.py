@@ -90,6 +90,13 @@ OF_A_CART = [
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
     *(
+        (
+            {f'{side}_conditions': lambda s, t, x: x[0]},
+            [f'{side}_conditions returns one value, expected a sequence'],
+        )
+        for side in ('start', 'end')
+    ),
+    *(
         ({'derivative': rates}, [f"derivative gives the rate of '{name}' ="])
         for name, rates in (
             ('x', lambda s, x, u: (-x[1], u[0])),
