@@ -40,9 +40,8 @@ HINTS = {
     ' or ': 'use np.logical_or(...) in place of `or` on values',
     ' & ': 'use np.logical_and(...) in place of & on values',
     ' | ': 'use np.logical_or(...) in place of | on values',
-    'min(': 'use np.minimum and np.maximum',
-    'max(': 'use np.minimum and np.maximum',
-    'np.linalg': 'write the formula by components',
+    **dict.fromkeys(('min(', 'max('), 'use np.minimum and np.maximum'),
+    **dict.fromkeys(('np.linalg', 'dot(', ' @ '), 'write the formula by components'),
     'pline': 'use a formula in place of a spline',
     'mean(': 'write what holds at one node: there are no sums over nodes',
     'sum(': 'write what holds at one node: there are no sums over nodes',
@@ -310,6 +309,8 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
     hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
+    if function == 'invert' and isinstance(error, KeyError):
+        hint = f'{error} is in neither outputs() nor integrated()'
     hint = hint or (HINT if traced else ' '.join(str(error).split()))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 

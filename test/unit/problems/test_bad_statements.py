@@ -34,6 +34,10 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
+PRODUCTS = (
+    lambda x: np.dot(x, x) - 0.5,
+    lambda x: x @ np.eye(4) @ x - 0.5,
+)
 BAD = [
     *(
         (margins_of(pole=pole), ['margins of Changed', *words])
@@ -41,11 +45,16 @@ BAD = [
             (lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5, 'TypeError', 'np.sqrt(x)'),
             (lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1], 'ValueError', 'np.where'),
             (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
+            *((pole, 'ValueError', 'write the formula by components') for pole in PRODUCTS),
         )
     ),
     (
         margins_of(pole=lambda x: np.vectorize(math.sqrt)(np.asarray(x[0]) ** 2 + 1.0) - 0.5),
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
+    ),
+    (
+        {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
+        ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
     ),
     ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
