@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import Field
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -40,10 +39,6 @@ def check_statement(problem: Formulation) -> None:
 
     Raise InvalidProblem, naming what is missing or not allowed.
     """
-    if any(isinstance(value, Field) for value in vars(type(problem)).values()):
-        raise InvalidProblem(
-            f'{type(problem).__name__} is no dataclass: put @dataclass(frozen=True) above it'
-        )
     costs = 'final_cost', 'running_cost'
     if all(getattr(type(problem), cost) is getattr(Formulation, cost) for cost in costs):
         raise InvalidProblem(

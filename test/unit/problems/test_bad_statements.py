@@ -3,6 +3,7 @@
 
 """Mistakes in the statement of a problem: one sentence that names the function, and a way out."""
 
+from dataclasses import dataclass
 import math
 
 from fuzzing import tried
@@ -18,6 +19,7 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFaile
 from tdm_planner.parameters import parameter
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
+from tdm_planner.problems.registry import load_problem
 
 
 def along_the_path(self, y, z):
@@ -140,12 +142,32 @@ def test_a_mistake_is_one_sentence(of, ask, change, words):
     assert all(word in message for word in words), message
 
 
-def test_a_class_that_is_no_dataclass_is_named():
-    class Forgotten(Cart):
-        track: float = parameter(1.0, 'length', unit='m')
+class Forgotten(Cart):
+    track: float = parameter(1.0, 'length', unit='m')
 
-    message = refused(lambda: check_problem(Forgotten()), 350)
-    assert message == 'Forgotten is no dataclass: put @dataclass(frozen=True) above it'
+
+class Plain(DirectProblem):
+    """Neither a dataclass nor complete."""
+
+
+Incomplete = dataclass(frozen=True)(type('Incomplete', (DirectProblem,), {'duration': None}))
+
+
+def loaded(made):
+    return load_problem(f'{__name__}:{made.__name__}')
+
+
+@pytest.mark.parametrize('use', [lambda c: c(), lambda c: c.from_parameters({}), loaded])
+@pytest.mark.parametrize(
+    ('made', 'told'),
+    [
+        (Forgotten, 'is no dataclass: put @dataclass(frozen=True) above it'),
+        (Plain, 'is no dataclass: put @dataclass(frozen=True) above it'),
+        (Incomplete, 'is not complete: define derivative, invert, outputs'),
+    ],
+)
+def test_a_class_that_cannot_be_used_is_named(made, told, use):
+    assert refused(lambda: use(made)) == f'{made.__name__} {told}'
 
 
 def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():
