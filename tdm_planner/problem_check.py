@@ -19,11 +19,12 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.statement import (
-    check_ends,
     check_statement,
     check_use,
+    left_at_ends,
     rates_of,
     short_of_reserve,
+    violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
 
@@ -52,7 +53,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
-    limits = check_ends(stated, ends, refuse=False)
+    limits = left_at_ends(stated, ends)
 
     reasons = _compare_rates(program, xi, console)
     table = Table('', 'at the start', 'at the end')
@@ -61,11 +62,10 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     for name, pair_of in zip(names, given, strict=True):
         table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in pair_of))
     console.print(table)
-    table = Table('limit', 'margin at the start')
-    for name, value in limits.items():
-        table.add_row(name, 'depends on free values' if value is None else f'{value:.4g}')
-        if value is not None and value < 0.0:
-            reasons.append(f"the start violates the limit '{name}' by {-value:.3g}")
+    table = Table('limit', 'margin at the start', 'at the end')
+    for name, values in limits.items():
+        known = ['depends on free values' if v is None else f'{v:.4g}' for v in values]
+        table.add_row(name, *known)
     if limits:
         console.print(table)
     if program.trace.fixed:
@@ -83,7 +83,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         console.print(
             'nothing is varied: no output has `free` parameters, and the duration is fixed'
         )
-    return reasons + short_of_reserve(stated, limits)
+    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits)
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

@@ -23,6 +23,8 @@ from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
+Left = Mapping[str, tuple[float | None, float | None]]  # of limits at start and end
+
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
 # Share by which rates differ where two statements contradict each other: where they do not, it is
 # 1e-12; share by which states are moved to see rounding, and how often its effect is allowed.
@@ -169,17 +171,11 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             )
 
 
-def check_ends(
-    stated: CheckedFormulation, ends: Ends, refuse: bool = True
-) -> dict[str, float | None]:
-    """
-    Return what is left to every limit at the start, None where that depends on what is free.
-
-    Raise InvalidProblem, if asked to `refuse`, for a limit that every motion violates at an end.
-    """
+def left_at_ends(stated: CheckedFormulation, ends: Ends) -> Left:
+    """Return what is left to every limit at both ends, None where that depends on what is free."""
     rng, duration = np.random.default_rng(2), stated.duration()
-    found: dict[str, float | None] = {}
-    for side, where in enumerate(('start', 'end')):
+    found: list[dict[str, float | None]] = []
+    for side in range(2):
         filled = []
         for given in (ends.states[side], ends.controls[side]):
             free = rng.normal(size=(3, given.size))
@@ -187,23 +183,37 @@ def check_ends(
         times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
         with np.errstate(all='ignore'):
             margins = stated.margins(times, *filled)
-        for name, values in margins.items():
-            given_value = float(values[0]) if np.ptp(values) == 0.0 else None
-            if side == 0:
-                found[name] = given_value
-            if refuse and given_value is not None and given_value < -MARGIN_TOLERANCE:
-                raise InvalidProblem(
-                    f"the {where} violates the limit '{name}' by {-given_value:.3g}, whatever the "
-                    f'motion: change the {where} or the limit'
-                )
-    return found
+        values = margins.items()
+        found.append({n: float(v[0]) if np.ptp(v) == 0.0 else None for n, v in values})
+    return {name: (value, found[1][name]) for name, value in found[0].items()}
 
 
-def short_of_reserve(stated: CheckedFormulation, left: Mapping[str, float | None]) -> list[str]:
-    """Say of which limits the start leaves less than the reserve, by what `check_ends` found."""
+def violated_at_ends(left: Left) -> list[str]:
+    """Say which limits every motion violates at an end, by what `left_at_ends` found."""
+    return [
+        f"the {where} violates the limit '{name}' by {-value:.3g}, whatever the "
+        f'motion: change the {where} or the limit'
+        for side, where in enumerate(('start', 'end'))
+        for name, value in zip(left, [pair[side] for pair in left.values()], strict=True)
+        if value is not None and value < -MARGIN_TOLERANCE
+    ]
+
+
+def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
+    """Return what `left_at_ends` does; InvalidProblem if every motion violates a limit there."""
+    left = left_at_ends(stated, ends)
+    for reason in violated_at_ends(left):
+        raise InvalidProblem(reason)
+    return left
+
+
+def short_of_reserve(stated: CheckedFormulation, left: Left) -> list[str]:
+    """Say of which limits the start leaves less than the reserve, by what `left_at_ends` found."""
     return [
         f"the start leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
-        for (name, value), share in zip(left.items(), stated.reserves(tuple(left)), strict=True)
+        for (name, (value, _)), share in zip(
+            left.items(), stated.reserves(tuple(left)), strict=True
+        )
         if value is not None and 0.0 <= value < share
     ]
 
