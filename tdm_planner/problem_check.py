@@ -19,6 +19,7 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.statement import (
+    check_costs,
     check_statement,
     check_use,
     left_at_ends,
@@ -54,6 +55,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
     limits = left_at_ends(stated, ends)
+    check_costs(plant.trace, program.motion(xi), plant.numbers)
 
     reasons = _compare_rates(program, xi, console)
     table = Table('', 'at the start', 'at the end')

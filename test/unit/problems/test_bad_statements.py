@@ -40,6 +40,10 @@ PRODUCTS = (
     lambda x: np.dot(x, x) - 0.5,
     lambda x: x @ np.eye(4) @ x - 0.5,
 )
+JUMP = (
+    {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
+    ['final_cost jumps by 1', 'np.tanh'],
+)
 BAD = [
     *(
         (margins_of(pole=pole), ['margins of Changed', *words])
@@ -61,10 +65,7 @@ BAD = [
     ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
-    (
-        {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
-        ['final_cost jumps by 1', 'np.tanh'],
-    ),
+    JUMP,
     (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
     (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),
     ({'reserve': {'speed': 0.1}}, ["reserve names 'speed'", 'pole']),
@@ -133,7 +134,7 @@ OF_A_CART = [
     ('of', 'ask', 'change', 'words'),
     [
         *((Car, Car.solve, *case) for case in BAD),
-        *((Car, check_problem, *case) for case in FOR_OTHERS),
+        *((Car, check_problem, *case) for case in (JUMP, *FOR_OTHERS)),
         *((Cart, Cart.solve, *case) for case in OF_A_CART),
     ],
 )
