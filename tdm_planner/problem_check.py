@@ -19,17 +19,20 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.statement import (
-    check_ends,
+    check_costs,
     check_statement,
     check_use,
+    left_at_ends,
     rates_of,
     short_of_reserve,
+    violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
 
 _REPEATED = 20  # evaluations that are timed
 
 
+@np.errstate(all='ignore')
 def check_problem(problem: Problem, console: Console | None = None) -> list[str]:
     """
     Trace everything that a problem states, compare it, and print what was found.
@@ -51,7 +54,8 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
-    limits = check_ends(stated, ends, refuse=False)
+    limits = left_at_ends(stated, ends)
+    check_costs(plant.trace, program.motion(xi), plant.numbers)
 
     reasons = _compare_rates(program, xi, console)
     table = Table('', 'at the start', 'at the end')
@@ -60,11 +64,10 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     for name, pair_of in zip(names, given, strict=True):
         table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in pair_of))
     console.print(table)
-    table = Table('limit', 'margin at the start')
-    for name, value in limits.items():
-        table.add_row(name, 'depends on free values' if value is None else f'{value:.4g}')
-        if value is not None and value < 0.0:
-            reasons.append(f"the start violates the limit '{name}' by {-value:.3g}")
+    table = Table('limit', 'margin at the start', 'at the end')
+    for name, values in limits.items():
+        known = ['depends on free values' if v is None else f'{v:.4g}' for v in values]
+        table.add_row(name, *known)
     if limits:
         console.print(table)
     if program.trace.fixed:
@@ -72,26 +75,28 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             'constants of the traced functions, for `if`, math or float on them; to change one '
             'traces the problem again: ' + ', '.join(program.trace.fixed)
         )
-    one, both = _timed(program, xi)
-    console.print(
-        f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
-        f'{1e3 * both:.3f} ms'
-    )
-    return reasons + short_of_reserve(stated, limits)
+    if program.size:
+        one, both = _timed(program, xi)
+        console.print(
+            f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
+            f'{1e3 * both:.3f} ms'
+        )
+    else:
+        console.print(
+            'nothing is varied: no output has `free` parameters, and the duration is fixed'
+        )
+    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits)
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:
-    """Print every state's rates at the node where they differ most; return which are wrong."""
+    """Print every state's rates at one node; return which are wrong."""
     table = Table('state', 'rate by invert', 'rate by derivative', '')
-    by_inverse, rates, wrong = rates_of(program, xi)
-    reasons = []
-    for index, state in enumerate(program.formulation.state_names):
-        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
-        inverse, rate = by_inverse[node, index], rates[node, index]
-        verdict = '[bold red]differ' if wrong[index] else 'agree'
+    states, reasons = program.formulation.state_names, []
+    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
+        verdict = '[bold red]differ' if wrong else 'agree'
         verdict = 'integrated: not compared' if state in program.integrated else verdict
         table.add_row(state, f'{inverse:.6g}', f'{rate:.6g}', verdict)
-        if wrong[index]:
+        if wrong:
             reasons.append(
                 f"derivative gives the rate of '{state}' = {rate:.6g}, the states of invert "
                 f'change by {inverse:.6g}: one of the two is wrong'

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 import linecache
@@ -40,9 +40,8 @@ HINTS = {
     ' or ': 'use np.logical_or(...) in place of `or` on values',
     ' & ': 'use np.logical_and(...) in place of & on values',
     ' | ': 'use np.logical_or(...) in place of | on values',
-    'min(': 'use np.minimum and np.maximum',
-    'max(': 'use np.minimum and np.maximum',
-    'np.linalg': 'write the formula by components',
+    **dict.fromkeys(('min(', 'max('), 'use np.minimum and np.maximum'),
+    **dict.fromkeys(('np.linalg', 'dot(', ' @ '), 'write the formula by components'),
     'pline': 'use a formula in place of a spline',
     'mean(': 'write what holds at one node: there are no sums over nodes',
     'sum(': 'write what holds at one node: there are no sums over nodes',
@@ -82,12 +81,7 @@ class CheckedFormulation:
     def integrated(self) -> dict[str, Integrated]:
         """Return the integrated states by name."""
         found = self._named('integrated', Integrated)
-        for name in found:
-            if name not in self.state_names:
-                raise InvalidProblem(
-                    f"integrated state '{name}' is not one of the states "
-                    + ', '.join(self.state_names)
-                )
+        _check_names('integrated', found, 'states', self.state_names)
         return found
 
     def duration(self) -> Duration:
@@ -139,12 +133,8 @@ class CheckedFormulation:
         """Lowest and highest value of the controls that are limited, by name; may be infinite."""
         found = self._mapping('control_limits')
         limits = {}
+        _check_names('control_limits', found, 'controls', self.control_names)
         for name, pair in found.items():
-            if name not in self.control_names:
-                raise InvalidProblem(
-                    f'control_limits names {shown(name)}, which is not one of the controls '
-                    + ', '.join(self.control_names)
-                )
             try:
                 low, high = (float(value) for value in pair)
             except (TypeError, ValueError):
@@ -191,8 +181,13 @@ class CheckedFormulation:
         found, what = self._call(function, times, *map(components, others)), f'{function} gives'
         if function.endswith('_cost'):
             return [self._shaped(f'{what} J', found, times.shape)]
-        if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
-            raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
+        one = getattr(found, 'ndim', 2) < 2
+        if one or isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
+            given = 'one value' if one else shown(found)
+            raise InvalidProblem(
+                f'{function} returns {given}, expected a sequence of values that must vanish, '
+                'such as [x[0]]'
+            )
         return [
             self._shaped(f'{what} number {index}', value, times.shape)
             for index, value in enumerate(found)
@@ -201,13 +196,7 @@ class CheckedFormulation:
     def guess(self, s: Array) -> dict[str, Array]:
         """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
         found = self._mapping('first_guess', s)
-        names = self.outputs()
-        for name in found:
-            if name not in names:
-                raise InvalidProblem(
-                    f'first_guess names {shown(name)}, which is not one of the outputs '
-                    + ', '.join(names)
-                )
+        _check_names('first_guess', found, 'outputs', self.outputs())
         return {
             name: np.asarray(self._shaped(f"first_guess gives '{name}'", v, s.shape), dtype=float)
             for name, v in found.items()
@@ -296,6 +285,15 @@ class CheckedFormulation:
             ) from None
 
 
+def _check_names(function: str, found: Iterable[Any], kind: str, known: Iterable[str]) -> None:
+    for name in found:
+        if name not in known:
+            raise InvalidProblem(
+                f'{function} names {shown(name)}, which is not one of the {kind} '
+                + ', '.join(known)
+            )
+
+
 def told(formulation: Any, function: str, error: Exception, traced: bool = False) -> str:
     """
     Return the sentence that says which line of the user's source raises what.
@@ -311,6 +309,8 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
     hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
+    if function == 'invert' and isinstance(error, KeyError):
+        hint = f'{error} is in neither outputs() nor integrated()'
     hint = hint or (HINT if traced else ' '.join(str(error).split()))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import Field, is_dataclass, replace
 import math
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -127,6 +127,22 @@ class Problem(ABC):
 
     name: ClassVar[str]
     solver: SolverParameters
+
+    def __new__(cls: type[P], *arguments: Any, **named: Any) -> P:
+        """Make a problem of a class that is complete."""
+        cls.check_class()
+        return super().__new__(cls)
+
+    @classmethod
+    def check_class(cls) -> None:
+        """Raise InvalidProblem if the class is no dataclass, or methods are missing."""
+        if not is_dataclass(cls) or any(isinstance(value, Field) for value in vars(cls).values()):
+            raise InvalidProblem(
+                f'{cls.__name__} is no dataclass: put @dataclass(frozen=True) above it'
+            )
+        if cls.__abstractmethods__:
+            missing = ', '.join(sorted(cls.__abstractmethods__))
+            raise InvalidProblem(f'{cls.__name__} is not complete: define {missing}')
 
     @classmethod
     def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
@@ -335,6 +351,7 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
         For a name the problem does not have, or a value that is not allowed.
 
     """
+    cls.check_class()
     values = flatten(parameters)
     specs = cls.parameter_specifications(values)
     unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]

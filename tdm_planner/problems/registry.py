@@ -13,7 +13,6 @@ A package registers a problem under the entry-point group `tdm_planner.problems`
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
 import os
@@ -75,9 +74,5 @@ def _load(name: str, address: str) -> type[Problem]:
             'tdm_planner.problems.Problem'
         )
     problem: type[Problem] = found
-    if not is_dataclass(found):
-        raise InvalidProblem(
-            f"problem '{name}' cannot be loaded: {problem.__name__} needs "
-            '@dataclass(frozen=True), its parameters are the fields'
-        )
+    problem.check_class()
     return problem

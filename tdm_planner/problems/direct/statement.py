@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import Field
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -24,8 +23,12 @@ from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
+Left = Mapping[str, tuple[float | None, float | None]]  # of limits at start and end
+
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
-_CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
+# Share by which rates differ where two statements contradict each other: where they do not, it is
+# 1e-12; share by which states are moved to see rounding, and how often its effect is allowed.
+_CONTRADICTED, _NEAR, _MOVED = 1e-4, 1e-9, 10.0
 # Of the range of a cost between two looks; looks between these, turns, to find where it is.
 _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
 _NODES = 5, 10_000
@@ -38,10 +41,6 @@ def check_statement(problem: Formulation) -> None:
 
     Raise InvalidProblem, naming what is missing or not allowed.
     """
-    if any(isinstance(value, Field) for value in vars(type(problem)).values()):
-        raise InvalidProblem(
-            f'{type(problem).__name__} is no dataclass: put @dataclass(frozen=True) above it'
-        )
     costs = 'final_cost', 'running_cost'
     if all(getattr(type(problem), cost) is getattr(Formulation, cost) for cost in costs):
         raise InvalidProblem(
@@ -79,18 +78,28 @@ def check_statement(problem: Formulation) -> None:
                 )
 
 
+@np.errstate(all='ignore')
 def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, Mask]:
     """
-    Return the rates (K, nx) by `invert` and by `derivative`, and which states' contradict (nx,).
+    Return the rates (nx,) by `invert` and by `derivative`, and which states' contradict (nx,).
 
-    At most nodes, that is: formulas may be abrupt somewhere.
+    They are those of the node where they differ most, beyond their size and rounding: what rates
+    change by where states and controls do by a little. Kinks may be met at the ends, and by chance
+    at a node between.
     """
-    with np.errstate(all='ignore'):
-        by_inverse, rates = program.flow(xi)
-    finite = np.isfinite(by_inverse + rates)
-    sizes = np.where(finite, np.abs(by_inverse) + np.abs(rates), 0.0)
-    wrong = finite & (np.abs(by_inverse - rates) > _CONTRADICTED * sizes.max(axis=0))
-    return by_inverse, rates, 2 * wrong.sum(axis=0) > finite.sum(axis=0)
+    motion, numbers = program.motion(xi), program.trace.values(program.formulation)
+    rng, both = np.random.default_rng(0), program.flow(xi)
+    near = [v * (1.0 + _NEAR * rng.normal(size=v.shape)) for v in motion[1:]]
+    moved = Call(program.trace.rates, motion.times.size)(*near, numbers)[0] - both[1]
+    by_inverse, rates, moved = (values[1:-1] for values in (*both, moved))
+    sizes, differ = np.abs(by_inverse) + np.abs(rates), np.abs(by_inverse - rates)
+    finite = np.isfinite(differ + moved)
+    sizes = np.where(finite, sizes, 0.0)
+    allowed = _CONTRADICTED * np.maximum(sizes, np.median(sizes, axis=0)) + _MOVED * np.abs(moved)
+    excess = np.where(finite, differ - allowed, 0.0)
+    wrong = (excess > 0.0).sum(axis=0) > 1
+    node = np.argmax(np.where(wrong, excess, sizes), axis=0), np.arange(wrong.size)
+    return by_inverse[node], rates[node], wrong
 
 
 def check_dynamics(program: Transcription, xi: Array) -> None:
@@ -99,15 +108,14 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
 
     Raise InvalidProblem, naming the first state whose rates differ.
     """
-    by_inverse, rates, wrong = rates_of(program, xi)
-    for index in np.flatnonzero(wrong):
-        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
-        raise InvalidProblem(
-            f"derivative gives the rate of '{program.formulation.state_names[index]}' = "
-            f'{rates[node, index]:.6g} where the states of invert change by '
-            f'{by_inverse[node, index]:.6g}: one of the two is wrong '
-            '(`tdm check` compares all of them)'
-        )
+    states = program.formulation.state_names
+    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
+        if wrong:
+            raise InvalidProblem(
+                f"derivative gives the rate of '{state}' = {rate:.6g} where the states of invert "
+                f'change by {inverse:.6g}: one of the two is wrong '
+                '(`tdm check` compares all of them)'
+            )
 
 
 def check_use(trace: Trace) -> None:
@@ -163,17 +171,11 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             )
 
 
-def check_ends(
-    stated: CheckedFormulation, ends: Ends, refuse: bool = True
-) -> dict[str, float | None]:
-    """
-    Return what is left to every limit at the start, None where that depends on what is free.
-
-    Raise InvalidProblem, if asked to `refuse`, for a limit that every motion violates at an end.
-    """
+def left_at_ends(stated: CheckedFormulation, ends: Ends) -> Left:
+    """Return what is left to every limit at both ends, None where that depends on what is free."""
     rng, duration = np.random.default_rng(2), stated.duration()
-    found: dict[str, float | None] = {}
-    for side, where in enumerate(('start', 'end')):
+    found: list[dict[str, float | None]] = []
+    for side in range(2):
         filled = []
         for given in (ends.states[side], ends.controls[side]):
             free = rng.normal(size=(3, given.size))
@@ -181,23 +183,37 @@ def check_ends(
         times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
         with np.errstate(all='ignore'):
             margins = stated.margins(times, *filled)
-        for name, values in margins.items():
-            given_value = float(values[0]) if np.ptp(values) == 0.0 else None
-            if side == 0:
-                found[name] = given_value
-            if refuse and given_value is not None and given_value < -MARGIN_TOLERANCE:
-                raise InvalidProblem(
-                    f"the {where} violates the limit '{name}' by {-given_value:.3g}, whatever the "
-                    f'motion: change the {where} or the limit'
-                )
-    return found
+        values = margins.items()
+        found.append({n: float(v[0]) if np.ptp(v) == 0.0 else None for n, v in values})
+    return {name: (value, found[1][name]) for name, value in found[0].items()}
 
 
-def short_of_reserve(stated: CheckedFormulation, left: Mapping[str, float | None]) -> list[str]:
-    """Say of which limits the start leaves less than the reserve, by what `check_ends` found."""
+def violated_at_ends(left: Left) -> list[str]:
+    """Say which limits every motion violates at an end, by what `left_at_ends` found."""
+    return [
+        f"the {where} violates the limit '{name}' by {-value:.3g}, whatever the "
+        f'motion: change the {where} or the limit'
+        for side, where in enumerate(('start', 'end'))
+        for name, value in zip(left, [pair[side] for pair in left.values()], strict=True)
+        if value is not None and value < -MARGIN_TOLERANCE
+    ]
+
+
+def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
+    """Return what `left_at_ends` does; InvalidProblem if every motion violates a limit there."""
+    left = left_at_ends(stated, ends)
+    for reason in violated_at_ends(left):
+        raise InvalidProblem(reason)
+    return left
+
+
+def short_of_reserve(stated: CheckedFormulation, left: Left) -> list[str]:
+    """Say of which limits the start leaves less than the reserve, by what `left_at_ends` found."""
     return [
         f"the start leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
-        for (name, value), share in zip(left.items(), stated.reserves(tuple(left)), strict=True)
+        for (name, (value, _)), share in zip(
+            left.items(), stated.reserves(tuple(left)), strict=True
+        )
         if value is not None and 0.0 <= value < share
     ]
 

@@ -230,7 +230,7 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     ],
     'integrated': [
         ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
-        ({'speed': Integrated(0.0)}, "'speed' is not one of the states x, v, angle"),
+        ({'speed': Integrated(0.0)}, "'speed', which is not one of the states x, v, angle"),
     ],
     'invert': [
         (((0.0, 0.0, 0.0),), 'expected a pair'),

@@ -3,6 +3,7 @@
 
 """Mistakes in the statement of a problem: one sentence that names the function, and a way out."""
 
+from dataclasses import dataclass
 import math
 
 from fuzzing import tried
@@ -18,6 +19,7 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFaile
 from tdm_planner.parameters import parameter
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
+from tdm_planner.problems.registry import load_problem
 
 
 def along_the_path(self, y, z):
@@ -34,6 +36,14 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
+PRODUCTS = (
+    lambda x: np.dot(x, x) - 0.5,
+    lambda x: x @ np.eye(4) @ x - 0.5,
+)
+JUMP = (
+    {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
+    ['final_cost jumps by 1', 'np.tanh'],
+)
 BAD = [
     *(
         (margins_of(pole=pole), ['margins of Changed', *words])
@@ -41,19 +51,21 @@ BAD = [
             (lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5, 'TypeError', 'np.sqrt(x)'),
             (lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1], 'ValueError', 'np.where'),
             (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
+            *((pole, 'ValueError', 'write the formula by components') for pole in PRODUCTS),
         )
     ),
     (
         margins_of(pole=lambda x: np.vectorize(math.sqrt)(np.asarray(x[0]) ** 2 + 1.0) - 0.5),
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
     ),
+    (
+        {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
+        ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
+    ),
     ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
-    (
-        {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
-        ['final_cost jumps by 1', 'np.tanh'],
-    ),
+    JUMP,
     (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
     (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),
     ({'reserve': {'speed': 0.1}}, ["reserve names 'speed'", 'pole']),
@@ -89,8 +101,23 @@ OF_A_CART = [
         {'integrated': lambda self: {'v': Integrated(5.0)}},
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
-    ({'derivative': lambda s, x, u: (x[1], 1.1 * u[0])}, ["derivative gives the rate of 'v' ="]),
-    ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
+    *(
+        (
+            {f'{side}_conditions': lambda s, t, x: x[0]},
+            [f'{side}_conditions returns one value, expected a sequence'],
+        )
+        for side in ('start', 'end')
+    ),
+    *(
+        ({'derivative': rates}, [f"derivative gives the rate of '{name}' ="])
+        for name, rates in (
+            ('x', lambda s, x, u: (-x[1], u[0])),
+            ('v', lambda s, x, u: (x[1], 1.01 * u[0])),
+            ('v', lambda s, x, u: (x[1], u[0] + 0.05)),
+            ('v', lambda s, x, u: (x[1], u[0] - 0.02 * x[1])),
+            ('v', lambda s, x, u: (x[1], u[0] - np.where(x[0] > 0.8, 0.1, 0.0))),
+        )
+    ),
     (margins_of(force=lambda x: x[0] - 1.5), ["the start violates the limit 'force'"]),
     (
         {'outputs': lambda s: Cart.outputs(s) | {'idle': Output((0.0,), (1.0,))}},
@@ -107,21 +134,44 @@ OF_A_CART = [
     ('of', 'ask', 'change', 'words'),
     [
         *((Car, Car.solve, *case) for case in BAD),
-        *((Car, check_problem, *case) for case in FOR_OTHERS),
+        *((Car, check_problem, *case) for case in (JUMP, *FOR_OTHERS)),
         *((Cart, Cart.solve, *case) for case in OF_A_CART),
     ],
 )
 def test_a_mistake_is_one_sentence(of, ask, change, words):
-    message = refused(lambda: ask(changed(of, **change)()), 350)
+    made = changed(of, **change)()
+    message = refused(lambda: ask(made), 350)
     assert all(word in message for word in words), message
+    if ' violates the limit ' in message or 'derivative gives' in message:  # as the check says
+        assert any(words[0] in reason for reason in check_problem(made))
 
 
-def test_a_class_that_is_no_dataclass_is_named():
-    class Forgotten(Cart):
-        track: float = parameter(1.0, 'length', unit='m')
+class Forgotten(Cart):
+    track: float = parameter(1.0, 'length', unit='m')
 
-    message = refused(lambda: check_problem(Forgotten()), 350)
-    assert message == 'Forgotten is no dataclass: put @dataclass(frozen=True) above it'
+
+class Plain(DirectProblem):
+    """Neither a dataclass nor complete."""
+
+
+Incomplete = dataclass(frozen=True)(type('Incomplete', (DirectProblem,), {'duration': None}))
+
+
+def loaded(made):
+    return load_problem(f'{__name__}:{made.__name__}')
+
+
+@pytest.mark.parametrize('use', [lambda c: c(), lambda c: c.from_parameters({}), loaded])
+@pytest.mark.parametrize(
+    ('made', 'told'),
+    [
+        (Forgotten, 'is no dataclass: put @dataclass(frozen=True) above it'),
+        (Plain, 'is no dataclass: put @dataclass(frozen=True) above it'),
+        (Incomplete, 'is not complete: define derivative, invert, outputs'),
+    ],
+)
+def test_a_class_that_cannot_be_used_is_named(made, told, use):
+    assert refused(lambda: use(made)) == f'{made.__name__} {told}'
 
 
 def test_a_number_that_decides_is_kept_as_a_number_and_a_table_is_traced():
@@ -180,6 +230,28 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
     assert check_problem(near) == [words]
     with pytest.raises(Infeasible, match=words):
         near.solve()
+
+
+def test_nothing_to_vary_is_said():
+    console = Console(width=120)
+    with console.capture() as shown:
+        fixed = {'x': Output((1.0, 0.0), (0.0, 0.0))}
+        assert check_problem(changed(Cart, outputs=lambda s: fixed)(), console) == []
+    assert 'nothing is varied: no output has' in shown.get()
+
+
+def test_rates_that_differ_by_rounding_or_at_a_kink_agree():
+    stiff = changed(
+        Cart,
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + 1e13 * y['x'][0],)),
+        derivative=lambda s, x, u: (x[1], u[0] - 1e13 * x[0]),
+    )
+    speedy = changed(  # a kink at rest
+        Cart,
+        invert=lambda s, y, z: ((y['x'][0], np.abs(y['x'][1])), y['x'][2:]),
+        outputs=lambda s: {'x': Output((1.0, 0.0), (2.0, 1.5))},
+    )
+    assert check_problem(stiff(limit=1e14)) == check_problem(speedy()) == []
 
 
 Rolling = changed(
