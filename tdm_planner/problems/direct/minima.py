@@ -152,7 +152,10 @@ class DirectMinima:
             shares = {name: miss / integrated[name].scale for name, miss in missed.items()}
             name = max(shares, key=lambda key: shares[key], default='')
             if shares.get(name, 0.0) < 0.5 * ends:
-                return f'the conditions at the end by {ends:.2g}'
+                first = motion.times[:1], motion.states[:1]
+                given = np.abs(self._stated.parts('start_conditions', *first))
+                where = 'start' if given.max(initial=0.0) > 0.99 * ends else 'end'
+                return f'the conditions at the {where} by {ends:.2g}'
             unit = self._problem.state_units[names.index(name)]
             return f'the condition at the end on {name} by {missed[name]:.2g} {unit}'.rstrip()
         stated = self._stated.margins(motion.times, motion.states, motion.controls)

@@ -26,9 +26,10 @@ from tdm_planner.verification import Constraint
 Left = Mapping[str, tuple[float | None, float | None]]  # of limits at start and end
 
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
-# Share by which rates differ where two statements contradict each other: where they do not, it is
-# 1e-12; share by which states are moved to see rounding, and how often its effect is allowed.
-_CONTRADICTED, _NEAR, _MOVED = 1e-4, 1e-9, 10.0
+# Share by which rates differ where two statements contradict each other, 1e-12 where they do not;
+# that from which nothing is planned: `invert` may round what has a kink in `derivative`.
+_CONTRADICTED, _REFUSED = 1e-4, 1e-2
+_NEAR, _MOVED = 1e-9, 10.0  # share by which states are moved to see rounding; times its effect
 # Of the range of a cost between two looks; looks between these, turns, to find where it is.
 _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
 _NODES = 5, 10_000
@@ -79,13 +80,15 @@ def check_statement(problem: Formulation) -> None:
 
 
 @np.errstate(all='ignore')
-def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, Mask]:
+def rates_of(
+    program: Transcription, xi: Array, share: float = _CONTRADICTED
+) -> tuple[Array, Array, Mask]:
     """
     Return the rates (nx,) by `invert` and by `derivative`, and which states' contradict (nx,).
 
-    They are those of the node where they differ most, beyond their size and rounding: what rates
-    change by where states and controls do by a little. Kinks may be met at the ends, and by chance
-    at a node between.
+    They are those of the node where they differ most, beyond a `share` of their size and rounding:
+    what rates change by where states and controls do by a little. Kinks may be met at the ends,
+    and by chance at a node between.
     """
     motion, numbers = program.motion(xi), program.trace.values(program.formulation)
     rng, both = np.random.default_rng(0), program.flow(xi)
@@ -95,7 +98,7 @@ def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, Mask]:
     sizes, differ = np.abs(by_inverse) + np.abs(rates), np.abs(by_inverse - rates)
     finite = np.isfinite(differ + moved)
     sizes = np.where(finite, sizes, 0.0)
-    allowed = _CONTRADICTED * np.maximum(sizes, np.median(sizes, axis=0)) + _MOVED * np.abs(moved)
+    allowed = share * np.maximum(sizes, np.median(sizes, axis=0)) + _MOVED * np.abs(moved)
     excess = np.where(finite, differ - allowed, 0.0)
     wrong = (excess > 0.0).sum(axis=0) > 1
     node = np.argmax(np.where(wrong, excess, sizes), axis=0), np.arange(wrong.size)
@@ -109,7 +112,7 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
     Raise InvalidProblem, naming the first state whose rates differ.
     """
     states = program.formulation.state_names
-    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
+    for state, inverse, rate, wrong in zip(states, *rates_of(program, xi, _REFUSED), strict=True):
         if wrong:
             raise InvalidProblem(
                 f"derivative gives the rate of '{state}' = {rate:.6g} where the states of invert "

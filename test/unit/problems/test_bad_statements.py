@@ -112,9 +112,8 @@ OF_A_CART = [
         ({'derivative': rates}, [f"derivative gives the rate of '{name}' ="])
         for name, rates in (
             ('x', lambda s, x, u: (-x[1], u[0])),
-            ('v', lambda s, x, u: (x[1], 1.01 * u[0])),
+            ('v', lambda s, x, u: (x[1], 1.1 * u[0])),
             ('v', lambda s, x, u: (x[1], u[0] + 0.05)),
-            ('v', lambda s, x, u: (x[1], u[0] - 0.02 * x[1])),
             ('v', lambda s, x, u: (x[1], u[0] - np.where(x[0] > 0.8, 0.1, 0.0))),
         )
     ),
@@ -144,6 +143,18 @@ def test_a_mistake_is_one_sentence(of, ask, change, words):
     assert all(word in message for word in words), message
     if ' violates the limit ' in message or 'derivative gives' in message:  # as the check says
         assert any(words[0] in reason for reason in check_problem(made))
+
+
+@pytest.mark.parametrize(
+    'rates',
+    [
+        lambda s, x, u: (x[1], 1.01 * u[0]),
+        lambda s, x, u: (x[1], u[0] - 0.02 * x[1]),
+    ],
+)
+def test_a_small_slip_is_named_by_the_check(rates):
+    (reason,) = check_problem(changed(Cart, derivative=rates)())
+    assert reason.startswith("derivative gives the rate of 'v' = ")
 
 
 class Forgotten(Cart):
@@ -285,6 +296,8 @@ def test_no_plan_is_explained():
         changed(Cart, starts=2)(limit=0.9, solver=LONG).solve()
     with pytest.raises(Infeasible, match='the conditions at the end by'):
         solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
+    with pytest.raises(Infeasible, match='the conditions at the start by 0.6'):
+        solve(starts=1, start_conditions=lambda self, t, x: (x[0] - 0.4,))
     with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
 
