@@ -41,18 +41,19 @@ _TYPE_NAMES = {
 
 @dataclass(frozen=True)
 class Range:
-    """An interval of allowed values, closed unless said otherwise."""
+    """An interval of allowed values, closed unless said otherwise; in steps from `lower` on."""
 
     lower: float = -math.inf
     upper: float = math.inf
     lower_open: bool = False
     upper_open: bool = False
+    step: int = 0
 
     def __contains__(self, value: float) -> bool:
         """Whether `value` lies in the interval; never true for NaN."""
         above = value > self.lower if self.lower_open else value >= self.lower
         below = value < self.upper if self.upper_open else value <= self.upper
-        return above and below
+        return above and below and not (self.step and (value - self.lower) % self.step)
 
     @property
     def bounded(self) -> bool:
@@ -61,9 +62,10 @@ class Range:
 
     def __str__(self) -> str:
         """Interval notation, e.g. ``(0, inf)``."""
+        steps = f' in steps of {self.step}' if self.step else ''
         left = '(' if self.lower_open or math.isinf(self.lower) else '['
         right = ')' if self.upper_open or math.isinf(self.upper) else ']'
-        return f'{left}{self.lower:g}, {self.upper:g}{right}'
+        return f'{left}{self.lower:g}, {self.upper:g}{right}{steps}'
 
 
 # Of numbers in SI units that make sense: products and ratios of a few stay finite, and not zero.

@@ -67,7 +67,8 @@ def whole(allowed: Range) -> st.SearchStrategy[int]:
     lower = math.ceil(max(allowed.lower, -(2.0**62)))
     upper = math.floor(min(allowed.upper, 2.0**62))
     ends = [lower, upper, *(x for x in SPECIAL_INTEGERS if lower <= x <= upper)]
-    return st.sampled_from(ends) | st.integers(lower, min(upper, lower + 50))
+    found = st.sampled_from(ends) | st.integers(lower, min(upper, lower + 50))
+    return found.filter(allowed.__contains__)
 
 
 def few(item: st.SearchStrategy[Any], sizes: Sequence[int]) -> st.SearchStrategy[list[Any]]:

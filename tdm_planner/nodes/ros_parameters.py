@@ -311,5 +311,6 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         upper = min(math.floor(min(spec.range.upper, _INT64)), _INT64 - 1)
         lower += spec.range.lower_open and lower == spec.range.lower
         upper -= spec.range.upper_open and upper == spec.range.upper
-        described.integer_range = [IntegerRange(from_value=lower, to_value=upper, step=1)]
+        step = spec.range.step or 1
+        described.integer_range = [IntegerRange(from_value=lower, to_value=upper, step=step)]
     return described

@@ -26,6 +26,7 @@ import yaml
 class ExampleParameters(Validated):
     mass: float = parameter(1.0, 'mass of the thing', unit='kg', allowed=POSITIVE)
     count: int = parameter(3, 'how many', allowed=Range(0, 8, lower_open=True))
+    order: int = parameter(5, 'of a polynomial', allowed=Range(5, 15, step=2))
     turns: int | None = parameter(None, 'turns, or unset')
     kind: str = parameter('fast', 'which', choices=('fast', 'slow'))
     names: list[str] = parameter(['a', 'b'], 'names')
@@ -89,6 +90,7 @@ def test_allowed_values_are_taken(ros, example, name, value, stored):
         ('mass', 1000.0, 'a mass above 100 kg cannot be fast'),
         ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
         ('count', 2.5, 'must be an integer in (0, 8]'),
+        ('order', 6, "'order' = 6 is not allowed: must be an integer in [5, 15] in steps of 2"),
         ('names', 'a', 'must be a list of strings'),
         ('fixed', 'there', "'fixed' = there is not allowed: it is fixed while the node runs"),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
@@ -120,14 +122,17 @@ def test_what_breaks_down_after_values_were_set_is_logged(ros, example, monkeypa
 
 
 def test_parameters_describe_themselves(ros, example):
-    request = DescribeParameters.Request(names=['mass', 'count', 'turns', 'kind', 'fixed'])
+    request = DescribeParameters.Request(
+        names=['mass', 'count', 'order', 'turns', 'kind', 'fixed']
+    )
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
-    mass, count, turns, kind, fixed = answer.descriptors
+    mass, count, order, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
     half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
     ranges = mass.floating_point_range, count.integer_range, descriptor(half_open).integer_range
     ends = [(allowed.from_value, allowed.to_value) for (allowed,) in ranges]
     assert ends == [(1e-12, 1e12), (1, 8), (-(2**63), 3)]
+    assert (order.integer_range[0].to_value, order.integer_range[0].step) == (15, 2)
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only

@@ -42,6 +42,7 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _RESERVED = frozenset({'anchor', 'start', 'replan', 'problem', 'solver', 'plan', 'markers'})
 _COORDINATE = Range(-1e4, 1e4)
 _SIDE = Range(1e-6, 2e4)
+_ORDER = Range(5, 15, step=2)
 _MOST_ROBOTS = 100
 _CLEARANCE = 1.5  # of two places of robots that are added, in units of minimum_separation
 _GRID = 40  # candidate places along the longer side of the arena
@@ -204,10 +205,10 @@ class FormationParameters(Validated):
         7,
         'order of the reference polynomials of x and y: odd; 5 is what the boundary conditions '
         'need, every further two vary one more derivative at both ends',
-        allowed=Range(5, 15),
+        allowed=_ORDER,
     )
     yaw_order: int = parameter(
-        5, 'order of the reference polynomials of the yaw: odd', allowed=Range(5, 15)
+        5, 'order of the reference polynomials of the yaw: odd', allowed=_ORDER
     )
     speed_factor_order: int = parameter(
         0,

@@ -81,12 +81,6 @@ class RobotFormation(FormationParameters, Problem):
                     )
             every = {name: given[name] if name in given else default(name) for name in names}
             object.__setattr__(self, kind, every)
-        for parameter in ('polynomial_order', 'yaw_order'):
-            if getattr(self, parameter) % 2 == 0:
-                raise InvalidProblem(
-                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
-                    'be an odd integer in [5, 15]'
-                )
         weights = self.weights
         if not weights.time + weights.sequence + weights.gas > 0:
             raise InvalidProblem(
