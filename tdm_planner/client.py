@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cached_property, partial
 import json
 import threading
 import time
@@ -37,7 +37,7 @@ from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind
-from tdm_planner.trajectory import SECOND, Trajectory
+from tdm_planner.trajectory import joined, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 T = TypeVar('T')
@@ -70,11 +70,10 @@ class PlanResult:
     parameters: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def trajectory(self) -> Trajectory:
-        """Return the motion of the only vehicle."""
-        (only,) = self.trajectories.values()
-        return only
+        """Return the motion; of several vehicles all, on common instants as ``name.state``."""
+        return joined(self.trajectories)
 
 
 class PlanClient:

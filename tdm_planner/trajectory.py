@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING, TypeVar
@@ -320,3 +320,21 @@ class TimedTrajectory:
 def _linear(t: Array, times: Array, values: Array) -> Array:
     columns = [np.interp(t, times, column) for column in values.T]
     return np.stack(columns, axis=-1) if columns else np.zeros((*t.shape, 0))
+
+
+def joined(trajectories: Mapping[str, Trajectory]) -> Trajectory:
+    """Return the only trajectory; of several all, on common instants as ``name.state``."""
+    if len(trajectories) == 1:
+        return next(iter(trajectories.values()))
+    parts = trajectories.items()
+    times = np.unique(np.concatenate([t.times for t in trajectories.values()]))
+    samples = [t.sample(times) for t in trajectories.values()]
+    kinds = {t.interpolation for t in trajectories.values()}
+    return Trajectory(
+        times=times,
+        states=np.concatenate([s.state for s in samples], axis=1),
+        controls=np.concatenate([s.control for s in samples], axis=1),
+        state_names=tuple(f'{name}.{s}' for name, t in parts for s in t.state_names),
+        control_names=tuple(f'{name}.{c}' for name, t in parts for c in t.control_names),
+        interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
+    )

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import joined, Trajectory
 from tdm_planner.verification import Verification
 
 
@@ -48,23 +47,7 @@ class Solution:
     @cached_property
     def trajectory(self) -> Trajectory:
         """Return the trajectory; of several vehicles all, on common instants as ``name.state``."""
-        if len(self.trajectories) == 1:
-            return next(iter(self.trajectories.values()))
-        times = np.unique(np.concatenate([t.times for t in self.trajectories.values()]))
-        samples = {name: t.sample(times) for name, t in self.trajectories.items()}
-        kinds = {t.interpolation for t in self.trajectories.values()}
-        return Trajectory(
-            times=times,
-            states=np.concatenate([s.state for s in samples.values()], axis=1),
-            controls=np.concatenate([s.control for s in samples.values()], axis=1),
-            state_names=tuple(
-                f'{name}.{s}' for name, t in self.trajectories.items() for s in t.state_names
-            ),
-            control_names=tuple(
-                f'{name}.{c}' for name, t in self.trajectories.items() for c in t.control_names
-            ),
-            interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
-        )
+        return joined(self.trajectories)
 
     @property
     def figures(self) -> dict[str, Any]:

@@ -105,6 +105,9 @@ def test_robots_have_a_trajectory_each(ros):
         np.testing.assert_allclose(trajectory.states[-1, :2], goal, atol=5e-3)
         assert trajectory.control_names == ('thrust', 'thruster_rate', 'torque')
     assert list(plan.trajectories) == ['robot1', 'robot2', 'robot3']
+    assert plan.trajectory.state_names[7:9] == ('robot2.x', 'robot2.y')
+    end = np.reshape(plan.trajectory.states[-1], (3, -1))[:, :2]
+    np.testing.assert_allclose(end, list(goals), atol=5e-3)
     assert any('no plant publishes' in warning for warning in plan.warnings)
 
 
