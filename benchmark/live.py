@@ -117,7 +117,7 @@ def page_on(space: str, folder: Path) -> Iterator[tuple[int, str]]:
     """Serve the page on the nodes of a namespace; yields its process and address."""
     from tdm_sim.processes import NodeProcesses
 
-    words = ['live', '--attach', space, '--no-browser', '--port', '0', '-o', str(folder)]
+    words = ['live', space, '--no-browser', '--port', '0', '-o', str(folder)]
     with NodeProcesses(folder) as processes:
         processes.start('page', 'tdm_planner.cli', words)
         found = None

@@ -129,12 +129,13 @@ def _parser() -> argparse.ArgumentParser:
     live = commands.add_parser(
         'live', parents=[file], help='a page in the browser on nodes, and hands on them'
     )
-    nodes = live.add_mutually_exclusive_group(required=True)
-    nodes.add_argument(
-        'plant', nargs='?', help='pendulum, robots, a stated problem: its nodes are started'
-    )
-    nodes.add_argument(
-        '--attach', metavar='NAMESPACE', help='join the nodes that run there; start none'
+    live.add_argument(
+        'nodes',
+        nargs='?',
+        default='/',
+        metavar='/NAMESPACE | PLANT',
+        help='a namespace begins with /: nodes that run there are joined, / by default; of '
+        'pendulum, robots or a stated problem they are started',
     )
     live.add_argument(
         '-o',
@@ -261,8 +262,7 @@ def _live(options: argparse.Namespace) -> int:
     from tdm_sim.live.run import run_live
 
     run_live(
-        options.plant,
-        options.attach,
+        options.nodes,
         options.output,
         parameters=options.params,
         host=options.host,

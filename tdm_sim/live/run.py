@@ -19,6 +19,7 @@ import webbrowser
 
 import rclpy
 from rclpy.context import Context
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_planner.starting import require_one_ros
 from tdm_sim.live.listener import Listener
@@ -37,8 +38,7 @@ _TOLD = 30.0  # s from a restart that it is told of: a tab behind others wakes u
 
 
 def run_live(
-    plant: str | None,
-    attach: str | None,
+    nodes: str,
     output: Path,
     parameters: Path | None = None,
     host: str = LOCAL,
@@ -48,22 +48,24 @@ def run_live(
     """
     Serve the page until the process is interrupted.
 
-    The nodes are those of `plant`, started here, or those that run in the namespace `attach`.
+    `nodes` are a namespace, '/robots', in which they run, or a plant whose nodes are started here.
     Recordings and logs go to the folder `output`.
 
     Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
     """
     require_one_ros()
+    joins = nodes.startswith('/')
+    if joins and parameters is not None:
+        raise InvalidProblem(f"'--params' is for nodes that are started: those in {nodes} run")
     with ExitStack() as stack:
-        nodes = None
-        namespace = attach or ''
-        if plant is not None:
+        own, namespace = None, nodes
+        if not joins:
             os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
             output.mkdir(parents=True, exist_ok=True)
-            scene = make_scene(plant, parameters)
+            scene = make_scene(nodes, parameters)
             namespace = scene.namespace
-            nodes = Nodes(scene, output / 'log')
-            stack.enter_context(nodes)
+            own = Nodes(scene, output / 'log')
+            stack.enter_context(own)
         listener = stack.enter_context(_served(namespace))
         server = _server(host, port)
         stack.callback(server.stop)
@@ -79,7 +81,7 @@ def run_live(
             )
         if browser:
             webbrowser.open(address)
-        _show(page, nodes)
+        _show(page, own)
 
 
 def _show(page: Page, nodes: Nodes | None) -> None:

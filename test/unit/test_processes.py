@@ -244,8 +244,7 @@ def test_mistakes_get_a_sentence_and_a_code(arguments, code, words, tmp_path, mo
 
 
 def test_usage_version_and_without_a_package_the_way_out_are_told(monkeypatch, capsys):
-    both = ['live', 'pendulum', '--attach', '/pendulum']
-    for words in ([], ['plan', 'pendulum'], ['live'], both, ['--version']):
+    for words in ([], ['plan', 'pendulum'], ['live', '--attach', '/pendulum'], ['--version']):
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == (0 if words == ['--version'] else 2)

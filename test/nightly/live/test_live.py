@@ -62,7 +62,7 @@ class Live:
     def __init__(self, ros: Ros, driver, nodes: str, folder: Path, size) -> None:
         self.ros, self.driver, self.folder = ros, driver, folder / nodes.strip('/')
         words = ['live', '--no-browser', '--port', '0', '-o', str(self.folder)]
-        words += ['--attach', nodes] if nodes.startswith('/') else [nodes, '--params']
+        words += [nodes] if nodes.startswith('/') else [nodes, '--params']
         words += [] if nodes.startswith('/') else [str(relaxed(nodes, folder))]
         self.mark = f'TDM_TEST_MARK={self.folder}'  # of all that it starts
         path = os.pathsep.join([str(SOURCE), str(SOURCE / 'docs' / 'plants')])

@@ -14,7 +14,9 @@ import pytest
 pytest.importorskip('rclpy')
 viser = pytest.importorskip('viser')
 
+from tdm_planner.cli import main  # noqa: E402
 from tdm_planner.drawing import Line  # noqa: E402
+from tdm_planner.exceptions import InvalidProblem  # noqa: E402
 from tdm_sim.live import operations, run  # noqa: E402
 from tdm_sim.live.geometry import view_on  # noqa: E402
 from tdm_sim.live.operations import Recordings  # noqa: E402
@@ -46,6 +48,28 @@ def test_only_own_pages_may_ask(server) -> None:
     evil = connect(address, origin='http://evil.example', **words)
     with evil as other, pytest.raises(ConnectionClosed):
         other.recv(timeout=20.0)
+
+
+@pytest.mark.parametrize(
+    ('words', 'does'),
+    [
+        ([], 'joins /'),
+        (['/robots'], 'joins /robots'),
+        (['pendulum'], 'starts /pendulum'),
+        (['/robots', '--params', 'a.yaml'], "'--params' is for nodes that are started"),
+    ],
+    ids=str,
+)
+def test_nodes_of_a_namespace_are_joined_and_those_of_a_plant_started(
+    words, does, tmp_path, monkeypatch, capsys
+) -> None:
+    def told(text: str) -> None:
+        raise InvalidProblem(text)
+
+    monkeypatch.setattr(run, '_served', lambda space: told(f'joins {space}'))
+    monkeypatch.setattr(run, 'Nodes', lambda scene, _: told(f'starts {scene.namespace}'))
+    assert main(['live', *words, '-o', str(tmp_path)]) == 2
+    assert f'tdm: INVALID_PROBLEM: {does}' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
