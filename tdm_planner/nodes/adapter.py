@@ -96,6 +96,7 @@ class Vehicle:
         self._node, self._clock, self._plant, self._request = node, clock, plant, request
         self.name, kind = name, plant.kind
         self.prefix = prefix = f'{name}/' if plant.several else ''
+        self.start = f'{name}.start.' if plant.several else 'start.'  # begins its parameters
         self.label = f"robot '{name}': " if plant.several else ''  # begins a sentence
         self._angles = np.array([state in kind.angles for state in kind.state_names])
         self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
@@ -247,6 +248,12 @@ class Adapter:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
         return bool(self.kind.state_names)
 
+    @property
+    def measured_parameters(self) -> list[str]:
+        """Return the parameters whose values measured states take the place of."""
+        states = self.kind.state_names
+        return [f'{v.start}{state}' for v in self.vehicles.values() for state in states]
+
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
         return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
@@ -295,7 +302,7 @@ class Adapter:
 
     def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
         return {
-            f'{name}.start.{key}' if self._plant.several else f'start.{key}': value
+            f'{self.vehicles[name].start}{key}': value
             for name, state in states.items()
             for key, value in zip(self.kind.state_names, state.tolist(), strict=True)
         }

@@ -189,7 +189,14 @@ class Planner(ManagedNode):
             raise InvalidProblem(
                 f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"
             )
-        self.check_values({**self.parameter_values, **own})
+        values = {**self.parameter_values, **own}
+        unused = [name for name in self._adapter.measured_parameters if name in own]
+        if unused and values['start.source'] == 'measured':
+            raise InvalidProblem(
+                f"parameter '{unused[0]}' has no effect while start.source = measured: the "
+                "request must set 'start.source' to parameters"
+            )
+        self.check_values(values)
         return own
 
     def _settle(self, request: Request, outcome: ActivePlan | Exception) -> None:

@@ -210,6 +210,10 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
         ({'replan__rate': 1.0}, "parameter 'replan.rate' cannot be part of a request: set it on"),
         ({'problem': 'robot_formation'}, 'it is fixed while the node runs'),
         ({'plant__mass': 1e9}, "'plant.*'"),
+        (
+            {'start__source': 'measured', 'start__psi': 0.1},
+            "'start.psi' has no effect while start",
+        ),
         ({'odd': [UNREADABLE]}, 'cannot be read'),
         ({'limits__torque': 1e-4, 'solver__deadline': 0.3}, ''),
     ],
@@ -318,6 +322,8 @@ def test_the_measured_state_of_every_robot_is_needed(fleet):
             assert code == 'NO_STATE'
             assert [name for name in ROBOTS if f"'{name}'" in reason] == ROBOTS[known:]
     fleet.plan()
+    refused = fleet.ros.set_all(f'{fleet.space}/plan_with', robot2__start__x=2.5)
+    assert "'robot2.start.x' has no effect" in refused.reason
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     fleet.set('planner', start__source='parameters')
 
