@@ -158,8 +158,6 @@ class PlantNode(ParameterNode):
     contradict each other at the start raise InvalidProblem.
     """
 
-    decisive = frozenset({'problem'})
-
     def __init__(
         self,
         name: str,
@@ -326,10 +324,8 @@ class PlantNode(ParameterNode):
 
     def _report(self) -> Report:
         simulation, slow = self.simulation, self._rate.problem()
-        errors = list(self.invalid_overrides.values())
-        if simulation.breakdowns:
-            lost = f'reset {simulation.breakdowns} times'
-            errors.append(f'{lost}: the motion could not be integrated')
+        lost = f'reset {simulation.breakdowns} times: the motion could not be integrated'
+        errors = [lost] if simulation.breakdowns else []
         warnings = [] if self._clocks is None else [self._clocks.warning]
         if self._skipped > 0.0:
             warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled')

@@ -20,7 +20,7 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rosgraph_msgs.msg import Clock
-from tdm_planner.exceptions import Failure, InvalidProblem, TdmError
+from tdm_planner.exceptions import Failure, TdmError
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
@@ -36,8 +36,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     """
     A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
-    With `autostart` it configures and activates itself, even with invalid parameters. It then
-    rejects requests until they are corrected. Without, the transition fails instead. Entities
+    With `autostart` it configures and activates itself, as soon as its parameters, together, allow
+    it. Entities
     created from `configure` on are destroyed with the configuration, and publishers are silent
     unless the node is active.
 
@@ -57,7 +57,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
         self._setback = ''
-        self._starting = self._start_failed = False
+        self._start_failed = False
         self._diagnostics = Diagnostics(self, title, self._report_stage)
 
     # What subclasses say.
@@ -100,11 +100,9 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             self._kept = frozenset(id(item) for item, _ in self._entities())
         if not self.parameter_values[AUTOSTART.name]:
             return
-        self._starting = True
         self._start_failed = (
             self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
         )
-        self._starting = False
 
     def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
@@ -166,13 +164,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From unconfigured to inactive."""
-
-        def configure() -> None:
-            if self.fault and not self._starting:
-                raise InvalidProblem(self.fault)
-            self.configure()
-
-        return self._go('configure', configure, 'inactive', undo=self._release)
+        return self._go('configure', self.configure, 'inactive', undo=self._release)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From inactive to active."""
@@ -264,6 +256,5 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     def _report_stage(self) -> Report:
         if self.active:
             return self.report()
-        faults = [*filter(None, [self._setback]), *self.invalid_overrides.values()]
-        message = '; '.join([self._stage, *dict.fromkeys(faults)])
-        return Report(Level.ERROR if faults else Level.OK, message)
+        message = '; '.join(filter(None, [self._stage, self._setback]))
+        return Report(Level.ERROR if self._setback else Level.OK, message)

@@ -57,8 +57,6 @@ class Planner(ManagedNode):
     and publishes plans.
     """
 
-    decisive = frozenset({'problem'})
-
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
@@ -114,8 +112,10 @@ class Planner(ManagedNode):
         self._expected, self._failure, self._unfollowed = None, None, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Reject values for which the problem cannot say which parameters it has."""
-        self._problem_class.parameter_specifications(values)
+        """Reject values with which the problem has no parameters, or others that are invalid."""
+        found = self._problem_class.parameter_specifications(values)
+        for name in found.keys() - self.parameter_values.keys():
+            self.initial_value(found[name])
 
     def values_changed(self) -> None:
         """Let changed parameters act from the next request on."""
@@ -162,8 +162,6 @@ class Planner(ManagedNode):
                     "the planner is inactive: 'ros2 lifecycle set "
                     f"{self.get_fully_qualified_name()} activate' lets it plan"
                 )
-            if self.fault:
-                raise InvalidProblem(self.fault)
             if parameters:
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
@@ -348,8 +346,6 @@ class Planner(ManagedNode):
         return Report(*self._state(), values)
 
     def _state(self) -> tuple[Level, str]:
-        if self.fault:
-            return Level.ERROR, self.fault
         if self._queue.solving:
             return Level.OK, 'planning'
         if self._failure is not None:

@@ -47,22 +47,18 @@ class ParameterNode(Node):
     A node whose parameters are declared by `ParameterSpec`s.
 
     Integers are accepted as numbers, and text is parsed, see `typed`. An invalid value is rejected
-    with the sentence of `ParameterSpec.check`. One given at the start leaves the default and stays
-    in `invalid_overrides` until the parameter is set; for a `decisive` parameter it ends the node.
+    with the sentence of `ParameterSpec.check`; given at the start it ends the node.
     ``ros2 param delete`` or ``null`` unsets an optional parameter.
 
     Values pass rclpy's callbacks: pre-set gives them their declared type and checks each, on-set
     checks them against each other, post-set applies them.
     """
 
-    decisive: frozenset[str] = frozenset()  # an invalid value of these ends the node
-
     def __init__(
         self, name: str, specifications: Mapping[str, ParameterSpec] | None = None, **options: Any
     ) -> None:
         self._specifications: dict[str, ParameterSpec] = {}
         self._values: dict[str, Any] = {}
-        self.invalid_overrides: dict[str, str] = {}  # sentences by parameter
         super().__init__(name, **options)
         for service in self.services:
             answer_malformed_requests(self, service)
@@ -100,11 +96,6 @@ class ParameterNode(Node):
         return service
 
     @property
-    def fault(self) -> str:
-        """Sentences about parameters that were given wrong values, '' if none were."""
-        return '; '.join(self.invalid_overrides.values())
-
-    @property
     def parameter_values(self) -> dict[str, Any]:
         """Every declared parameter's value in its Python type; None where it is unset."""
         return dict(self._values)
@@ -113,23 +104,22 @@ class ParameterNode(Node):
         """
         Declare parameters, each with its value from the command line or file, or its default.
 
-        Those already declared keep their value.
+        Those already declared keep their value. Raise InvalidProblem for one that is not allowed.
         """
         for name, spec in specifications.items():
             if name not in self._specifications:
-                self._declare(spec, self._initial_value(spec))
+                self._declare(spec, self.initial_value(spec))
 
     def withdraw(self, names: Sequence[str]) -> None:
         """Undeclare parameters."""
         for name in names:
             self._specifications.pop(name)
             self._values.pop(name)
-            self.invalid_overrides.pop(name, None)
             self.undeclare_parameter(name)
 
     def warn_of_unknown_overrides(self) -> None:
         """Log values given at the start for parameters that do not exist, with similar names."""
-        for name in self._overrides:
+        for name in (name for name in self._overrides if name not in self._specifications):
             self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -207,7 +197,6 @@ class ParameterNode(Node):
             if value is None:  # rclpy has forgotten it
                 self._declare(self._specifications[name], None)
             self._values[name] = value
-            self.invalid_overrides.pop(name, None)
         try:
             if changed:
                 self.values_changed()
@@ -226,20 +215,14 @@ class ParameterNode(Node):
             return False
         return bool(self.get_parameter(item.name).value == item.value)
 
-    def _initial_value(self, spec: ParameterSpec) -> Any:
+    def initial_value(self, spec: ParameterSpec) -> Any:
+        """Return the value given at the start, checked, or the default; raise InvalidProblem."""
         if spec.name not in self._overrides:
             return spec.default
-        value = self._overrides.pop(spec.name)
+        value = self._overrides[spec.name]
         if value is None and get_origin(spec.value_type) is list:
             value = []  # rcl hands an empty list over as a parameter that is not set
-        try:
-            return spec.check(typed(spec, value))
-        except InvalidProblem as error:
-            if spec.name in self.decisive:
-                raise
-            self.invalid_overrides[spec.name] = str(error)
-            self.get_logger().error(f'{error}; {spec.default} is kept')
-            return spec.default
+        return spec.check(typed(spec, value))
 
     def _declare(self, spec: ParameterSpec, value: Any) -> None:
         self._specifications[spec.name] = spec

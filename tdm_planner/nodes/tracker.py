@@ -64,8 +64,6 @@ def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
 class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
-    decisive = frozenset({_KIND.name})
-
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
         self.type = tracker_type(self.parameter_values[_KIND.name])
@@ -339,8 +337,6 @@ class TrackerNode(ManagedNode):
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
         message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
-        if self.fault:
-            level, message = Level.ERROR, self.fault
         now, motion = self._time.now(), self.tracker.current
         figures: dict[str, Any] = {
             'phase': phase.value,

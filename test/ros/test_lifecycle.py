@@ -87,33 +87,27 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
 
 def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
     space = Space(ros, 'wrong')
-    process = space.start('planner', {**FROM_PARAMETERS, 'method': 'magic'})
-    manager = Manager(ros, '/wrong/planner')
+    process = space.start('tracker', {**WAITING, 'plant.mass': 1e9})
+    manager = Manager(ros, '/wrong/tracker')
     assert all(manager.refuses(transition) for transition in (3, 'take off', 255))
     assert process.output.count('Transition is not registered') == 2
-    service = '/wrong/planner/get_available_transitions'
+    service = '/wrong/tracker/get_available_transitions'
     possible = ros.call(service, GetAvailableTransitions).available_transitions
     assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
     assert manager.refuses('configure')
-    assert manager.says(said := "cannot configure: parameter 'method' = 'magic' is not allowed")
+    assert manager.says(said := "cannot configure: parameters 'plant.*' do not make a rig")
     assert said in process.output
-    space.set('planner', method='switching')
+    space.set('tracker', plant__mass=0.024)
     manager.do('configure', 'activate')
     # One without a manager starts by itself then.
-    space.start('tracker', {'plant.mass': 1e9})
-    manager = Manager(ros, '/wrong/tracker')
+    other = Space(ros, 'odd')
+    other.start('tracker', {'plant.mass': 1e9})
+    manager = Manager(ros, '/odd/tracker')
     assert manager.state == 'unconfigured'
-    assert manager.says("cannot configure: parameters 'plant.*' do not make a rig")
-    space.set('tracker', plant__mass=0.024)
+    assert manager.says(said)
+    other.set('tracker', plant__mass=0.024)
     assert manager.state == 'active'
     assert manager.says('no state has been received')
-
-
-def test_a_node_that_went_up_in_spite_of_a_wrong_parameter_is_not_configured_again(ros):
-    Space(ros, 'odd').start('tracker', {'state_timeout': -1.0})
-    manager = Manager(ros, '/odd/tracker')
-    manager.do('deactivate', 'cleanup')
-    assert manager.refuses('configure')
 
 
 def test_a_node_that_cannot_recover_is_finalized_and_says_so(ros, monkeypatch):
