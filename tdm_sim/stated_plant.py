@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from functools import partial
+from itertools import zip_longest
+from keyword import iskeyword
 import sys
 from typing import Any
 
@@ -17,7 +19,7 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import TOPIC
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, ParameterSpec, SIGNED
+from tdm_planner.parameters import group, parameter, ParameterSpec, SIGNED, Validated
 from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -25,6 +27,7 @@ from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_sim.pendulum_plant import PENDULUM_MODEL
 from tdm_sim.plant_node import (
+    deviation,
     Disturbance,
     MarkerParameters,
     PlantModel,
@@ -56,11 +59,8 @@ class StatedDisturbance(Disturbance):
 
 @dataclass(frozen=True)
 class StatedPlantParameters(SimulationParameters):
-    """Parameters of the node beside those of the problem; `start.*` are the initial state."""
+    """Parameters of the node beside those of the problem and of every state."""
 
-    noise: float = parameter(
-        0.0, 'standard deviation of every measured state, in its unit', allowed=NON_NEGATIVE
-    )
     held: bool = parameter(
         True,
         'stay in the initial state until a tracker executes a plan (tracker_status), or until the '
@@ -70,16 +70,40 @@ class StatedPlantParameters(SimulationParameters):
     markers: MarkerParameters = group(MarkerParameters)
 
 
+def _with_states(problem: type[DirectProblem]) -> type[StatedPlantParameters]:
+    """Return the parameters with `initial` and `noise` of every state that can name a field."""
+    units = zip_longest(problem.state_names, problem.state_units, fillvalue='')
+    states = [(n, u) for n, u in units if n.isidentifier() and not iskeyword(n)]
+    initial, noise = (
+        make_dataclass(f'Stated{kind}', fields, bases=(Validated,), frozen=True)
+        for kind, fields in (
+            ('Initial', [(name, float | None, _initial(name, unit)) for name, unit in states]),
+            ('Noise', [(name, float, deviation(f"'{name}'", unit)) for name, unit in states]),
+        )
+    )
+    groups: list[Any] = [('initial', initial, group(initial)), ('noise', noise, group(noise))]
+    base = StatedPlantParameters
+    return make_dataclass(base.__name__, groups, bases=(base,), frozen=True)
+
+
+def _initial(state: str, unit: str) -> Any:
+    text = f"initial value of '{state}'; unset: as the problem begins"
+    return parameter(None, text, unit=unit, allowed=SIGNED)
+
+
 def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
-    """Return the plant of a problem, in the problem's start; controls act in `control_limits`."""
+    """Return the plant of a problem; controls act in `control_limits`."""
     kind = kind_of(problem())
 
     def setup(given: Any) -> PlantSetup:
         made = problem_of(problem, given)
         plant = DirectPlant(mismatched(made, given.mismatch, given.mismatch_seed))
         begin = np.nan_to_num(Ends.of(CheckedFormulation(made)).states[0])
+        for number, name in enumerate(kind.state_names):
+            initial = getattr(given.initial, name, None)
+            begin[number] = begin[number] if initial is None else initial
         lower, upper = np.clip(plant.control_range, -_LARGEST_CONTROL, _LARGEST_CONTROL)
-        noise = np.full(begin.size, given.noise)
+        noise = np.array([getattr(given.noise, name, 0.0) for name in kind.state_names])
         return PlantSetup(plant, begin, lower, upper, noise, held=given.held)
 
     def push(given: Any, simulation: SimulatedPlant, _: str) -> str:
@@ -98,7 +122,7 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
         return StatedView(problem_of(problem, given)).checked()
 
     node.create_subscription(GoalStatusArray, TOPIC, on_tracker_status, LATCHED)
-    parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
+    parameters = with_parameters_of(_with_states(problem), problem, besides=('solver',))
     return PlantModel(parameters, kind, setup, push, drawn)
 
 

@@ -228,6 +228,20 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
     listener.close()
 
 
+def test_a_plant_has_an_initial_value_and_noise_of_every_state(ros):
+    space = Space(ros, 'begun')
+    given = {'initial.x': 0.5, 'noise.v': 0.1}
+    space.start('plant', {'problem': f'{__name__}:Rail', **given})
+    states = space.hear('joint_states')
+    assert ros.spin_until(lambda: len(states) > 300)
+    positions, rates = np.array([[s.position[0], s.velocity[0]] for s in states]).T
+    assert set(positions) == {0.5}
+    assert (rates.mean(), rates.std()) == pytest.approx((0.0, 0.1), abs=0.02)
+    space.set('plant', initial__x=None)
+    space.trigger('reset')
+    assert ros.spin_until(lambda: states[-1].position[0] == -1.0)
+
+
 @dataclass(frozen=True)
 class Kind(Rail):
     """A parameter has the name of one of the tracker's own."""
