@@ -28,14 +28,16 @@ from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Execution, Mode, Observation
+from tdm_planner.replanning import ActivePlan, Execution, Observation
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
+from tdm_planner.replanning.replanner import SAME_START
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 T = TypeVar('T')
 
+_REMEMBERED = 3  # plans before the newest, that trackers may have kept
 _MARKER_RATE = 20.0  # Hz
 _OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
 _NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
@@ -45,10 +47,9 @@ _LINE = 44  # letters
 
 class ActivePlans:
     """
-    The newest published plan, pending or active, and the one that is active until it begins.
+    The plans published last; which of them is followed, only trackers know.
 
-    A pending plan that is superseded never becomes active. `superseded` says that another planner
-    has published one that begins later. Safe in any thread.
+    `superseded` says that another planner has published one that begins later. Safe in any thread.
     """
 
     def __init__(self) -> None:
@@ -60,20 +61,15 @@ class ActivePlans:
         """Return the plan that was published last."""
         return self._plans[-1] if self._plans else None
 
-    def add(self, plan: ActivePlan, now: float) -> None:
-        """Add a plan published at the instant `now` [s]."""
-        active = self.at(now)
-        self._plans = (plan,) if active is None else (active, plan)
+    def add(self, plan: ActivePlan) -> None:
+        """Add a plan that is published."""
+        self._plans = (*self._plans[-_REMEMBERED:], plan)
         self.superseded = False
 
-    def at(self, now: float) -> ActivePlan | None:
-        """Return the plan that is active at an instant [s]; None before the first."""
-        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
-
-    def next_start(self, now: float) -> float | None:
-        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
-        start = self._plans[-1].start if self._plans else now
-        return start if start > now else None
+    def starting(self, start: float | None) -> ActivePlan | None:
+        """Return the plan that starts at an instant [s]; None if it is none of these."""
+        found = (p for p in self._plans if start is not None and abs(p.start - start) < SAME_START)
+        return next(found, None)
 
 
 class Vehicle:
@@ -126,25 +122,26 @@ class Vehicle:
         state, stamp = self.measured.fresh(now, max_age)
         return Observation(state, stamp, self.tracker.mode(now), self.tracker.followed(now))
 
-    def followed_motion(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
-        """Return the motion of the plant by an active plan; None unless it is followed."""
+    def followed_motion(self, plans: ActivePlans, now: float) -> TimedTrajectory | None:
+        """Return the motion of the plant by the plan that its tracker says it follows, if any."""
+        plan = plans.starting(self.tracker.followed(now))
+        if plan is None:
+            return None
         motion = plan.motion(self.name)
         known = motion.trajectory.state_names == self._plant.kind.state_names
-        return motion if known and self.tracker.mode(now) is Mode.FOLLOWING else None
+        return motion if known else None
 
-    def predicted(
-        self, values: Values, now: float, start: float, plan: ActivePlan | None
-    ) -> Array:
+    def predicted(self, values: Values, now: float, start: float, plans: ActivePlans) -> Array:
         """
         Return the state (nx,) at the instant `start`, measured not long before `now`.
 
-        A plant that follows the active `plan`, within the tracking tolerance, is predicted along
+        A plant that follows one of the `plans`, within the tracking tolerance, is predicted along
         it, plus the rest of its deviation. Any other plant is predicted without control.
 
         Raise InvalidProblem or NoState if a state is missing, too old, or cannot be predicted.
         """
         state, measured = self.measured.fresh(now, values['start.max_age'])
-        motion, wait = None if plan is None else self.followed_motion(plan, now), start - measured
+        motion, wait = self.followed_motion(plans, now), start - measured
         if motion is not None:
             away = state - motion.reference(measured)
             away[self._angles] = wrapped(away[self._angles])
@@ -266,13 +263,20 @@ class Adapter:
 
         Raise InvalidProblem or NoState as `Vehicle.predicted` does.
         """
-        plan = self.plans.at(now)
-        return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
+        return self._starts(self._of_all(lambda v: v.predicted(values, now, start, self.plans)))
+
+    def pending_start(self, now: float) -> float | None:
+        """Return when the newest plan begins [s], if after `now`, and if a tracker awaits it."""
+        plan, plans = self.plans.newest, self.plans
+        if plan is None or plan.start <= now:
+            return None
+        then, vehicles = plan.start + SAME_START, self.vehicles.values()
+        awaited = any(plans.starting(v.tracker.followed(then)) is plan for v in vehicles)
+        return plan.start if awaited else None
 
     def rests(self, now: float) -> bool:
         """Whether a late start can be put off: of a stated plant that follows no plan."""
-        plan = self.plans.at(now)
-        moved = [v.followed_motion(plan, now) for v in self.vehicles.values()] if plan else []
+        moved = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
         return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:
@@ -329,7 +333,7 @@ class Adapter:
                 made = self._node.create_publisher(JointTrajectory, topic, LATCHED)
                 self._others[name] = made
             self._others[name].publish(message)
-        self.plans.add(plan, self._clock.now())
+        self.plans.add(plan)
         self._drawn = True
         view = next(iter(views.values()))
         ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]

@@ -205,7 +205,7 @@ def _wait_for_pending_start(adapter: Adapter, values: Values, clock: MotionClock
     """Return the instant to plan at [s]: the present, or the start of a plan that begins soon."""
     # From that start on the plant follows the pending plan; until then, the one before.
     now = clock.now()
-    begins = adapter.plans.next_start(now)
+    begins = adapter.pending_start(now)
     longest = max(values['solver.deadline'], _SHARES[1] * values['start.delay']) + _MARGIN
     if begins is None or begins - now > longest:
         return now

@@ -31,7 +31,7 @@ from tdm_planner.replanning.execution import (
 )
 
 LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
-_SAME_START = 1e-6  # s; instants are told in nanoseconds
+SAME_START: Final = 1e-6  # s; instants are told in nanoseconds
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of the time for solving, where the active plan would do
@@ -93,7 +93,7 @@ def keeping(
         name
         for name, seen in observations.items()
         if seen.followed is not None
-        and abs(seen.followed - earlier.start) < _SAME_START < newer.start - earlier.start
+        and abs(seen.followed - earlier.start) < SAME_START < newer.start - earlier.start
     ]
 
 

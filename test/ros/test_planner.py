@@ -7,6 +7,7 @@ from functools import partial
 import json
 import math
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -18,6 +19,7 @@ from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -159,6 +161,21 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros):
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
 
 
+def test_a_plan_that_no_tracker_has_accepted_is_not_planned_on(ros):
+    measuring = Planner(ros, start__delay=0.2)
+    measuring.measure(measuring.state([math.pi, 0.0, 0.0, 0.0]))
+    for told, at_rest in ((None, True), (GoalStatus.STATUS_EXECUTING, False)):
+        made = measuring.made()
+        if told is not None:
+            message = GoalStatusArray(status_list=[goal_status(begins(made), told)])
+            measuring.publisher('tracker_status').publish(message)
+        ros.spin_for(0.3)  # it is under way
+        measuring.measure(measuring.state([math.pi, 0.0, 0.0, 0.0]))
+        point = measuring.made().points[0]
+        found = [*point.positions, *point.velocities]
+        assert (found == pytest.approx([math.pi, 0.0, 0.0, 0.0], abs=1e-6)) == at_rest
+
+
 def test_states_that_cannot_be_planned_from(ros):
     measuring = Planner(ros)
     state, hanging = measuring.state, [3.0, 0.0, 0.0, 0.0]
@@ -241,8 +258,7 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     assert 'the clock was set by -3.6e+03 s' in planner.here.output
     assert node._plan is plan
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
-    assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
-    assert node._adapter.plans.next_start(plan.start) is None
+    assert node._adapter.plans.starting(plan.start) is plan
 
 
 class Fleet(Space):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import tracker_plans
-from tdm_planner.nodes.adapter import ActivePlans, Vehicle
+from tdm_planner.nodes.adapter import ActivePlans, Adapter, Vehicle
 from tdm_planner.nodes.planning import PlanQueue, Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -115,7 +115,7 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
     it.now.return_value, it.plans = 0.0, ActivePlans()
     replanning = Replanning(it, it, it, it, it.publish)
     plan = partial(ActivePlan, 'problem', 'solution')
-    it.plans.add(plan(0.0, request_parameters={'wide': 2.0}), 0.0)
+    it.plans.add(plan(0.0, request_parameters={'wide': 2.0}))
     replanning._on_timer()
     ((asked, *_), _) = it.observations.call_args
     assert asked == {**values, 'wide': 2.0}
@@ -202,7 +202,7 @@ def predict(plan, state, measured, start):
     robot = SimpleNamespace(measured=seen, followed_motion=lambda *_: plan)
     robot._plant = planned_plant(RobotFormation, {})
     robot._angles = np.isin(np.arange(7), (4, 6))
-    return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, plan)
+    return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, ActivePlans())
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
@@ -221,17 +221,20 @@ def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at)
         np.testing.assert_allclose(predicted, [1.1, 1.0, 0.1, 0.0, 0.2, 0.2, 0.5], atol=1e-12)
 
 
-def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
-    plans = ActivePlans()
-    assert plans.at(9.0) is plans.next_start(9.0) is None
-    first, second, third = (TimedTrajectory(plan.trajectory, at) for at in (10.0, 19.0, 20.0))
-    plans.add(first, 9.0)
-    assert (plans.at(9.0), plans.next_start(9.0)) == (None, 10.0)
-    assert plans.at(11.0) is first
-    plans.add(second, 18.0)
-    assert plans.at(18.0) is first
-    plans.add(third, 18.1)  # the second one never begins
-    assert plans.at(19.0) is first
-    assert plans.next_start(19.9) == 20.0
-    assert plans.next_start(20.0) is None
-    assert plans.at(20.0) is third
+def test_a_plan_is_followed_or_awaited_where_a_tracker_says_so(plan):
+    told = {'robot1': None}
+    tracker = SimpleNamespace(followed=lambda now: told['robot1'])
+    it = SimpleNamespace(
+        plans=ActivePlans(), vehicles={'robot1': SimpleNamespace(tracker=tracker)}
+    )
+    first, second = (TimedTrajectory(plan.trajectory, at) for at in (10.0, 19.0))
+    for made in (first, second):
+        it.plans.add(made)
+        assert it.plans.newest is made
+        assert Adapter.pending_start(it, made.start - 1.0) is None
+    for start, followed, begins in ((10.0, first, None), (19.0, second, 19.0), (12.0, None, None)):
+        told['robot1'] = start
+        assert it.plans.starting(start + 1e-9) is followed
+        assert Adapter.pending_start(it, 18.0) == begins
+    told['robot1'] = 19.0
+    assert Adapter.pending_start(it, 19.0) is None

@@ -50,7 +50,7 @@ def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False):
         return {'start.x': start - now}
 
     made.measured_start, made.rests.return_value = measured_start, rests
-    made.plans.next_start = lambda now: begin if begin > now else None
+    made.pending_start = lambda now: begin if begin > now else None
     made.missing = lambda: [] if Problem.clock.passed >= comes else ['no state was received here']
     return made
 
