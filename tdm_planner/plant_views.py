@@ -35,15 +35,15 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking import TrackerParameters
-from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.pendulum_tracking import settling, UPRIGHT
+from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
+from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
 
-_ALLOWED = 0.05  # share of a limit, and of the range of a stated plant's state
 _ROUNDING = 1e-9
-_SETTLED = 12.0  # 1 / w0 in which a pendulum that is caught stands upright
 
 
 class Tolerance(NamedTuple):
@@ -147,7 +147,7 @@ class PendulumView(PlantView):
     name = 'pendulum'
     title = 'Swing-up of the rotary pendulum'
     settling = 3.0
-    near = (Tolerance(('theta',), 0.05),)
+    near = (Tolerance(('theta',), UPRIGHT),)
     labels: ClassVar[Mapping[str, str]] = {
         'theta': 'pendulum from upright',
         'psi': 'disk',
@@ -163,14 +163,14 @@ class PendulumView(PlantView):
         if problem is not None:
             limits = problem.limits
             drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
-            self.settling = max(self.settling, _SETTLED / problem.plant.natural_frequency)
+            self.settling = settling(problem.plant)
         super().__init__(PENDULUM, problem, drawn)
 
     def allowed(self, limit: str) -> float:
         """Return room for the feedback beyond the disk's angle, none beyond the torque."""
         if limit != 'disk_angle' or self._limits is None:
             return super().allowed(limit)
-        return _ALLOWED * self._limits.disk_angle
+        return ALLOWED * self._limits.disk_angle
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Both sides of the torque and of the disk's angle."""
@@ -184,8 +184,8 @@ class RobotView(PlantView):
     """A robot of a formation, in its place at the end."""
 
     title = 'Formation of floating robots'
-    settling = 8.0
-    near = (Tolerance(('x', 'y'), 0.02), Tolerance(('yaw',), 0.03))
+    settling = RobotTracker.settling
+    near = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, LOWER_THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
     labels: ClassVar[Mapping[str, str]] = {
@@ -249,7 +249,7 @@ class RobotView(PlantView):
 class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
-    settling = 1.0
+    settling = StatedTracker.settling
 
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
@@ -260,7 +260,7 @@ class StatedView(PlantView):
 
     def allowed(self, limit: str) -> float:
         """Return the share by which margins of limits may be negative: feedback needs room."""
-        return _ALLOWED
+        return ALLOWED
 
     def checked(self) -> StatedView:
         """Return this after a drawing of the start; raises InvalidProblem where that fails."""
@@ -286,7 +286,7 @@ class StatedView(PlantView):
         given = np.isfinite(end)
         ranges, _ = self._tracked(plan)
         tolerances = tuple(
-            Tolerance((name,), _ALLOWED * float(size))
+            Tolerance((name,), ALLOWED * float(size))
             for name, size, known in zip(plan.state_names, ranges, given, strict=True)
             if known
         )
@@ -299,7 +299,7 @@ class StatedView(PlantView):
     def end_conditions(self, time: float, state: Array) -> Array:
         """Return the conditions, of order one, as shares of what is allowed."""
         found = self._stated.parts('end_conditions', np.array([time]), state[None])
-        return np.array([float(value[0]) / _ALLOWED for value in found])
+        return np.array([float(value[0]) / ALLOWED for value in found])
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Return the limits of controls that are finite."""

@@ -44,7 +44,11 @@ GRACE = 1.0  # s for a living planner's summary of that plan to arrive
 _ACTIVE: Mapping[Phase, int] = {
     Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
     Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
-    Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
+}
+_HELD: Mapping[bool | None, int] = {  # by whether the goal was reached
+    None: GoalStatus.STATUS_EXECUTING,
+    True: GoalStatus.STATUS_SUCCEEDED,
+    False: GoalStatus.STATUS_ABORTED,
 }
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 _PERIOD = 0.2  # s between attempts to ask for the parameters
@@ -120,10 +124,10 @@ class TrackerStatus:
     Both topics are latched for late subscribers: viewers, planners that were restarted.
 
     ACCEPTED   to be executed from its start on
-    EXECUTING  being tracked
-    SUCCEEDED  its end was reached, and is held until another status or plan follows
+    EXECUTING  being tracked, or held but not at the goal yet
+    SUCCEEDED  the plant was measured at its goal, which is held until another status or plan
     CANCELING  stopped; the plant is being brought to rest (`replan.on_deviation`)
-    ABORTED    rejected, or stopped after a deviation: it is not executed any more
+    ABORTED    rejected, stopped after a deviation, or not at the goal in time: its end is held on
     CANCELED   superseded by a newer plan, or the tracker was deactivated
 
     A plan that is over is reported once, and afterwards only while no other plan is active.
@@ -160,8 +164,8 @@ class TrackerStatus:
         self._announce(None if tracker.newest is None else tracker.newest.trajectory)
         active: dict[int, int] = {}  # status by a trajectory's identity
         if tracker.current is not None:
-            unknown = GoalStatus.STATUS_UNKNOWN
-            active[id(tracker.current.trajectory)] = _ACTIVE.get(tracker.phase, unknown)
+            held, current = _HELD[tracker.current.reached], tracker.current
+            active[id(current.trajectory)] = _ACTIVE.get(tracker.phase, held)
         if tracker.pending is not None:
             active[id(tracker.pending.trajectory)] = GoalStatus.STATUS_ACCEPTED
         gone = GoalStatus.STATUS_CANCELING if tracker.braking else GoalStatus.STATUS_ABORTED

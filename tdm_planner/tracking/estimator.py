@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 import math
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -247,6 +247,12 @@ class StateEstimator:
         covariance = self._covariance - gain @ self._covariance[:size]
         covariance[size] = covariance[:, size]  # also where the delay is not corrected
         self._covariance = 0.5 * (covariance + covariance.T)
+
+
+STUCK: Final = (
+    'the measured state stays the same to the last digit, although what was commanded must move '
+    'the plant: is a sensor stuck?'
+)
 
 
 class RepetitionWatch:

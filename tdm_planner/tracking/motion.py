@@ -19,6 +19,8 @@ from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
+_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
+MISSED = 'the goal was not reached {:.3g} s after the plan ended'.format
 _SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
@@ -85,6 +87,12 @@ class TrackerParameters(Validated):
         """Time for which a command acts [s]."""
         return 1.0 / self.rate
 
+    def too_slow(self, growth_rate: float) -> str:
+        """Tell that commands are too slow where deviations grow at that rate [1/s], '' if not."""
+        rate, least = self.rate, _SLOWEST * growth_rate
+        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
+        return slow if rate < least else ''
+
 
 class TrajectoryRejected(TdmError):
     """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
@@ -140,12 +148,14 @@ class Motion(TimedTrajectory):
     A plan that a tracker has accepted; `law` is what a subclass prepared for it.
 
     It is followed `late` s after its time, `pace` times as fast as planned: 0 and 1, unless the
-    tracker waits for the plant or hurries after it.
+    tracker waits for the plant or hurries after it. `reached` says whether its goal was reached in
+    time, None as long as that is open.
     """
 
     law: Any
     late: float = 0.0
     pace: float = 1.0
+    reached: bool | None = None
 
     @property
     def end(self) -> float:
@@ -160,6 +170,11 @@ class Motion(TimedTrajectory):
         """Return the same, come so far at the instant `time` [s], and played at another pace."""
         return replace(self, late=time - self.start - elapsed / pace, pace=pace)
 
+    def judged(self, time: float, at_goal: bool, settling: float) -> Motion:
+        """Return the same; its goal counts as missed `settling` s after the end."""
+        known = at_goal or time > self.end + settling
+        return replace(self, reached=at_goal) if known else self
+
     def is_of(self, trajectory: Trajectory, start: float) -> bool:
         """Whether it is the very trajectory from the instant `start` [s] on."""
         own = self.trajectory
@@ -170,6 +185,17 @@ class Motion(TimedTrajectory):
             and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_SAME)
             and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_SAME)
         )
+
+
+def too_far(deviation: float, tolerance: Tolerances, what: str, name: str) -> str:
+    """Tell that a tolerance is exceeded, of the `name`; '' where it is not."""
+    allowed: float = getattr(tolerance, name)
+    if deviation <= allowed:
+        return ''
+    return (
+        f'the state is {deviation:.3g} away from the {what}, more than tolerance.{name} = '
+        f'{allowed:g}'
+    )
 
 
 def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: float) -> None:

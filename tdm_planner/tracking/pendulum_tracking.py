@@ -61,6 +61,7 @@ _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
 _PACES = 0.85, 1.15  # at which a plan may be played
+UPRIGHT = 0.05  # rad from upright that counts as reached
 _TOLD_APART = 3.0  # standard deviations of measured angles
 
 
@@ -138,6 +139,11 @@ class EstimatedPendulum(PlantWithGains):
         return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
 
 
+def settling(plant: RotaryPendulum) -> float:
+    """Return the time [s] after a swing-up in which a pendulum that is caught stands upright."""
+    return max(3.0, 12.0 / plant.natural_frequency)
+
+
 def longest_step(plant: RotaryPendulum) -> float:
     """Return the longest step [s] in which a prediction is accurate."""
     return min(PREDICTION_STEP, _FINE / plant.natural_frequency / plant.quickness)
@@ -171,6 +177,7 @@ class PendulumTracker(TrajectoryTracker):
         model, times = EstimatedPendulum(plant), (parameters.state_timeout, longest_step(plant))
         estimator = StateEstimator(model, noise, [0], *times, parameters.command_delay)
         super().__init__(parameters, plant, estimator)
+        self.settling = settling(plant)
         weights, limit = parameters.weights, parameters.limits.torque
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
@@ -262,6 +269,12 @@ class PendulumTracker(TrajectoryTracker):
     def _scale(pace: float) -> Array:
         """Factors (4,) of planned states where the plan is played at a pace."""
         return np.array([1.0, 1.0, pace, pace])
+
+    def at_goal(self, motion: Motion, state: Array) -> bool:
+        """Whether it is nearly upright, and the regulator holds it there."""
+        goal = motion.trajectory.states[-1]
+        lean = abs(self.error(state, goal)[0])
+        return bool(lean < UPRIGHT and self.level(state, goal) < 1.0)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about upright, the disk at the plan's last angle."""

@@ -31,13 +31,7 @@ from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
 from tdm_planner.tracking.linear_quadratic import mean_controls
-from tdm_planner.tracking.motion import (
-    Action,
-    Motion,
-    NOISE,
-    Tolerances,
-    TrackerParameters,
-)
+from tdm_planner.tracking.motion import Action, Motion, NOISE, Tolerances, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -49,6 +43,8 @@ _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a d
 _BURN_LATERAL = 0.05  # the same at a burn of a plan that burns and coasts
 _ANY_DIRECTION = 50.0  # rad
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
+GOAL_DISTANCE, GOAL_TURN = 0.02, 0.03  # m, rad from the goal that count as reached
+_GOAL_CALM = 3.0  # times the speeds above, at the goal
 _PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
 _SETTLED = 0.25  # share of the miss left alone at which a correction ends
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
@@ -202,6 +198,7 @@ class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
     parameters: RobotTrackerParameters
+    settling = 8.0
 
     def __init__(
         self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
@@ -304,6 +301,13 @@ class RobotTracker(TrajectoryTracker):
         )
         feedback = control - [thrust, 0.0, torque]
         return Action(control, feedback, error)
+
+    def at_goal(self, motion: Motion, state: Array) -> bool:
+        """Whether it is in its place, as near as station-keeping is to keep it, and calm."""
+        error = self.error(state, motion.trajectory.states[-1])
+        near = max(GOAL_DISTANCE, self.parameters.feedback.coasting)
+        placed = self.deviation(error) < near and abs(error[_YAW]) < GOAL_TURN
+        return bool(placed and self.calm(state, _GOAL_CALM))
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Keep station at the end of the trajectory."""

@@ -16,7 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.arrays import Array, largest_of_unit, Mask
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
@@ -25,6 +27,7 @@ from tdm_planner.tracking.motion import Action, Motion, Phase, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
+ALLOWED = 0.05  # share of a state's range from a given end that counts as reached
 _FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
@@ -49,17 +52,21 @@ class StatedLaw:
     """
     What is prepared of a plan: its law, and how both ends are held.
 
-    `touched` is what feedback may violate limits by in which controls have a part.
+    `touched` is what feedback may violate limits by in which controls have a part; `given` (nx,)
+    are the states whose end the statement gives.
     """
 
     law: PlanLaw
     begin: Hold | None
     end: Hold | None
     touched: Array
+    given: Mask
 
 
 class StatedTracker(TrajectoryTracker):
     """Tracker of any `DirectProblem`; deviations are shares of the range of a plan's states."""
+
+    settling = 1.0
 
     def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
         self.problem, self._plant = problem, DirectPlant(problem)
@@ -89,7 +96,8 @@ class StatedTracker(TrajectoryTracker):
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.growth_rate = float(growths.max(initial=0.0))
-        return StatedLaw(law, begin, hold, touched)
+        given = np.isfinite(Ends.of(CheckedFormulation(self.problem)).states[1])
+        return StatedLaw(law, begin, hold, touched, given)
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """
@@ -168,6 +176,11 @@ class StatedTracker(TrajectoryTracker):
             planned = mean_controls(law.trajectory, [first + elapsed, first + until])[0]
         reference = law.trajectory.sample(first + elapsed).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
+
+    def at_goal(self, motion: Motion, state: Array) -> bool:
+        """Whether every state whose end is given is near to it."""
+        away = np.abs(self.error(state, motion.trajectory.states[-1]))
+        return bool((away < ALLOWED * self.ranges)[motion.law.given].all())
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""

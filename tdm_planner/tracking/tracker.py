@@ -26,13 +26,15 @@ from typing import Any
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plants.base import Named
-from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator
+from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator, STUCK
 from tdm_planner.tracking.motion import (
     Action,
     check_trajectory,
     Command,
+    MISSED,
     Motion,
     Phase,
+    too_far,
     TrackerParameters,
     TrajectoryMissed,
     TrajectoryRejected,
@@ -40,7 +42,6 @@ from tdm_planner.tracking.motion import (
 from tdm_planner.trajectory import Trajectory
 
 _CALM_SLACK = 3.0
-_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 # What numerics raise where numbers leave the range in which they can be computed.
 BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
@@ -54,8 +55,10 @@ class TrajectoryTracker(ABC):
     Commands that keep a plant on a trajectory; subclasses give the laws of one plant.
 
     Call `observe` for every state sample, `accept` for every trajectory and `command` at every
-    tick of the clock.
+    tick of the clock. The goal is to be reached `settling` s after a trajectory's end.
     """
+
+    settling: float
 
     def __init__(
         self, parameters: TrackerParameters, plant: Named, estimator: StateEstimator
@@ -95,6 +98,10 @@ class TrajectoryTracker(ABC):
         """Feedforward and feedback for the interval that begins at the instant `time` [s]."""
 
     @abstractmethod
+    def at_goal(self, motion: Motion, state: Array) -> bool:
+        """Whether the state (nx,) is that to which the motion leads, within a tolerance."""
+
+    @abstractmethod
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end of the trajectory."""
 
@@ -126,9 +133,7 @@ class TrajectoryTracker(ABC):
     @property
     def warning(self) -> str:
         """Say that the commands are too slow for the plant, where they are."""
-        rate, least = self.parameters.rate, _SLOWEST * self.growth_rate
-        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
-        return slow if rate < least else ''
+        return self.parameters.too_slow(self.growth_rate)
 
     # What all have in common.
 
@@ -159,8 +164,7 @@ class TrajectoryTracker(ABC):
 
     def follows(self, trajectory: Trajectory, start: float) -> bool:
         """Whether the very trajectory, from the instant `start` [s] on, is active already."""
-        motions = (self.current, self.pending)
-        return any(motion is not None and motion.is_of(trajectory, start) for motion in motions)
+        return any(m.is_of(trajectory, start) for m in (self.current, self.pending) if m)
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """
@@ -248,13 +252,7 @@ class TrajectoryTracker(ABC):
 
     def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
         """Tell that a tolerance is exceeded; empty where it is not."""
-        deviation, allowed = self.deviation(error), getattr(self.parameters.tolerance, name)
-        if deviation <= allowed:
-            return ''
-        return (
-            f'the state is {deviation:.3g} away from the {what}, more than tolerance.{name} = '
-            f'{allowed:g}'
-        )
+        return too_far(self.deviation(error), self.parameters.tolerance, what, name)
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""
@@ -316,10 +314,7 @@ class TrajectoryTracker(ABC):
     def _stale(self, now: float, age: float) -> str:
         """Tell why there is no state that can be believed."""
         if self._repetition.stuck:
-            return (
-                'the measured state stays the same to the last digit, although what was commanded '
-                'must move the plant: is a sensor stuck?'
-            )
+            return STUCK
         if math.isinf(age):
             return self._broke_down(now) or 'no state has been received yet'
         timeout = self.parameters.state_timeout
@@ -345,6 +340,11 @@ class TrajectoryTracker(ABC):
         tracking = self.phase is Phase.TRACKING
         action = (self.track if tracking else self.hold)(motion, time, state)
         far = self._too_far(action.error, 'trajectory' if tracking else 'goal')
+        if not tracking and motion.reached is None:
+            self.current = motion = motion.judged(time, self.at_goal(motion, state), self.settling)
+            if motion.reached is False:
+                self.reason = MISSED(self.settling)
+                far = far or self.reason * self.parameters.replan.on_deviation
         if far:
             self.give_up(far)
         return None if far else action

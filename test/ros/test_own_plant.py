@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from double_integrator import CartStart, DoubleIntegrator
 from marker_checks import check_markers, Scene
 import numpy as np
@@ -152,6 +153,7 @@ class Loop(Space):
         self.start('tracker', {'kind': problem})
         self.start('planner', {'problem': problem, 'start.source': 'parameters', **planner})
         self.states, plans = self.hear('joint_states'), self.hear('trajectory')
+        self.statuses = self.hear('tracker_status', GoalStatusArray)
         self.plan()
         self.plans, points = plans, plans[-1].points
         ranges = np.ptp([point.positions for point in points], axis=0)
@@ -172,6 +174,13 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros, problem):
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
         assert loop.away(loop.end + 5 * 10**9) < ALLOWED
+    ros.spin_for(0.1)
+    told = [goal.status for array in loop.statuses for goal in array.status_list]
+    assert told == [
+        GoalStatus.STATUS_ACCEPTED,
+        GoalStatus.STATUS_EXECUTING,
+        GoalStatus.STATUS_SUCCEEDED,
+    ]
 
 
 def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros):

@@ -142,7 +142,7 @@ class Bench:
         told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
         made = lambda _, topic, *__: SimpleNamespace(publish=told[topic])  # noqa: E731
         self.status = TrackerStatus(SimpleNamespace(create_publisher=made))
-        self.plans = {}
+        self.plans, self.reached = {}, None
         self.status.begin()
 
     def publish(self, message) -> None:
@@ -156,7 +156,8 @@ class Bench:
         self.status.accepted(self.plans[start], start, str(start).encode())
 
     def tracker(self, phase: Phase, *starts: int, braking: bool = False):
-        motions = [SimpleNamespace(trajectory=self.plans[start]) for start in starts]
+        found = [self.plans[start] for start in starts]
+        motions = [SimpleNamespace(trajectory=plan, reached=self.reached) for plan in found]
         made = SimpleNamespace(phase=phase, braking=braking)
         made.current, made.pending = [*motions, None, None][:2]
         made.newest = made.pending or made.current
@@ -173,7 +174,8 @@ def test_a_plan_from_its_acceptance_to_its_end():
     bench.accept(5)
     assert bench.tick(Phase.WAITING, 5) == {5: 'ACCEPTED'}
     assert bench.tick(Phase.TRACKING, 5) == {5: 'EXECUTING'}
-    bench.tick(Phase.TRACKING, 5)
+    bench.tick(Phase.HOLDING, 5)
+    bench.reached = True
     assert bench.tick(Phase.HOLDING, 5) == {5: 'SUCCEEDED'}
     bench.tick(Phase.HOLDING, 5)
     assert len(bench.told) == 4  # changes only
@@ -183,6 +185,8 @@ def test_a_plan_from_its_acceptance_to_its_end():
     assert bench.tick(Phase.STOPPED) == {8: 'ABORTED'}
     bench.accept(9)
     assert bench.tick(Phase.WAITING, 9) == {8: 'ABORTED', 9: 'ACCEPTED'}
+    bench.reached = False
+    assert bench.tick(Phase.HOLDING, 9) == {9: 'ABORTED'}
     bench.status.cancel()
     assert bench.told[-1][9] == 'CANCELED'
     assert bench.followed == [b'5', b'8', JointTrajectory(), b'9', JointTrajectory()]
@@ -199,6 +203,7 @@ def test_a_plan_that_is_superseded_is_canceled_and_one_that_is_rejected_aborted(
     assert told == {5: 'EXECUTING', 8: 'CANCELED', 9: 'ACCEPTED'}
     assert bench.tick(Phase.TRACKING, 9) == {5: 'CANCELED', 9: 'EXECUTING'}
     # the one before goes on
+    bench.reached = True
     bench.tick(Phase.HOLDING, 9)
     bench.status.rejected(10, bench.tracker(Phase.HOLDING, 9))
     assert bench.tick(Phase.HOLDING, 9) == {9: 'SUCCEEDED', 10: 'ABORTED'}

@@ -78,7 +78,7 @@ def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, l
     assert abs(away) > loop.tracker.parameters.tolerance.path
     loop.plant.push(lambda state: 0.0 * state)
     loop.run(0.05)
-    assert loop.tracker.phase is Phase.HOLDING
+    assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, True)
     assert held(loop, 0.5, 0.3)
 
 

@@ -86,7 +86,7 @@ def followed(loop: Loop, plan: Trajectory) -> Loop:
 def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(plan):
     loop = followed(Loop(robot(plan.states[0], mismatch=0.05, noise=1.0)), plan)
     loop.run(8.0)
-    assert loop.tracker.phase is Phase.HOLDING
+    assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, True)
     late = np.array(loop.states[-200:])
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.02
     assert np.abs(late[:, 4] - plan.states[-1, 4]).max() < 0.03
@@ -180,6 +180,23 @@ def test_a_robot_carried_away_is_given_up_and_brakes_for_a_new_plan(plan, on_dev
     assert loop.tracker.wants_plan
     assert np.hypot(*loop.plant.state[2:4]) < 0.015
     assert not loop.controls[-1].any()
+
+
+@pytest.mark.parametrize('on_deviation', [False, True])
+def test_a_robot_that_does_not_reach_its_goal_has_missed_it_and_goes_on_to_hold(on_deviation):
+    plan = trajectory(np.array([0.0, 2.0]), np.zeros((2, 3)), 'zero_order_hold')
+    wanted = replace(plan, states=plan.states + np.linspace(0.0, 0.24, 2)[:, None] * np.eye(7)[0])
+    loop = Loop(robot(plan.states[0], replan__on_deviation=on_deviation))
+    loop.plant.setup = replace(loop.plant.setup, upper=loop.plant.setup.upper * [1e-9, 1.0, 1.0])
+    loop.begin(wanted, 0.2)
+    loop.run(1.8 + loop.tracker.settling)
+    assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, None)
+    loop.run(0.5)
+    assert 'the goal was not reached 8 s after the plan ended' in loop.commands[-1].problem
+    if on_deviation:
+        assert loop.tracker.phase is Phase.RECOVERING
+    else:
+        assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, False)
 
 
 def test_the_thruster_turns_before_the_start_and_nothing_is_fired(plan: Trajectory) -> None:
