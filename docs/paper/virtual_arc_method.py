@@ -129,7 +129,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
             nearest = f' (the least violation was {self._closest:.2g})'
         reason = (
             f'none of {self._starts} starts gave a transfer in which theta goes one way all '
-            f'along, as a virtual arc must{nearest}: a torque of {self._task.planned_torque:.3g} N m '
+            f'along, as a virtual arc must{nearest}: {self._task.planned_torque:.3g} N m '
             f'(limits.torque less torque_reserve) may not do it without swinging back{remedy}'
         )
         cut_short = self._starts < _CONVINCING or self._closest < _PROMISING

@@ -296,7 +296,7 @@ def test_no_plan_is_explained():
         changed(Cart, starts=2)(limit=0.9, solver=LONG).solve()
     with pytest.raises(Infeasible, match='the conditions at the end by'):
         solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
-    with pytest.raises(Infeasible, match='the conditions at the start by 0.6'):
+    with pytest.raises(Infeasible, match='the conditions at the start by'):
         solve(starts=1, start_conditions=lambda self, t, x: (x[0] - 0.4,))
     with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
