@@ -109,6 +109,7 @@ class MisledRig(PendulumRig):
             start, end = self.plan()
             if end - start > SHORTEST_SWING:
                 return start, end
+            self.wait_until(self.now + 0.02)
         raise AssertionError(self.story())
 
     def reach(self, phase: str) -> float:

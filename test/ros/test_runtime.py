@@ -127,7 +127,6 @@ def invalid() -> Node:
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
         *[(make, ['--ros-args', '-p', text], 2, says) for make, text, says in INVALID],
     ],
-    ids=str,
 )
 def test_the_end_of_a_node_that_is_made(capfd, make, args, code, says):
     assert run(make, args) == code

@@ -5,7 +5,7 @@
 
 from collections.abc import Mapping
 import csv
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -27,7 +27,7 @@ from tdm_sim.report.recorded_vehicles import planned_vehicles
 
 CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
 # Neither derived from the built-in ones nor stated as a formulation; without limits.
-Foreign = changed(Problem, name='foreign', search=Mock(side_effect=NotImplementedError))
+Foreign = dataclass(changed(Problem, name='foreign', search=Mock(side_effect=NotImplementedError)))
 
 
 @pytest.fixture(scope='module')

@@ -165,7 +165,7 @@ class DirectMinima:
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
-        Yield those in sight, an `earlier` solution, the first guess if untried, changes of it.
+        Yield those in sight, an `earlier` solution, the initial guess if untried, changes of it.
 
         With an earlier solution no changes are tried: replanning is to be quick.
         """

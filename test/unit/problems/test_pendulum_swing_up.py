@@ -392,7 +392,7 @@ def test_collocation_leads_from_many_arcs_to_a_quicker_swing_up():
     assert read[0].durations.size > read[1].durations.size
     torques = [float(arcs.durations @ arcs.torques) for arcs in read]
     assert torques[0] == pytest.approx(torques[1], abs=0.05 * read[0].total * task.planned_torque)
-    best, violation = min((polish(task, a, 96, 1e-8, budget) for a in read), key=lambda b: b[1])
+    best, violation = min((polish(task, a, 384, 1e-8, budget) for a in read), key=lambda b: b[1])
     assert violation < 1e-8
     assert task.plan(candidates.trajectory(task, best), best.durations, violation).verification.ok
     assert best.total < 0.7 * first.total
