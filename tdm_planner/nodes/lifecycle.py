@@ -37,9 +37,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
     With `autostart` it configures and activates itself, as soon as its parameters, together, allow
-    it. Entities
-    created from `configure` on are destroyed with the configuration, and publishers are silent
-    unless the node is active.
+    it. Entities created from `configure` on are destroyed with the configuration, and publishers
+    are silent unless the node is active.
 
     Subclasses call `bring_up` at the end of their constructor.
     """
