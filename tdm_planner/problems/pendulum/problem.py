@@ -149,7 +149,8 @@ class PendulumSwingUp(Problem, Validated):
         """Compile the kernels, or load them."""
         _compile()
         stated = StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc')
-        prepare_collocation(stated)
+        if self.method != 'virtual_arc':  # it does not begin from a switching torque
+            prepare_collocation(stated)
         if self.method != 'switching':
             stated.prepare()
 

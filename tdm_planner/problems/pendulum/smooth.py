@@ -165,31 +165,37 @@ class ContinuousTorqueSearch(Search[Solution]):
 
     def candidates(self) -> Iterator[Solution]:
         """Plan from a switching torque, for the nearest goal, and for the next one in time."""
+        for turns, share, previous in self._attempts():
+            plan = self._continuous(turns, share * self.budget.remaining, previous)
+            if plan is not None:
+                yield plan
+                if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
+                    return
+
+    def _attempts(self) -> Iterator[tuple[int, float, Solution | None]]:
+        """Yield goals, each with its share of the time left, and the plan to begin from."""
         if self._previous is None and not self._one_way:
             with suppress(Infeasible):
                 plan = self._switching(self.budget.part(_SWITCHING_SHARE * self.budget.remaining))
                 (motion,) = plan.trajectories.values()
-                turns = round(float(motion.states[-1, 0]) / (2.0 * math.pi))
-                yield from self._continuous(turns, self.budget.remaining, plan)
+                yield self._task.turns_nearest(motion.states[-1]), 1.0, plan
         for number, turns in enumerate(self._goals()):
-            if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
-                return
-            share = _FIRST_SHARE if number == 0 else 1.0
-            yield from self._continuous(turns, share * self.budget.remaining, self._previous)
+            yield turns, (1.0 if number else _FIRST_SHARE), self._previous
 
     def _continuous(
         self, turns: int, seconds: float, previous: Solution | None
-    ) -> Iterator[Solution]:
-        """Yield the plan to theta = 2 pi `turns` that is found in `seconds` [s], if any."""
+    ) -> Solution | None:
+        """Return the plan to theta = 2 pi `turns` that is found in `seconds` [s], if any."""
         task = replace(self._task, whole_range=True)  # it is planned for once
         stated = StatedSwingUp.of(task, turns, self._one_way)
         search = stated.search(self.budget.part(seconds), self._rng, previous)
         try:
-            yield search.run()
+            return search.run()
         except Infeasible as error:
             self._refusal = self._refusal or error
         except InvalidProblem as error:  # what is stated here is right: its numbers are not
             raise FloatingPointError(str(error)) from error
+        return None
 
     def plans(self, candidate: Solution) -> Iterator[Solution]:
         """Yield the plan with the check that all swing-ups pass."""

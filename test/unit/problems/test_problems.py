@@ -16,6 +16,7 @@ from stated import changed
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
+from tdm_planner.problems.pendulum.smooth import StatedSwingUp
 from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.verification import Verification
@@ -140,6 +141,21 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
     silent = changed(type(problem), assess=Problem.assess).from_parameters({})
     with pytest.raises(VerificationFailed, match='cannot assess'):
         silent.recovered(solution.trajectories)
+
+
+def test_a_goal_that_fails_late_leaves_what_is_left_to_the_next(monkeypatch) -> None:
+    goals = []
+
+    def search(stated, until, rng, previous):
+        goals.append(stated.goal)
+        until.evaluations += 7  # of ten that are the deadline
+        return Mock(run=Mock(side_effect=Infeasible('none')))
+
+    monkeypatch.setattr(StatedSwingUp, 'search', search)
+    problem, budget = PendulumSwingUp(method='virtual_arc'), Budget(1.0, evaluations=10)
+    with pytest.raises(Infeasible):
+        problem.search(budget, np.random.default_rng(0), None).run()
+    assert sorted(goals) == [0.0, 2.0 * np.pi]
 
 
 def test_processes_and_the_order_of_sets_change_nothing() -> None:
