@@ -16,8 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from tdm_planner.arrays import Array, largest_of_unit, Mask
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
@@ -52,15 +51,13 @@ class StatedLaw:
     """
     What is prepared of a plan: its law, and how both ends are held.
 
-    `touched` is what feedback may violate limits by in which controls have a part; `given` (nx,)
-    are the states whose end the statement gives.
+    `touched` is what feedback may violate limits by in which controls have a part.
     """
 
     law: PlanLaw
     begin: Hold | None
     end: Hold | None
     touched: Array
-    given: Mask
 
 
 class StatedTracker(TrajectoryTracker):
@@ -77,6 +74,7 @@ class StatedTracker(TrajectoryTracker):
         estimator = StateEstimator(self._plant, noise, [], gap, delay=delay)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
+        self._ends_at_goal = np.isfinite(Ends.of(self._plant.stated).states[1])  # (nx,)
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
@@ -96,8 +94,7 @@ class StatedTracker(TrajectoryTracker):
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.growth_rate = float(growths.max(initial=0.0))
-        given = np.isfinite(Ends.of(CheckedFormulation(self.problem)).states[1])
-        return StatedLaw(law, begin, hold, touched, given)
+        return StatedLaw(law, begin, hold, touched)
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """
@@ -180,7 +177,7 @@ class StatedTracker(TrajectoryTracker):
     def at_goal(self, motion: Motion, state: Array) -> bool:
         """Whether every state whose end is given is near to it."""
         away = np.abs(self.error(state, motion.trajectory.states[-1]))
-        return bool((away < ALLOWED * self.ranges)[motion.law.given].all())
+        return bool((away < ALLOWED * self.ranges)[self._ends_at_goal].all())
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""

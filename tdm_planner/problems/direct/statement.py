@@ -197,8 +197,8 @@ def violated_at_ends(left: Left) -> list[str]:
         f"the {where} violates the limit '{name}' by {-value:.3g}, whatever the "
         f'motion: change the {where} or the limit'
         for side, where in enumerate(('start', 'end'))
-        for name, value in zip(left, [pair[side] for pair in left.values()], strict=True)
-        if value is not None and value < -MARGIN_TOLERANCE
+        for name, values in left.items()
+        if (value := values[side]) is not None and value < -MARGIN_TOLERANCE
     ]
 
 
