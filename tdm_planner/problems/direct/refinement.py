@@ -78,7 +78,9 @@ class Refinement:
         limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
         self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        self._solved = 0.0  # s an interval that solutions on more of them took, the last most
+        self._roughly = False  # whether kinks have to be rounder: sharp ones were not solved
+        # s an interval that the last solution took, and those on more intervals, the last most.
+        self._took = self._solved = 0.0
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
@@ -113,9 +115,18 @@ class Refinement:
         kept[[0, -1]] = self._reserve * self.trace.of_controls
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._durations, kept, until
-        found = program.solve(*given, unfinished=unfinished)
-        if found is None and settings is WARM and program.has_kinks and not until.spent:
-            found = program.solve(*given, roughly=True)
+
+        def solved(roughly: bool) -> CollocatedMotion | None:
+            began = self._budget.elapsed
+            found = program.solve(*given, roughly=roughly, unfinished=unfinished)
+            self._took = (self._budget.elapsed - began) / intervals
+            return found
+
+        kinked = settings is WARM and program.has_kinks
+        found = solved(kinked and self._roughly)
+        if found is None and kinked and not self._roughly and not until.spent:
+            found = solved(True)
+            self._roughly = found is not None
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
@@ -174,10 +185,8 @@ class Refinement:
 
     def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
-        began = self._budget.elapsed
         found = self.solve(intervals, self._on(motion, intervals))
-        took = (self._budget.elapsed - began) / intervals
-        self._solved = 0.5 * (took + (self._solved or took))
+        self._solved = 0.5 * (self._took + (self._solved or self._took))
         return found
 
     def repaired(

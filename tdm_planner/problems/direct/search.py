@@ -5,10 +5,11 @@
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
 1. Initial guesses are roughly minimised motions of the direct method and bent lines, in turn.
-2. Each is solved by collocation on few intervals. The first solution is solved on more at once; of
-   the others only the cheapest is, if it is cheaper.
+2. Each is solved by collocation on few intervals. The first solution is solved on more at once, of
+   the others only the cheapest, if it is cheaper; the plan again, if there is time.
 3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
-4. If there is still no plan: the direct method's own motion, minimised to the end.
+4. If there is still no plan: the direct method's own motion, minimised to the end, and then what
+   more intervals did not confirm.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ _SIDES = 5  # initial guesses before that counts where there are obstacles
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
-_SETTLED = 2e-3  # share of J by which it may be off for want of intervals
+_SETTLED = 1e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
@@ -93,8 +94,9 @@ class DirectSearch(Search[Candidate]):
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
         check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
-        self._rounds = 0
-        self._found = self._planned_for = self._warm = False
+        self._rounds, self._found, self._warm = 0, False, False
+        self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
+        self._best: Candidate | None = None  # what the plan is made of
         self._closest, self._nearest_miss = np.inf, ''
 
     def candidates(self) -> Iterator[Candidate]:
@@ -105,8 +107,10 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if not self._planned_for:
+        if self._best is None:
             yield from self._direct()
+        if self._best is None:
+            yield from self._aside
 
     def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
@@ -120,7 +124,8 @@ class DirectSearch(Search[Candidate]):
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
-        self._planned_for = True
+        if self._best is None or self._cost(self._checked) < self._cost(self._best):
+            self._best = self._checked
         return self._warm
 
     def widen(self) -> bool:
@@ -146,6 +151,7 @@ class DirectSearch(Search[Candidate]):
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the plan; after a failed check, better refined."""
+        self._checked: Candidate = candidate
         if isinstance(candidate, Minimum):
             yield from self._minimised(candidate)
             return
@@ -154,6 +160,7 @@ class DirectSearch(Search[Candidate]):
         reserve, looked = np.zeros(len(names)), False
         while found is not None:
             found, states, reserve = refinement.repaired(found, reserve)
+            self._checked = found
             xi = np.concatenate([[found.duration], found.controls.ravel()])
             plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
             if plan is None:
@@ -170,12 +177,11 @@ class DirectSearch(Search[Candidate]):
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
         if self._previous is not None:
-            motion = self._refinement.warm(self._previous.trajectory)
-            if motion is not None:
-                self._warm = True
+            self._warm = True
+            if motion := self._refinement.warm(self._previous.trajectory):
                 yield motion
-                self._warm = False
-        solved, leaping, hurried = list[CollocatedMotion](), list[CollocatedMotion](), False
+            self._warm = False
+        solved = list[CollocatedMotion]()
         until = self.budget.part(self._latest - self.budget.elapsed)
         for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
@@ -186,27 +192,26 @@ class DirectSearch(Search[Candidate]):
             solved.append(motion)
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
-                hurried = self._past(1.0 / (1.0 + _HURRY))
-                settled = self._settled(motion, hurried)
-                if self._leaps(motion, settled):
-                    leaping.append(settled)
+                settled = self._settled(motion)
+                if settled is None or self._leaps(motion, settled):
+                    self._aside.append(settled or motion)
                     solved.clear()
                     continue
                 yield settled
-            best = min(found.cost for found in solved)
-            again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
+            least = min(found.cost for found in solved)
+            again = sum(found.cost <= least + _ALIKE * abs(least) for found in solved)
             agreed = again >= _AGREED and (tried >= _SIDES or not self._trace.obstacles)
             if agreed or len(solved) >= _ENOUGH or self._past(_STARTS_SHARE):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
-            if self._planned_for and motion.cost >= before.cost - _WORTHWHILE * abs(before.cost):
+            if self._best and motion.cost >= before.cost - _WORTHWHILE * abs(before.cost):
                 break
-            yield self._settled(motion)
-        if hurried and solved:  # there was time after all
-            yield self._settled(solved[0])
-        if not self._planned_for:
-            yield from leaping
+            if (settled := self._settled(motion)) is not None:
+                yield settled
+        best = self._best
+        if isinstance(best, CollocatedMotion) and best.intervals < FINE:  # there may be time
+            yield self._settled(best) or best
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -246,16 +251,14 @@ class DirectSearch(Search[Candidate]):
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def _settled(self, motion: CollocatedMotion, hurried: bool = False) -> CollocatedMotion:
-        """Solve on more intervals, as many as J asks for; in a hurry on few."""
-        intervals = COARSE if hurried else FINE
-        while self._refinement.affords(intervals, _SOLUTIONS):
+    def _settled(self, motion: CollocatedMotion) -> CollocatedMotion | None:
+        """Solve on as many intervals as J asks for, in a hurry on few; None if that fails."""
+        planned, intervals = self._best is not None, COARSE if motion.intervals < COARSE else FINE
+        hurried = not planned and self._past(1.0 / (1.0 + _HURRY))
+        while self._refinement.affords(intervals, 1 if planned else _SOLUTIONS):
             finer = self._refinement.finer(motion, intervals)
-            if finer is None and motion.intervals < COARSE < intervals:
-                intervals = COARSE
-                continue
             if finer is None or self._leaps(motion, finer):
-                return finer or motion
+                return finer or (motion if motion.intervals > FIRST else None)
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
@@ -265,8 +268,7 @@ class DirectSearch(Search[Candidate]):
 
     def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
         """Whether it leaps over an obstacle between two nodes: on more of them it costs more."""
-        dearer = fine.cost - coarse.cost > _LEAP * abs(fine.cost)
-        return bool(self._trace.obstacles) and dearer
+        return bool(self._trace.obstacles) and fine.cost - coarse.cost > _LEAP * abs(fine.cost)
 
     def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of initial guesses while there is time."""
@@ -359,8 +361,6 @@ class DirectSearch(Search[Candidate]):
         given = motion.times, motion.states, motion.controls
         cost = minimum.point.cost * program.cost_scale
         return self._planned(*given, 'cubic', cost, xi)
-
-    # What is written, and its check.
 
     def _planned(
         self,

@@ -337,7 +337,7 @@ def test_a_motion_that_costs_more_on_more_intervals_waits_for_the_others(monkeyp
     monkeypatch.setattr(Refinement, 'finer', leaping)
     plan = Slalom(solver=LONG).solve()
     assert plan.verification.ok
-    assert tried[:2] == [40, 40]  # another motion, at once
+    assert tried[:2] == [20, 20]  # another motion, at once
 
 
 @given(st.integers(0, 100), st.sampled_from([1e-6, 1e-2, 1.0, 20.0]))
