@@ -19,32 +19,23 @@ import yaml
 _LONGEST = 300  # letters of an error
 
 
-def share_directory() -> Path:
-    """
-    Folder that holds `config` and `launch`.
-
-    The first of: the prefixes of a sourced ROS 2 workspace (colcon), the Python environment (pip),
-    the source tree (an editable installation, or none).
-
-    Raise FileNotFoundError, naming the folders that were tried, if it is in none.
-    """
-    tried = [prefix / 'share' / PACKAGE for prefix in (*ament_prefixes(PACKAGE), Path(sys.prefix))]
-    tried.append(Path(__file__).resolve().parents[1])
-    for folder in tried:
-        if (folder / 'config').is_dir():
-            return folder
-    raise FileNotFoundError(
-        f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
-    )
-
-
 def config_file(name: str) -> Path:
     """
-    Path of the parameter file `name`, e.g. ``pendulum.yaml``.
+    Path of a file in the folder `config`, e.g. ``pendulum.yaml``.
 
-    Raise FileNotFoundError, listing the parameter files there are, if there is no such file.
+    That folder is the first of: a sourced ROS 2 workspace's (colcon), the Python environment's
+    (pip), the source tree's (an editable installation, or none).
+
+    Raise FileNotFoundError, listing the parameter files there are, or the folders that were tried.
     """
-    folder = share_directory() / 'config'
+    shares = [prefix / 'share' / PACKAGE for prefix in ament_prefixes(PACKAGE)]
+    shares += [Path(sys.prefix, 'share', PACKAGE), Path(__file__).resolve().parents[1]]
+    tried = [share / 'config' for share in shares]
+    folder = next((folder for folder in tried if folder.is_dir()), None)
+    if folder is None:
+        raise FileNotFoundError(
+            f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
+        )
     path = folder / name
     if not path.is_file():
         names = ', '.join(sorted(p.name for p in folder.glob('*.yaml'))) or 'none'

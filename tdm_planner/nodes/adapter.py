@@ -287,11 +287,6 @@ class Adapter:
         """
         return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
 
-    def ages(self, now: float) -> Mapping[str, float | None]:
-        """Age of every measured state [s] by name; None where none was received."""
-        vehicles = self.vehicles.values()
-        return {topic: age for v in vehicles for topic, age in v.measured.ages(now).items()}
-
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
         found, missing = {}, []
@@ -374,10 +369,6 @@ class Adapter:
         """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
         known = {name: vehicle.tracker.parameters for name, vehicle in self.vehicles.items()}
         return {name: found for name, found in known.items() if found is not None}
-
-    def not_following(self, stamp: int) -> list[str]:
-        """Return the vehicles whose trackers do not follow the plan of a start [ns]."""
-        return [name for name, v in self.vehicles.items() if v.tracker.rejects(stamp)]
 
     @property
     def inactive(self) -> list[str]:

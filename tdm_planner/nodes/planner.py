@@ -265,8 +265,8 @@ class Planner(ManagedNode):
         expected = self._expected
         if expected is None or self._time.now() - expected[1] < _GRACE:
             return
-        self._expected, names = None, self._adapter.not_following(expected[0])
-        if names:
+        self._expected, vehicles = None, self._adapter.vehicles.items()
+        if names := [name for name, v in vehicles if v.tracker.rejects(expected[0])]:
             self._unfollowed = (
                 f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
             )
@@ -341,8 +341,9 @@ class Planner(ManagedNode):
             **({} if plan is None else plan_figures(plan, now)),
             **self._replanning.figures(),
         }
-        for name, age in self._adapter.ages(now).items():
-            values[f'age of {name} [s]'] = 'never received' if age is None else age
+        for vehicle in self._adapter.vehicles.values():
+            for name, age in vehicle.measured.ages(now).items():
+                values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(*self._state(), values)
 
     def _state(self) -> tuple[Level, str]:
