@@ -11,7 +11,7 @@ import re
 import sys
 from typing import Any
 
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, one_line
 from tdm_planner.parameters import flatten, shown
 from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
@@ -83,7 +83,9 @@ def read_document(path: Path) -> Any:
     except OSError as error:
         raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
+        raise InvalidProblem(
+            f"the file '{path}' is not YAML: {one_line(error)[:_LONGEST]}"
+        ) from None
 
 
 def read_parameters(
@@ -112,7 +114,7 @@ def read_parameters(
             values[name] = parse_yaml(text)
         except yaml.YAMLError as error:
             raise InvalidProblem(
-                f"the setting '{shown(setting)}' has no value: {_one_line(error)}"
+                f"the setting '{shown(setting)}' has no value: {one_line(error)[:_LONGEST]}"
             ) from None
     return values
 
@@ -176,7 +178,3 @@ def _is_for(section: str, node: str) -> bool:
     wildcards = {'**': r'(/\w+)*', '*': r'/\w+'}
     pattern = ''.join(wildcards.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(pattern, node) is not None
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:_LONGEST]

@@ -110,11 +110,7 @@ def replay(
     The integration restarts wherever a held control jumps, so that no step spans a switch; where
     it cannot go on, the remaining states are NaN, which no check passes.
 
-    Raises
-    ------
-    DeadlineExceeded
-        If the time allowed by `until` passes meanwhile.
-
+    Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
     """
     pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
+from tdm_planner.nodes.clocks import MotionClock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
@@ -321,7 +321,7 @@ class Planner(ManagedNode):
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""
-        simulated = ros_clock(self).ros_time_is_active
+        simulated = self.get_clock().ros_time_is_active
         if not (simulated and self.configured and self._plan is not None):
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')

@@ -23,7 +23,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from tdm_planner.exceptions import Failure, InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, suggestion
@@ -202,7 +202,7 @@ class ParameterNode(Node):
                 self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
-            sentence = f'{type(error).__name__}: {" ".join(str(error).split())}'
+            sentence = f'{type(error).__name__}: {one_line(error)}'
             self.get_logger().error(f'parameters were set, but: {sentence}')
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.arrays import Array
-from tdm_planner.exceptions import Failure, InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
@@ -142,7 +142,7 @@ class TrackerNode(ManagedNode):
         except BREAKDOWN as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
-                f'too far apart to be computed with: {" ".join(str(error).split())}'
+                f'too far apart to be computed with: {one_line(error)}'
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
