@@ -245,12 +245,6 @@ class Adapter:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
         return bool(self.kind.state_names)
 
-    @property
-    def measured_parameters(self) -> list[str]:
-        """Return the parameters whose values measured states take the place of."""
-        states = self.kind.state_names
-        return [f'{v.start}{state}' for v in self.vehicles.values() for state in states]
-
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
         return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
