@@ -39,7 +39,7 @@ _TYPES: Mapping[Any, Parameter.Type] = {
 }
 _INT64 = 2**63
 _LONGEST_TEXT = 1000  # letters of a value that is read
-_WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
+WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 
 class ParameterNode(Node):
@@ -83,7 +83,7 @@ class ParameterNode(Node):
                 return
             self.get_logger().warning(
                 f'simulated time {message.clock.sec} s dropped: must not be negative',
-                throttle_duration_sec=_WARNING_PERIOD,
+                throttle_duration_sec=WARNING_PERIOD,
             )
 
         take = on_clock if msg_type is Clock else callback

@@ -30,6 +30,7 @@ from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
@@ -41,7 +42,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
 FIRST_STATE = 1.0  # s from activation until a first state must have come
-WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
 _WAITING = 'waiting for the first state'
