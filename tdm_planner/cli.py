@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 import sys
+from typing import Any
 import webbrowser
 
 from tdm_planner import __version__
@@ -96,25 +97,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 
-    plan = commands.add_parser(
-        'plan', parents=[problem, quiet], help='plan without ROS running and write the plan'
-    )
+    def add(run: Callable[[argparse.Namespace], int], text: str, *parents: Any) -> Any:
+        made = commands.add_parser(run.__name__.strip('_'), parents=parents, help=text)
+        made.set_defaults(run=run)
+        return made
+
+    plan = add(_plan, 'plan without ROS running and write the plan', problem, quiet)
     plan.add_argument(
         '-o', '--output', type=Path, required=True, metavar='FILE', help='.json, .csv or .npz'
     )
     plan.add_argument('--plot', type=Path, metavar='FILE', help='.png, .pdf or .svg')
-    plan.set_defaults(run=_plan)
 
-    check = commands.add_parser(
-        'check', parents=[problem], help='compare the equations and limits of a problem'
-    )
-    check.set_defaults(run=_check)
+    add(_check, 'compare the equations and limits of a problem', problem)
 
-    demo = commands.add_parser(
-        'demo',
-        parents=[file, view, quiet],
-        help='real nodes, a plan by service, a recording, a verdict',
-    )
+    text = 'real nodes, a plan by service, a recording, a verdict'
+    demo = add(_demo, text, file, view, quiet)
     demo.add_argument('plant', help='pendulum, robots, a stated problem: module:Class or its name')
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
     demo.add_argument(
@@ -124,11 +121,8 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FACTOR',
         help='of simulated time, relative to real time: 4 is four times as fast',
     )
-    demo.set_defaults(run=_demo)
 
-    live = commands.add_parser(
-        'live', parents=[file], help='a page in the browser on nodes, and hands on them'
-    )
+    live = add(_live, 'a page in the browser on nodes, and hands on them', file)
     live.add_argument(
         'nodes',
         nargs='?',
@@ -150,20 +144,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     live.add_argument('--port', type=int, default=8080, help='or the next one that is free')
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
-    live.set_defaults(run=_live)
 
-    record = commands.add_parser('record', parents=[quiet], help='record topics to a rosbag2')
+    record = add(_record, 'record topics to a rosbag2', quiet)
     record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
     record.add_argument('-o', '--output', type=Path, required=True, metavar='BAG')
     record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
     record.add_argument(
         '--namespace', metavar='NAME', help='all topics in it, and those that nodes share'
     )
-    record.set_defaults(run=_record)
 
-    report = commands.add_parser(
-        'report', parents=[view, quiet], help='one HTML page on a recording or a plan'
-    )
+    report = add(_report, 'one HTML page on a recording or a plan', view, quiet)
     report.add_argument('source', type=Path, metavar='BAG|PLAN', help='rosbag2 or plan.json')
     report.add_argument(
         '-o', '--output', type=Path, default=Path('report.html'), metavar='FILE.html'
@@ -174,11 +164,8 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         '--problem', metavar='module:Class', help='of a plan for a problem that is not installed'
     )
-    report.set_defaults(run=_report)
 
-    study = commands.add_parser(
-        'study', parents=[problem, view, quiet], help='plan many times, over ranges of parameters'
-    )
+    study = add(_study, 'plan many times, over ranges of parameters', problem, view, quiet)
     study.add_argument(
         '--over',
         action='append',
@@ -198,7 +185,6 @@ def _parser() -> argparse.ArgumentParser:
         '--processes', type=int, metavar='N', help='on this machine; default: one a core'
     )
     study.add_argument('--csv', action='store_true', help='write table.csv, not table.parquet')
-    study.set_defaults(run=_study)
     return parser
 
 
@@ -226,9 +212,8 @@ def _plan(options: argparse.Namespace) -> int:
 
             plot_solution(problem, solution, options.plot)
     progress.line(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')
-    progress.line(
-        f'written to {options.output}' + (f' and {options.plot}' if options.plot else '')
-    )
+    also = f' and {options.plot}' if options.plot else ''
+    progress.line(f'written to {options.output}{also}')
     return EXIT_DONE
 
 
@@ -246,13 +231,7 @@ def _demo(options: argparse.Namespace) -> int:
     from tdm_sim.demo import run_demo
 
     output = options.output or Path(options.plant.rpartition(':')[2].lower())
-    reached = run_demo(
-        options.plant,
-        output,
-        parameters=options.params,
-        quiet=options.quiet,
-        speed=options.speed,
-    )
+    reached = run_demo(options.plant, output, options.params, options.quiet, options.speed)
     if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED

@@ -93,6 +93,11 @@ ERRORS: tuple[type[TdmError], ...] = (
 )
 
 
+def one_line(error: Exception) -> str:
+    """Return what an exception says, on one line."""
+    return ' '.join(str(error).split())
+
+
 @dataclass(frozen=True)
 class Failure:
     """What an exception tells; `trace` is the traceback of a fault of the program, else empty."""
@@ -104,7 +109,7 @@ class Failure:
     @classmethod
     def of(cls, error: Exception) -> Failure:
         """Return the failure that an exception stands for: what is no TdmError is INTERNAL."""
-        text = ' '.join(str(error).split())
+        text = one_line(error)
         if isinstance(error, TdmError):
             return cls(error.code, text)
         trace = ''.join(traceback.format_exception(error))

@@ -11,7 +11,7 @@ import re
 import sys
 from typing import Any
 
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, one_line
 from tdm_planner.parameters import flatten, shown
 from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
@@ -19,32 +19,23 @@ import yaml
 _LONGEST = 300  # letters of an error
 
 
-def share_directory() -> Path:
-    """
-    Folder that holds `config` and `launch`.
-
-    The first of: the prefixes of a sourced ROS 2 workspace (colcon), the Python environment (pip),
-    the source tree (an editable installation, or none).
-
-    Raise FileNotFoundError, naming the folders that were tried, if it is in none.
-    """
-    tried = [prefix / 'share' / PACKAGE for prefix in (*ament_prefixes(PACKAGE), Path(sys.prefix))]
-    tried.append(Path(__file__).resolve().parents[1])
-    for folder in tried:
-        if (folder / 'config').is_dir():
-            return folder
-    raise FileNotFoundError(
-        f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
-    )
-
-
 def config_file(name: str) -> Path:
     """
-    Path of the parameter file `name`, e.g. ``pendulum.yaml``.
+    Path of a file in the folder `config`, e.g. ``pendulum.yaml``.
 
-    Raise FileNotFoundError, listing the parameter files there are, if there is no such file.
+    That folder is the first of: a sourced ROS 2 workspace's (colcon), the Python environment's
+    (pip), the source tree's (an editable installation, or none).
+
+    Raise FileNotFoundError, listing the parameter files there are, or the folders that were tried.
     """
-    folder = share_directory() / 'config'
+    shares = [prefix / 'share' / PACKAGE for prefix in ament_prefixes(PACKAGE)]
+    shares += [Path(sys.prefix, 'share', PACKAGE), Path(__file__).resolve().parents[1]]
+    tried = [share / 'config' for share in shares]
+    folder = next((folder for folder in tried if folder.is_dir()), None)
+    if folder is None:
+        raise FileNotFoundError(
+            f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
+        )
     path = folder / name
     if not path.is_file():
         names = ', '.join(sorted(p.name for p in folder.glob('*.yaml'))) or 'none'
@@ -92,7 +83,9 @@ def read_document(path: Path) -> Any:
     except OSError as error:
         raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
+        raise InvalidProblem(
+            f"the file '{path}' is not YAML: {one_line(error)[:_LONGEST]}"
+        ) from None
 
 
 def read_parameters(
@@ -121,7 +114,7 @@ def read_parameters(
             values[name] = parse_yaml(text)
         except yaml.YAMLError as error:
             raise InvalidProblem(
-                f"the setting '{shown(setting)}' has no value: {_one_line(error)}"
+                f"the setting '{shown(setting)}' has no value: {one_line(error)[:_LONGEST]}"
             ) from None
     return values
 
@@ -185,7 +178,3 @@ def _is_for(section: str, node: str) -> bool:
     wildcards = {'**': r'(/\w+)*', '*': r'/\w+'}
     pattern = ''.join(wildcards.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(pattern, node) is not None
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:_LONGEST]

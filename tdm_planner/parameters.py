@@ -115,14 +115,13 @@ class ParameterSpec:
         if value is None and self.optional:
             return None
         checked = self._coerce(value)
-        if self.choices and checked not in self.choices:
-            raise self._error(value)
         numbers = checked if isinstance(checked, list) else [checked]
-        if self.value_type in (float, int, list[float]):
-            for number in numbers:
-                if number not in self.range or abs(number) == math.inf:
-                    raise self._error(value)
-        if self.length is not None and len(checked) != self.length:
+        numeric = self.value_type in (float, int, list[float])
+        if (
+            (self.choices and checked not in self.choices)
+            or (numeric and not all(n in self.range and abs(n) < math.inf for n in numbers))
+            or (self.length is not None and len(checked) != self.length)
+        ):
             raise self._error(value)
         return checked
 

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.problems.formation.parameters import (
@@ -18,8 +18,7 @@ from tdm_planner.problems.formation.parameters import (
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 
 
-@dataclass(frozen=True)
-class RobotNode:
+class RobotNode(NamedTuple):
     """
     A node to start: executable, its robot ('' for the planner of all), extra parameters.
 
@@ -28,7 +27,7 @@ class RobotNode:
 
     executable: str
     robot: str = ''
-    parameters: dict[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = {}
 
 
 def robot_nodes(
@@ -51,11 +50,8 @@ def robot_nodes(
     tracking = {'kind': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
     nodes = [RobotNode('planner', parameters=changed)]
     for robot in values.get('robots', DEFAULT_ROBOTS):
-        initial: dict[str, Any] = {}
-        for name in _INITIAL:
-            spec = specifications[f'{robot}.start.{name}']
-            value = spec.check(values.get(spec.name, spec.default))
-            if value is not None:
-                initial[f'initial.{name}'] = value
+        specs = {name: specifications[f'{robot}.start.{name}'] for name in _INITIAL}
+        start = {n: spec.check(values.get(spec.name, spec.default)) for n, spec in specs.items()}
+        initial = {f'initial.{name}': v for name, v in start.items() if v is not None}
         nodes += [RobotNode('robot_plant', robot, initial), RobotNode('tracker', robot, tracking)]
     return nodes

@@ -59,8 +59,13 @@ REQUIRED = {
 
 
 def begin() -> None:
-    """Prepare the process of a node or a command; called when the package is imported."""
-    if is_ours():
+    """
+    Prepare the process of a node, of `tdm`, or of another module of the package.
+
+    Called when the package is imported.
+    """
+    package = _started()[0].partition('.')[0]
+    if package in ('tdm_planner', 'tdm_sim') or is_node() or command():
         if fault := _missing():
             sys.exit(fault)  # as a sentence, with code 1
         limit_threads()
@@ -157,12 +162,6 @@ def end_quietly_on_signals() -> None:
 
     for number in SIGNALS:
         signal.signal(number, end)
-
-
-def is_ours() -> bool:
-    """Whether the process was started as a node, as `tdm`, or as another module of the package."""
-    package = _started()[0].partition('.')[0]
-    return package in ('tdm_planner', 'tdm_sim') or is_node() or bool(command())
 
 
 def is_node() -> bool:

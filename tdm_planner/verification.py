@@ -10,7 +10,7 @@ The replay integrates the plant from the first state, under the controls read be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
 import math
@@ -110,24 +110,34 @@ def replay(
     The integration restarts wherever a held control jumps, so that no step spans a switch; where
     it cannot go on, the remaining states are NaN, which no check passes.
 
-    Raises
-    ------
-    DeadlineExceeded
-        If the time allowed by `until` passes meanwhile.
-
+    Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
     """
     pieces: list[OdeSolution] = []
-    left = itertools.repeat(None, MOST_EVALUATIONS)
-    current = trajectory.states[0]
+    current, evaluations = trajectory.states[0], 0
+
+    def rate(t: float, x: Array, held: Array | None) -> Array:
+        nonlocal evaluations
+        evaluations += 1
+        if evaluations > MOST_EVALUATIONS:
+            raise FloatingPointError('the motion is too fast to be replayed')
+        if until is not None and until.spent:
+            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
+        try:
+            return plant.derivative(x, trajectory.controls_at(t) if held is None else held)
+        except NotFinite as error:
+            raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
+
+    holds = trajectory.interpolation == 'zero_order_hold'
     short = trajectory.interpolation == 'linear'  # pieces, that mostly take one step
     # Of cubics no step overlooks an interval, in which a control may jump from one sample on.
     longest = _FEW * float(np.diff(trajectory.times).max())
     for first, last in itertools.pairwise(trajectory.smooth_pieces):
         ends = float(trajectory.times[first]), float(trajectory.times[last])
         result = solve_ivp(
-            _rate(plant, trajectory, first, left, until),
+            rate,
             ends,
             current,
+            args=(trajectory.controls[first] if holds else None,),
             method='DOP853',
             rtol=1e-9,
             atol=1e-11,
@@ -141,25 +151,6 @@ def replay(
         pieces.append(result.sol)
         current = result.y[:, -1]
     return _Pieces(pieces, trajectory.states.shape[1])
-
-
-def _rate(
-    plant: Plant, trajectory: Trajectory, first: int, left: Iterator[None], until: Budget | None
-) -> Callable[[float, Array], Array]:
-    """Return the rates of the states in the smooth piece from sample `first` on."""
-    held = trajectory.controls[first] if trajectory.interpolation == 'zero_order_hold' else None
-
-    def rate(t: float, x: Array) -> Array:
-        if next(left, 0) is not None:
-            raise FloatingPointError('the motion is too fast to be replayed')
-        if until is not None and until.spent:
-            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
-        try:
-            return plant.derivative(x, trajectory.controls_at(t) if held is None else held)
-        except NotFinite as error:
-            raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
-
-    return rate
 
 
 def dense_times(trajectory: Trajectory, resolution: float) -> Array:

@@ -16,7 +16,6 @@ from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from tdm_planner.nodes.clocks import ros_clock
 from tdm_planner.nodes.messages import QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of
 
@@ -74,7 +73,7 @@ class ClockSource:
         self, node: Node, step: float, speed: float, followers: Sequence[str],
         patience: float = _PATIENCE,
     ) -> None:  # fmt: skip
-        if ros_clock(node).ros_time_is_active:
+        if node.get_clock().ros_time_is_active:
             # The node publishes /clock itself and must not subscribe to it.
             Node.set_parameters_atomically(node, [Parameter('use_sim_time', value=False)])
         self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, QUEUE)

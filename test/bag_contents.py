@@ -9,6 +9,8 @@ import os
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
 from tdm_sim import bag_writer
 from tdm_sim.bag_writer import BagWriter
 import yaml
@@ -24,10 +26,8 @@ def read_with_mcap(bag: Path) -> dict[str, list]:
 
 
 def read_with_rosbags(bag: Path) -> dict[str, list]:
-    rosbag2, typesys = map(pytest.importorskip, ('rosbags.rosbag2', 'rosbags.typesys'))
-    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-    messages = defaultdict(list)
-    with rosbag2.Reader(bag) as reader:
+    store, messages = get_typestore(Stores.ROS2_JAZZY), defaultdict(list)
+    with Reader(bag) as reader:
         for connection, _, data in reader.messages():
             messages[connection.topic].append(store.deserialize_cdr(data, connection.msgtype))
     return messages

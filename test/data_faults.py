@@ -23,8 +23,8 @@ from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.trajectory import SECOND
 
-SECOND = 1_000_000_000  # ns
 SHORTEST_SWING = 0.3  # s, less than any swing-up takes
 SILENCE = 0.6  # s
 LATER = 0.01  # s between an event and the next state and command

@@ -245,12 +245,6 @@ class Adapter:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
         return bool(self.kind.state_names)
 
-    @property
-    def measured_parameters(self) -> list[str]:
-        """Return the parameters whose values measured states take the place of."""
-        states = self.kind.state_names
-        return [f'{v.start}{state}' for v in self.vehicles.values() for state in states]
-
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
         return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
@@ -286,11 +280,6 @@ class Adapter:
         Raise NoState naming what is missing or older than `start.max_age`, and how old it is.
         """
         return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
-
-    def ages(self, now: float) -> Mapping[str, float | None]:
-        """Age of every measured state [s] by name; None where none was received."""
-        vehicles = self.vehicles.values()
-        return {topic: age for v in vehicles for topic, age in v.measured.ages(now).items()}
 
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
@@ -374,10 +363,6 @@ class Adapter:
         """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
         known = {name: vehicle.tracker.parameters for name, vehicle in self.vehicles.items()}
         return {name: found for name, found in known.items() if found is not None}
-
-    def not_following(self, stamp: int) -> list[str]:
-        """Return the vehicles whose trackers do not follow the plan of a start [ns]."""
-        return [name for name, v in self.vehicles.items() if v.tracker.rejects(stamp)]
 
     @property
     def inactive(self) -> list[str]:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import math
 import threading
 import time
-from typing import Any, cast
+from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.timer import Timer
@@ -27,14 +27,9 @@ _WINDOW = 2.0  # s over which a rate is counted
 _SHARE = 0.9  # of the rate below which a node does not keep up
 
 
-def ros_clock(node: Node) -> ROSClock:
-    """Return the node's clock, which is of more than the type that rclpy declares."""
-    return cast(ROSClock, node.get_clock())
-
-
 def pacing_clock(node: Node) -> Clock:
     """Return the clock for a node's timers: one that is set back would keep them from firing."""
-    clock = ros_clock(node)
+    clock: Clock = node.get_clock()
     return clock if clock.ros_time_is_active else Clock(clock_type=ClockType.STEADY_TIME)
 
 
@@ -66,7 +61,7 @@ class MotionClock:
     """
 
     def __init__(self, node: Node, on_step: Callable[[float], None] | None = None) -> None:
-        self._clock = ros_clock(node)
+        self._clock = node.get_clock()
         self._on_step = on_step
         self._lock = threading.Lock()
         self._simulated = bool(self._clock.ros_time_is_active)

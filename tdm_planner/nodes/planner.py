@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
+from tdm_planner.nodes.clocks import MotionClock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
@@ -188,7 +188,9 @@ class Planner(ManagedNode):
                 f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"
             )
         values = {**self.parameter_values, **own}
-        unused = [name for name in self._adapter.measured_parameters if name in own]
+        states, vehicles = self._adapter.kind.state_names, self._adapter.vehicles.values()
+        starts = [f'{vehicle.start}{state}' for vehicle in vehicles for state in states]
+        unused = [name for name in starts if name in own]
         if unused and values['start.source'] == 'measured':
             raise InvalidProblem(
                 f"parameter '{unused[0]}' has no effect while start.source = measured: the "
@@ -265,8 +267,8 @@ class Planner(ManagedNode):
         expected = self._expected
         if expected is None or self._time.now() - expected[1] < _GRACE:
             return
-        self._expected, names = None, self._adapter.not_following(expected[0])
-        if names:
+        self._expected, vehicles = None, self._adapter.vehicles.items()
+        if names := [name for name, v in vehicles if v.tracker.rejects(expected[0])]:
             self._unfollowed = (
                 f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
             )
@@ -321,7 +323,7 @@ class Planner(ManagedNode):
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""
-        simulated = ros_clock(self).ros_time_is_active
+        simulated = self.get_clock().ros_time_is_active
         if not (simulated and self.configured and self._plan is not None):
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
@@ -341,8 +343,9 @@ class Planner(ManagedNode):
             **({} if plan is None else plan_figures(plan, now)),
             **self._replanning.figures(),
         }
-        for name, age in self._adapter.ages(now).items():
-            values[f'age of {name} [s]'] = 'never received' if age is None else age
+        for vehicle in self._adapter.vehicles.values():
+            for name, age in vehicle.measured.ages(now).items():
+                values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(*self._state(), values)
 
     def _state(self) -> tuple[Level, str]:

@@ -31,6 +31,7 @@ from tdm_planner.parameters import build
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Replanner, Review
+from tdm_planner.replanning.planned_plants import Values
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; with less time left it is not tried again
@@ -40,8 +41,6 @@ _LOOK = 0.002  # s between looks at the clock, and for a first state
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 _LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
 _SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
-
-Values = Mapping[str, Any]
 
 
 @dataclass(eq=False)

@@ -23,7 +23,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from tdm_planner.exceptions import Failure, InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, suggestion
@@ -39,7 +39,7 @@ _TYPES: Mapping[Any, Parameter.Type] = {
 }
 _INT64 = 2**63
 _LONGEST_TEXT = 1000  # letters of a value that is read
-_WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
+WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 
 class ParameterNode(Node):
@@ -83,7 +83,7 @@ class ParameterNode(Node):
                 return
             self.get_logger().warning(
                 f'simulated time {message.clock.sec} s dropped: must not be negative',
-                throttle_duration_sec=_WARNING_PERIOD,
+                throttle_duration_sec=WARNING_PERIOD,
             )
 
         take = on_clock if msg_type is Clock else callback
@@ -202,7 +202,7 @@ class ParameterNode(Node):
                 self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
-            sentence = f'{type(error).__name__}: {" ".join(str(error).split())}'
+            sentence = f'{type(error).__name__}: {one_line(error)}'
             self.get_logger().error(f'parameters were set, but: {sentence}')
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, one_line
 from tdm_planner.starting import ignore_signals, SIGNALS
 
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
@@ -105,7 +105,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             invalid = isinstance(error, InvalidProblem)
             code = 2 if invalid else 1
             what = '' if invalid else f'{type(error).__name__}: '
-            print(f'fatal: {what}{" ".join(str(error).split())}', file=sys.stderr)
+            print(f'fatal: {what}{one_line(error)}', file=sys.stderr)
     finally:
         ignore_signals()  # under `ros2 launch` Ctrl-C arrives twice
         # Free it before the process ends, or others would see the node for another 20 s.

@@ -27,7 +27,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Failure
+from tdm_planner.exceptions import Failure, one_line
 from tdm_planner.nodes.clocks import steady_timer
 from tdm_planner.nodes.messages import SERVICE
 
@@ -78,7 +78,7 @@ def answer_malformed_requests(node: Node, service: Any) -> None:
                 Parameter.from_parameter_msg(item)
             return callback(request, response)
         except Exception as error:  # noqa: B902
-            reason = f'the request cannot be read: {" ".join(str(error).split())}'
+            reason = f'the request cannot be read: {one_line(error)}'
             node.get_logger().warning(f'{service.srv_name}: {reason}')
             rejected = SetParametersResult(successful=False, reason=reason)
             if service.srv_type is SetParameters:

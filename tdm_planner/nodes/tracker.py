@@ -23,13 +23,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.arrays import Array
-from tdm_planner.exceptions import Failure, InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
@@ -41,7 +42,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
 FIRST_STATE = 1.0  # s from activation until a first state must have come
-WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
 _WAITING = 'waiting for the first state'
@@ -142,7 +142,7 @@ class TrackerNode(ManagedNode):
         except BREAKDOWN as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
-                f'too far apart to be computed with: {" ".join(str(error).split())}'
+                f'too far apart to be computed with: {one_line(error)}'
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.exceptions import Infeasible, InvalidProblem, one_line, VerificationFailed
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -85,11 +85,7 @@ class Search(ABC, Generic[C]):
         """
         Return the first plan to satisfy, else the cheapest of the round that passes the check.
 
-        Raises
-        ------
-        Infeasible
-            If there is none; its subclass says why.
-
+        Raise Infeasible if there is none; its subclass says why.
         """
         while True:
             best: tuple[C, Solution] | None = None
@@ -168,7 +164,7 @@ class Problem(ABC):
             name = _most_extreme(values)
             raise InvalidProblem(
                 f"parameter '{name}' = {values.get(name)} cannot be computed with beside the "
-                f'others: {" ".join(str(error).split())}'
+                f'others: {one_line(error)}'
             ) from None
 
     @classmethod
@@ -257,14 +253,13 @@ class Problem(ABC):
             plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
         return self._with_figures(plan, budget.evaluations, budget.age)
 
-    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """
         Return earlier planned motions, by vehicle, with their cost and check recomputed.
 
-        None where the problem cannot tell, as by default.
+        Raise VerificationFailed where the problem cannot tell, as by default.
         """
-        del trajectories
-        return None
+        raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
 
     def recovered(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """
@@ -278,8 +273,6 @@ class Problem(ABC):
         """
         with _computed():
             plan = self.assess(trajectories)
-        if plan is None:
-            raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
         if not plan.verification.ok:
             raise VerificationFailed('; '.join(plan.verification.reasons))
         return self._with_figures(plan)
@@ -320,7 +313,7 @@ def _computed() -> Iterator[None]:
             yield
         except (OverflowError, FloatingPointError) as error:
             raise Infeasible(
-                f'the computation broke down ({" ".join(str(error).split())}): parameters lie '
+                f'the computation broke down ({one_line(error)}): parameters lie '
                 'too many orders of magnitude apart, are their units right?'
             ) from error
 
@@ -345,16 +338,13 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     """
     Flatten and check a mapping of parameters for a problem; node parameters are ignored.
 
-    Raises
-    ------
-    InvalidProblem
-        For a name the problem does not have, or a value that is not allowed.
-
+    Raise InvalidProblem for a name the problem does not have, or a value that is not allowed.
     """
     cls.check_class()
     values = flatten(parameters)
     specs = cls.parameter_specifications(values)
-    unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]
+    known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
+    unknown = [name for name in values if name not in known]
     if unknown:
         hint = suggestion(unknown[0], specs)
         listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
@@ -363,7 +353,3 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
             + (f': {hint}' if hint else listed)
         )
     return {name: specs[name].check(value) for name, value in values.items() if name in specs}
-
-
-def _belongs_to_node(name: str) -> bool:
-    return name in specifications(PlannerParameters) or name == 'use_sim_time'

@@ -9,7 +9,6 @@ import math
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from marker_checks import check_markers, Scene
-from nav_msgs.msg import Odometry
 import numpy as np
 from pendulum_rig import measured_state
 import pytest
@@ -17,7 +16,7 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from ros_harness import Space
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import to_quaternion, to_stamp
+from tdm_planner.nodes.messages import odometry, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_planner.plant_kind import PENDULUM, ROBOT
@@ -278,17 +277,11 @@ class Fleet(Space):
 
     def measure(self, name: str, state: list[float]) -> None:
         """Publish a robot's state [x, y, u, v, yaw, omega, alpha]."""
-        x, y, u, v, yaw, omega, alpha = state
-        message = Odometry(child_frame_id=name)
-        message.header.stamp, message.header.frame_id = to_stamp(self.ros.now), 'arena'
-        pose, twist = message.pose.pose, message.twist.twist
-        pose.position.x, pose.position.y, pose.orientation = x, y, to_quaternion(yaw)
-        forward = complex(u, v) * complex(math.cos(yaw), -math.sin(yaw))
-        twist.linear.x, twist.linear.y, twist.angular.z = forward.real, forward.imag, omega
-        names = ['thruster', 'reaction_wheel']
-        joints = measured_state(message.header.stamp, name=names, position=[alpha, 0.0])
+        stamp, values = to_stamp(self.ros.now), dict(zip(ROBOT.state_names, state, strict=True))
+        exact, names = dict.fromkeys(values, 0.0), ['thruster', 'reaction_wheel']
+        joints = measured_state(stamp, name=names, position=[values['alpha'], 0.0])
         self.joints[name].publish(joints)
-        self.odometry[name].publish(message)
+        self.odometry[name].publish(odometry(ROBOT, values, exact, stamp, name))
         self.ros.settle()
 
     def follow(self, plans: dict[str, tuple[Trajectory, int]]) -> None:

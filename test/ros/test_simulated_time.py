@@ -3,6 +3,7 @@
 
 """A plant that drives `/clock` and nodes that follow it; nodes before and after time begins."""
 
+from closed_loop import swing_up
 import numpy as np
 from pendulum_rig import measured_state
 import pytest
@@ -13,7 +14,7 @@ from stepped_ros import BEGIN, Stepped
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import PENDULUM
-from tdm_planner.problems import PendulumSwingUp
+from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
 PLANT = '/slow/pendulum_plant'
@@ -137,6 +138,10 @@ class Simulation:
         self.ros.spin_for(0.01)
 
 
+def swing_up_from(start: int) -> JointTrajectory:
+    return plan_message(PENDULUM, swing_up().solution.trajectory, to_stamp(start))
+
+
 def test_a_planner_without_time_makes_no_plan(ros):
     ros.start('planner', {'start.source': 'parameters'}, 'timeless', OWN)
     _, answer = ros.trigger('/timeless/plan')
@@ -147,9 +152,7 @@ def test_a_planner_without_time_makes_no_plan(ros):
 def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     tracker = ros.start('tracker', {'rate': 100.0}, 'early', OWN)
     followed, commands = map(ros.subscribe, ('/early/active_trajectory', '/early/joint_command'))
-    plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
-    message = plan_message(PENDULUM, plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
-    ros.publisher('/early/trajectory').publish(message)
+    ros.publisher('/early/trajectory').publish(swing_up_from(BEGIN + 200_000_000))
     assert ros.says('/early/tracker: tracking', '/clock')
     assert not followed
     simulation = Simulation(ros, 'early')
@@ -164,11 +167,9 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
 
 def test_a_plan_is_recovered_as_it_is_where_the_trackers_are_heard_before_the_clock(ros):
     """Instants of a time that is not known yet are off by some ns: the tracker would reject it."""
-    plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
     start = BEGIN + 4_000_000_007
-    message = plan_message(PENDULUM, plan, Time(nanoseconds=start).to_msg())
     planner = ros.start('planner', {'limits.torque': 0.02}, 'back', OWN)
-    ros.publisher('/back/active_trajectory').publish(message)
+    ros.publisher('/back/active_trajectory').publish(swing_up_from(start))
     plans = ros.subscribe('/back/trajectory')
     ros.spin_for(2.0)
     assert not plans

@@ -93,28 +93,29 @@ def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwi
 
 
 def make_share(prefix: Path) -> Path:
-    share = prefix / 'share' / 'tdm_planner'
-    (share / 'config').mkdir(parents=True)
-    (share / 'config' / 'mine.yaml').touch()
-    return share
+    file = prefix / 'share/tdm_planner/config/mine.yaml'
+    file.parent.mkdir(parents=True)
+    file.touch()
+    return file
 
 
 def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
-    assert parameter_files.share_directory() == SOURCE
-    assert parameter_files.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
+    config_file = parameter_files.config_file
+    assert config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
     monkeypatch.setattr(parameter_files, '__file__', str(tmp_path / 'site-packages/a/b.py'))
-    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
-        parameter_files.share_directory()
-    share = make_share(tmp_path / 'python')
-    assert parameter_files.share_directory() == share
+    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner/config'):
+        config_file('pendulum.yaml')
+    mine = make_share(tmp_path / 'python')
+    assert config_file('mine.yaml') == mine
     with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
-        parameter_files.config_file('pendulum.yaml')
+        config_file('pendulum.yaml')
     make_share(tmp_path / 'not_indexed')
     workspace = installed(tmp_path / 'workspace', {'tdm_planner': {}})
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}/not_indexed:{workspace}')
-    assert parameter_files.share_directory() == workspace / 'share/tdm_planner'
+    found = config_file('pendulum.yaml')
+    assert found == workspace / 'share/tdm_planner/config/pendulum.yaml'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -5,7 +5,8 @@
 
 from benchmark import runner
 from benchmark.peers.attempts import judge_formation, judge_pendulum
-from benchmark.peers.pendulum_collocation import energy_swing, HARD
+from benchmark.peers.pendulum_collocation import energy_swing, HARD, PendulumCollocation
+from benchmark.peers.robots_collocation import FormationCollocation
 from benchmark.pendulum import problem, start_state
 from benchmark.replanning import pendulum
 from benchmark.scenarios import crossing
@@ -15,9 +16,6 @@ from tdm_planner.problems import RobotFormation
 
 
 def test_collocation_finds_the_time_this_package_finds():
-    pytest.importorskip('casadi')
-    from benchmark.peers.pendulum_collocation import PendulumCollocation
-
     task = problem(0.09, start_state(1)).task
     guess = energy_swing(task, HARD)
     collocation = PendulumCollocation(task, 50)
@@ -30,9 +28,6 @@ def test_collocation_finds_the_time_this_package_finds():
 
 
 def test_collocation_of_the_robots_lands_within_the_limits():
-    pytest.importorskip('casadi')
-    from benchmark.peers.robots_collocation import FormationCollocation
-
     task = RobotFormation.from_parameters(crossing(1, 2).parameters()).task
     collocation = FormationCollocation(task, 20, 3, tol=1e-6, acceptable_tol=1e-4)
     found = collocation.solve(task, collocation.guess_ways(task, 0.15))

@@ -8,6 +8,8 @@ import itertools
 
 from brachistochrone import Brachistochrone, cycloid_time
 import double_integrator
+from landing import Landing
+from landing_reference import collocation
 import misprints
 import numpy as np
 from obstacle import RoundTheObstacle, shortest_time
@@ -62,10 +64,6 @@ def test_round_the_obstacle():
 
 
 def test_landing_against_collocation():
-    pytest.importorskip('casadi')
-    from landing import Landing
-    from landing_reference import collocation
-
     problem = Landing(solver=DIRECT)
     solution = problem.solve()
     check_plan(solution)

@@ -14,6 +14,7 @@ from data_faults import FAULTS, misled_rig
 from pendulum_rig import COMMAND_TIMEOUT, held_rig, note, PendulumRig, SCENARIOS, STATE_TIMEOUT
 import pytest
 from ros_harness import Ros
+from rosbags.highlevel import AnyReader
 from signal_scenes import SCENES, WAYS
 
 ON_THE_WAY = 0.1  # s that messages may take on a busy machine
@@ -28,8 +29,7 @@ def test_signals_end_a_process_in_every_phase(ros, scene, way):
         time.sleep(0.05 * k)  # to meet it at another line
         subject.end(way, code=128 + WAYS[way][0][0] if scene.startswith('demo') else 0)
     if scene == 'busy recorder':  # what it has recorded can be read
-        highlevel = pytest.importorskip('rosbags.highlevel')
-        with highlevel.AnyReader([Path(str(subject.arguments[-1]))]) as reader:
+        with AnyReader([Path(str(subject.arguments[-1]))]) as reader:
             assert reader.message_count > 10
 
 

@@ -21,9 +21,9 @@ from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracker_plans import TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
+from tdm_planner.trajectory import SECOND
 from trajectory_msgs.msg import JointTrajectory
 
-SECOND = 10**9
 STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STATUS_' in name}
 NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
