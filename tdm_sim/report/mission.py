@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, Integers
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
@@ -176,7 +177,9 @@ class PlanFigures:
 
     `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
     `terminal_error` is the replayed final state's difference from the goal, by state (of several
-    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name.
+    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name. `vehicles` are by
+    name; of one without joints only the interpolation of its controls is told. `document` is what
+    all this was read from.
     """
 
     time: float
@@ -187,6 +190,9 @@ class PlanFigures:
     margins: Mapping[str, Margin] = field(default_factory=dict)
     terminal_error: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, object] = field(default_factory=dict)
+    problem: str = ''
+    vehicles: Mapping[str, PlantKind] = field(default_factory=dict)
+    document: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Severity(IntEnum):
@@ -214,9 +220,9 @@ class Mission:
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `document` is the last plan's, as recorded; `source` is the file or folder it
-    was read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a
-    plan without a recorded motion; `speed` is that of simulated time, relative to real time.
+    follows from it; `source` is the file or folder it was read from; `recorded_at` is the origin's
+    wall-clock time [s since the epoch], None for a plan without a recorded motion; `speed` is that
+    of simulated time, relative to real time.
     """
 
     title: str
@@ -226,7 +232,6 @@ class Mission:
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None
     speed: float = 1.0

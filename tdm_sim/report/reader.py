@@ -10,6 +10,7 @@ Recordings are those of `ros2 bag record`, `tdm record` or a demo.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from tdm_planner.plant_kind import PlantKind
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, Mission, RecordedVehicle, Severity
+from tdm_sim.report.mission import Event, Mission, PlanFigures, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -42,7 +43,7 @@ from tdm_sim.report.recorded_vehicles import (
     read_plans,
     Site,
 )
-from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
+from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary
 
 _MOST_NAMED = 8  # topics that an error message lists
 MOST_EVENTS = 300
@@ -81,10 +82,9 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         untrusted.text(name, 60): Trajectory.from_dict(dict(part))
         for name, part in vehicles(document).items()
     }
-    name = untrusted.text(document['problem'], 100)
-    figures = plan_figures(document, 0.0)
+    figures = plan_figures(document)
     missing = ['This is a plan file without a recording: nothing is measured.']
-    problem, unknown = problem_of(name, figures.parameters, given)
+    problem, unknown = problem_of(figures, given)
     missing += [unknown] if unknown else []
     if not figures.parameters:
         missing.append(
@@ -94,8 +94,8 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         missing.append('The file does not hold the margins of the plan.')
     found = planned_vehicles(problem, trajectories)
     return Mission(
-        title=found[0].view.title or f'Plan for {name}',
-        problem=name,
+        title=found[0].view.title or f'Plan for {figures.problem}',
+        problem=figures.problem,
         vehicles=found,
         figures=(figures,),
         parameters=figures.parameters,
@@ -115,7 +115,7 @@ def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) ->
     chosen = choose(sites, topics, namespace, notes)
     planner = planners.get(chosen[0].planner)
     notes += [planner.unknown] if planner is not None and planner.unknown else []
-    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
+    return _mission(topics, {} if planner is None else planner.plans, chosen, path, notes)
 
 
 def _nothing_of_ours(path: Path, topics: set[str], damage: Sequence[str]) -> str:
@@ -134,25 +134,23 @@ def _planners(
     topics: RecordedTopics, given: type[Problem] | None, notes: list[str]
 ) -> dict[str, Planner]:
     """Return what planners told of their plans, by namespace, with the problem asked last."""
-    found: dict[str, dict[int, PlanSummary]] = {}
+    found: dict[str, dict[int, PlanFigures]] = {}
     for topic, received in topics.of_type(STRING).items():
         for item in received:
             summary = read_summary(item.message.data)
             if summary is None:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
             else:
-                found.setdefault(namespace_of(topic), {})[summary.start] = summary
-    planners = {}
-    for planner, summaries in found.items():
-        last = summaries[max(summaries)]
-        problem, unknown = problem_of(last.problem, last.figures(0).parameters, given)
-        planners[planner] = Planner(problem, unknown, summaries)
-    return planners
+                found.setdefault(namespace_of(topic), {}).update([summary])
+    return {
+        planner: Planner(*problem_of(plans[max(plans)], given), plans)
+        for planner, plans in found.items()
+    }
 
 
 def _mission(
     topics: RecordedTopics,
-    summaries: Mapping[int, PlanSummary],
+    summaries: Mapping[int, PlanFigures],
     sites: Sequence[Site],
     path: Path,
     notes: list[str],
@@ -172,7 +170,10 @@ def _mission(
     streams = [topic.stream for name, topic in topics.items() if namespace_of(name) in spaces]
     firsts = (int(stream.instants[0]) for stream in streams if stream is not None)
     origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
-    figures = [summaries[start].figures(origin) for start in sorted(summaries)]
+    figures = [
+        replace(told, time=(start - origin) * NANOSECOND)
+        for start, told in sorted(summaries.items())
+    ]
     vehicles = []
     for site in sites:
         own = followed(plans[site], origin)
@@ -185,13 +186,12 @@ def _mission(
     notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
         title=sites[0].view.title or names[sites[0]],
-        problem=next((s.problem for s in summaries.values()), ''),
+        problem=next((f.problem for f in summaries.values()), ''),
         vehicles=tuple(vehicles),
         figures=tuple(figures),
         events=tuple(happened),
         parameters=next((f.parameters for f in reversed(figures) if f.parameters), {}),
         missing=tuple(dict.fromkeys(notes)),
-        document=summaries[max(summaries)].document if summaries else {},
         source=str(path),
         recorded_at=origin * NANOSECOND,
         speed=1.0 if clock is None or abs(clock.speed - 1.0) < _REAL_TIME else clock.speed,
@@ -210,7 +210,7 @@ def _gaps(
     topics: RecordedTopics,
     sites: Sequence[Site],
     vehicles: Sequence[RecordedVehicle],
-    summaries: Mapping[int, PlanSummary],
+    summaries: Mapping[int, PlanFigures],
 ) -> list[str]:
     found = []
     for site, vehicle in zip(sites, vehicles, strict=True):

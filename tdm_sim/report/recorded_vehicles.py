@@ -22,14 +22,13 @@ from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, Robo
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import FollowedPlan, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
     PLAN,
     RecordedTopics,
     STATUSES,
     UnreadableRecording,
 )
-from tdm_sim.report.untrusted import PlanSummary
 
 _TURN = 2 * np.pi
 
@@ -48,7 +47,7 @@ class Planner(NamedTuple):
 
     problem: Problem | None
     unknown: str
-    summaries: Mapping[int, PlanSummary]
+    plans: Mapping[int, PlanFigures]
 
 
 def namespace_of(topic: str) -> str:
@@ -95,7 +94,7 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     """Return the plant that a planner told of: of its problem, or as its summary names joints."""
     if planner.problem is not None:
         return view_of(planner.problem)
-    told = planner.summaries[max(planner.summaries)].vehicles
+    told = planner.plans[max(planner.plans)].vehicles
     only = next(iter(told.values())) if len(told) == 1 else None
     vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
     return PlantView(vehicle) if vehicle is not None and vehicle.joints else None
