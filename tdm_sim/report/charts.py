@@ -144,7 +144,7 @@ def _histories(mission: Mission, sources: Sources, held: bool = False) -> tuple[
     limits: dict[str, set[float]] = {}
     switches: set[float] = set()
     for vehicle in mission.vehicles:
-        for name, levels in vehicle.view.bounds().items():
+        for name, levels in vehicle.view.bounds.items():
             limits.setdefault(name, set()).update(levels)
         switches.update(at for plan in vehicle.plans for at in _switches(plan).tolist())
     return tuple(

@@ -189,7 +189,7 @@ def _key(mission: Mission) -> str:
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
     planned = any(vehicle.plans for vehicle in mission.vehicles)
     entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_executed)]
-    ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
+    ground = {shape.style for shape in mission.vehicles[0].view.surroundings}
     entries.append(('limit', 'limit', 'limit' in ground))
     items = ''.join(
         f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'
