@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
-from tdm_planner.plant_kind import PlantKind
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
@@ -36,11 +35,11 @@ from tdm_sim.report.recorded_vehicles import (
     choose,
     find_sites,
     followed,
-    measured,
     namespace_of,
     planned_vehicles,
     Planner,
     read_plans,
+    recorded_vehicle,
     Site,
 )
 from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary
@@ -155,16 +154,7 @@ def _mission(
     path: Path,
     notes: list[str],
 ) -> Mission:
-    told_of = next(iter(summaries.values())).vehicles if summaries else {}
-    names = {site: _name(site, told_of) for site in sites}
-    plans: dict[Site, dict[int, Trajectory]] = {}
-    for site in sites:
-        told = {
-            start: summary.vehicles[names[site]].interpolation
-            for start, summary in summaries.items()
-            if names[site] in summary.vehicles
-        }
-        plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
+    plans = {site: read_plans(topics, site, summaries, notes) for site in sites}
     starts = sorted({start for found in plans.values() for start in found})
     spaces = {site.namespace for site in sites}
     streams = [topic.stream for name, topic in topics.items() if namespace_of(name) in spaces]
@@ -174,18 +164,16 @@ def _mission(
         replace(told, time=(start - origin) * NANOSECOND)
         for start, told in sorted(summaries.items())
     ]
-    vehicles = []
-    for site in sites:
-        own = followed(plans[site], origin)
-        found = measured(topics, site, origin, own)
-        vehicles.append(RecordedVehicle(names[site], site.view, own, **found))
+    vehicles = [
+        recorded_vehicle(topics, site, origin, followed(plans[site], origin)) for site in sites
+    ]
     clock = RecordedClock.of(topics)
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
     notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
-        title=sites[0].view.title or names[sites[0]],
+        title=sites[0].view.title or sites[0].name,
         problem=next((f.problem for f in summaries.values()), ''),
         vehicles=tuple(vehicles),
         figures=tuple(figures),
@@ -198,14 +186,6 @@ def _mission(
     )
 
 
-def _name(site: Site, told: Mapping[str, PlantKind]) -> str:
-    """Return what a vehicle is called: as in a summary, or by its namespace."""
-    own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
-    if site.namespace == site.planner:
-        own = next(iter(told)) if len(told) == 1 else ''
-    return own or site.view.name
-
-
 def _gaps(
     topics: RecordedTopics,
     sites: Sequence[Site],
@@ -215,18 +195,15 @@ def _gaps(
     found = []
     for site, vehicle in zip(sites, vehicles, strict=True):
         where = untrusted.text(site.namespace, 100)
-        states = 'odom' if site.view.kind.odometry else 'joint_states'
-        expected: list[tuple[str, object, str]] = [
-            (states, vehicle.states, "the plant's motion is not known"),
-            ('joint_command', vehicle.commands, "the tracker's commands are not known"),
-            ('tracking_error', vehicle.tracking_error, 'errors are those of states and plans'),
-        ]
-        if site.view.kind.odometry:
-            told = 'the applied controls are not known'
-            expected.append(('joint_states', vehicle.applied, told))
-        for topic, there, consequence in expected:
+        expected = {
+            'joint_states': (vehicle.applied, 'the applied controls are not known'),
+            site.leading: (vehicle.states, "the plant's motion is not known"),
+            'joint_command': (vehicle.commands, "the tracker's commands are not known"),
+            'tracking_error': (vehicle.tracking_error, 'errors are those of states and plans'),
+        }
+        for name, (there, consequence) in expected.items():
             if there is None:
-                found.append(f'{where}/{topic} is not in the recording, or empty: {consequence}.')
+                found.append(f'{where}/{name} is not in the recording, or empty: {consequence}.')
         if not vehicle.plans:
             found.append(f'There is no plan of {vehicle.name} in the recording.')
     if not summaries:
@@ -237,13 +214,11 @@ def _gaps(
     named = next(iter(summaries.values())).vehicles if summaries else {}
     absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
     found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
-    malformed = {name: topic.malformed for name, topic in topics.items()}
-    strange = {name: topic.stream.not_finite for name, topic in topics.items() if topic.stream}
-    for counts, fault in (
-        (malformed, 'do not match their type and were ignored'),
-        (strange, 'hold values that are not finite, or no attitude, which were ignored'),
-    ):
-        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items() if n]
+    malformed = 'do not match their type and were ignored'
+    strange = 'hold values that are not finite, or no attitude, which were ignored'
+    for name, topic in topics.items():
+        for count, fault in ((topic.malformed, malformed), (topic.not_finite, strange)):
+            found += [f'{untrusted.text(name)}: {count} message(s) {fault}.'] if count else []
     return found
 
 
