@@ -42,7 +42,7 @@ from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
-THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
+THRUST = 'thrust'
 
 _ROUNDING = 1e-9
 
@@ -168,7 +168,7 @@ class RobotView(PlantView):
     title = 'Formation of floating robots'
     settling = RobotTracker.settling
     near = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
-    enforced = frozenset({THRUST, LOWER_THRUST, 'thruster_rate', 'torque'})
+    enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
     labels: ClassVar[Mapping[str, str]] = {
         'x': 'position',
@@ -202,21 +202,14 @@ class RobotView(PlantView):
         super().__init__(ROBOT, problem, drawn)
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
-        """
-        Limits of one robot, those of its thrust apart.
+        """Limits of one robot; one that coasts is not at the limit of its thrust."""
 
-        A robot that coasts is at the lower one all the time: together with it, the margin of the
-        upper one would never be seen.
-        """
-        found = list[Constraint]()
-        for constraint in super().constraints(plan):
-            if constraint.name != THRUST:
-                found.append(constraint)
-                continue
-            upper = replace(constraint, margin=lambda t, x, u: self.bounds[THRUST][1] - u[:, 0])
-            lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
-            found += [upper, lower]
-        return found
+        def left(t: Array, x: Array, u: Array) -> Array:
+            thrust = u[:, 0]
+            return np.where(thrust < -_ROUNDING, thrust, self.bounds[THRUST][1] - thrust)
+
+        found = super().constraints(plan)
+        return [replace(c, margin=left) if c.name == THRUST else c for c in found]
 
 
 class StatedView(PlantView):
