@@ -14,11 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-from tdm_planner.arrays import Array, Integers
+from tdm_planner.arrays import Array
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
@@ -81,26 +80,6 @@ class Signals:
         for k, column in enumerate(self.values.T if self.times.size else ()):
             values[:, k] = np.interp(times, self.times, column, left=np.nan, right=np.nan)
         return Signals(times, values, self.names, self.units)
-
-    def thinned(self, most: int) -> Signals:
-        """
-        Return at most about `most` samples, for drawing.
-
-        In every bin of samples the first, the last, and the smallest and largest of every history
-        stay, so that peaks and gaps are drawn where they were measured.
-        """
-        n, m = self.values.shape
-        if n <= most:
-            return self
-        edges = np.linspace(0, n, max(1, most // (2 + 2 * m)) + 1).astype(int)
-        kept: list[Integers] = [edges[:-1], edges[1:] - 1]
-        unknown = np.isnan(self.values)
-        low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
-        for start, end in itertools.pairwise(edges):
-            part = slice(start, end)
-            kept += [start + low[part].argmin(axis=0), start + high[part].argmax(axis=0)]
-        rows = np.unique(np.concatenate(kept))
-        return Signals(self.times[rows], self.values[rows], self.names, self.units)
 
 
 @dataclass(frozen=True, eq=False)

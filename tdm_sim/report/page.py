@@ -26,7 +26,7 @@ from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, chart_json, mission_charts
+from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
@@ -52,13 +52,13 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
     comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
-    scene = animation.scene(mission)
+    scene, most = animation.scene(mission), points_per_curve(charts)
     report = {
         'span': list(mission.span),
         'motion': list(motion_span(mission)),
         'speed': f'{playing_speed(mission):g}',
         'scene': scene,
-        'charts': [chart_json(chart, mission.span) for chart in charts],
+        'charts': [chart_json(chart, mission.span, most) for chart in charts],
     }
     data = json.dumps(report, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
     script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
