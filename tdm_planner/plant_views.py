@@ -216,11 +216,11 @@ class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
     settling = StatedTracker.settling
+    problem: DirectProblem
 
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
         self._stated = CheckedFormulation(problem)
-        self._statement = problem
         self._known: dict[Trajectory, tuple[Array, bool]] = {}
         self.name = self.title = problem.name
         limits = self._stated.control_limits.items()
@@ -243,7 +243,7 @@ class StatedView(PlantView):
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
         """Return the range of every state (nx,) along a plan, and whether its end can be held."""
         if plan not in self._known:
-            tracker = StatedTracker(self._statement, TrackerParameters())
+            tracker = StatedTracker(self.problem, TrackerParameters())
             held = tracker.prepare(plan).end is not None
             self._known[plan] = tracker.ranges, held
         return self._known[plan]
@@ -271,14 +271,14 @@ class StatedView(PlantView):
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the statement draws."""
-        values = [x[name] for name in self._statement.state_names]
+        values = [x[name] for name in self.problem.state_names]
         try:
-            shapes = list(self._statement.drawing(values))
+            shapes = list(self.problem.drawing(values))
             for shape in shapes:
                 points_of(shape, np.asarray(values[0]).size)
         except Exception as error:  # noqa: B902
             raise InvalidProblem(
-                f'drawing of {type(self._statement).__name__} raises '
+                f'drawing of {type(self.problem).__name__} raises '
                 f"{type(error).__name__}: {error} (states may be arrays: use numpy's functions)"
             ) from error
         return shapes
