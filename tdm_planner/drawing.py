@@ -151,7 +151,7 @@ class Drawn:
         return ()
 
     def shapes(self, states: Array, controls: Array | None = None) -> Sequence[Shape]:
-        """Return the drawing in states (nx,) or (n, nx) and under controls, its own come first."""
+        """Return the drawing in states (nx,) or (n, nx), whose first are its own, and controls."""
         x = zip(self.kind.state_names, states.T, strict=False)
         u = () if controls is None else zip(self.kind.control_names, controls.T, strict=False)
         return self.drawing(dict(x), dict(u))

@@ -45,6 +45,7 @@ from tdm_planner.verification import Constraint
 THRUST = 'thrust'
 
 _ROUNDING = 1e-9
+_NO_THRUST = 1e-6  # N
 
 
 class Tolerance(NamedTuple):
@@ -206,7 +207,7 @@ class RobotView(PlantView):
 
         def left(t: Array, x: Array, u: Array) -> Array:
             thrust = u[:, 0]
-            return np.where(thrust < -_ROUNDING, thrust, self.bounds[THRUST][1] - thrust)
+            return np.where(thrust < -_NO_THRUST, thrust, self.bounds[THRUST][1] - thrust)
 
         found = super().constraints(plan)
         return [replace(c, margin=left) if c.name == THRUST else c for c in found]
