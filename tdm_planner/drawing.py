@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Final, Literal, NamedTuple, Protocol, TYPE_CHECKING
+from typing import Any, Final, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,18 +131,30 @@ def _placed(point: Point, count: int) -> Array:
     return np.stack(parts, axis=-1)
 
 
-class Drawn(Protocol):
-    """A plant that has a picture."""
+def in_space(points: Array) -> Array:
+    """Return points (..., 2 or 3) in space; those of the plane are at height 0."""
+    return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 3 - points.shape[-1])])
 
-    @property
-    def kind(self) -> PlantKind:
-        """Return its states and controls."""
+
+class Drawn:
+    """
+    What a plant looks like; this one has no picture.
+
+    `surroundings` are what stands still around it.
+    """
+
+    kind: PlantKind
+    surroundings: Sequence[Shape] = ()
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the plant looks like in states `x`, under controls `u`."""
+        return ()
 
-    def surroundings(self) -> Sequence[Shape]:
-        """Return what stands still around it."""
+    def shapes(self, states: Array, controls: Array | None = None) -> Sequence[Shape]:
+        """Return the drawing in states (nx,) or (n, nx), whose first are its own, and controls."""
+        x = zip(self.kind.state_names, states.T, strict=False)
+        u = () if controls is None else zip(self.kind.control_names, controls.T, strict=False)
+        return self.drawing(dict(x), dict(u))
 
 
 class DrawnPath(NamedTuple):
@@ -153,18 +165,22 @@ class DrawnPath(NamedTuple):
     name: str = ''
 
 
-@dataclass(frozen=True)
-class PendulumDrawing:
+class PendulumDrawing(Drawn):
     """
     The rotary pendulum in the frame `world`; its rod is uniform.
 
     `torque` is the largest [N m], `disk_angle` how far the disk may turn [rad].
     """
 
-    plant: RotaryPendulum
-    torque: float = 1.0
-    disk_angle: float = math.pi
     kind = PENDULUM
+
+    def __init__(
+        self, plant: RotaryPendulum, torque: float = 1.0, disk_angle: float = math.pi
+    ) -> None:
+        self.plant, self.torque = plant, torque
+        disk = _arc(plant.arm_length, math.pi)
+        stops = _arc(1.15 * plant.arm_length, min(disk_angle, math.pi))
+        self.surroundings = Line(disk, 'reach'), Line(stops, 'limit')
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Arm and rod; the torque as an arc from the arm onwards."""
@@ -181,12 +197,6 @@ class PendulumDrawing:
             shapes.append(Line(arc, 'force'))
         return shapes
 
-    def surroundings(self) -> Sequence[Shape]:
-        """Disk, and how far the arm may turn."""
-        radius, reach = self.plant.arm_length, min(self.disk_angle, math.pi)
-        disk, stops = _arc(radius, math.pi), _arc(1.15 * radius, reach)
-        return [Line(disk, 'reach'), Line(stops, 'limit')]
-
 
 def _arc(radius: float, reach: float) -> list[tuple[float, float, float]]:
     angles = np.linspace(-reach, reach, _ARC)
@@ -194,19 +204,18 @@ def _arc(radius: float, reach: float) -> list[tuple[float, float, float]]:
 
 
 @dataclass(frozen=True)
-class RobotDrawing:
+class RobotDrawing(Drawn):
     """
     A floating robot in the frame `arena`; the jet of its thruster is drawn against the force.
 
     `separation` is the distance [m] that robots keep, None where it is not known; `radius` that of
-    the body [m], by default a share of it; `thrust` is the largest [N]; `arena` stands around all
-    robots.
+    the body [m], by default a share of it; `thrust` is the largest [N].
     """
 
     separation: float | None = None
     thrust: float = 1.0
     radius: float = 0.0
-    arena: Sequence[Shape] = ()
+    surroundings: Sequence[Shape] = ()
     kind = ROBOT
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
@@ -224,10 +233,6 @@ class RobotDrawing:
             jet = [(x['x'] + r * np.cos(turn), x['y'] + r * np.sin(turn)) for r in (body, far)]
             shapes.append(Line(jet, 'force'))
         return shapes
-
-    def surroundings(self) -> Sequence[Shape]:
-        """Return the arena."""
-        return self.arena
 
 
 def arena_drawing(arena: Arena) -> Sequence[Shape]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -41,9 +42,10 @@ from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
-THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
+THRUST = 'thrust'
 
 _ROUNDING = 1e-9
+_NO_THRUST = 1e-6  # N
 
 
 class Tolerance(NamedTuple):
@@ -53,7 +55,7 @@ class Tolerance(NamedTuple):
     allowed: float
 
 
-class PlantView:
+class PlantView(Drawn):
     """
     A plant as verdict, report and pictures know it.
 
@@ -63,7 +65,7 @@ class PlantView:
     by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`
     the deviations within which the goal counts as reached, where they do not depend on the plan;
     `place` the states that are its place in the plane, where several of a kind keep a distance,
-    `separation` [m] if it is known.
+    `separation` [m] if it is known; `bounds` the levels that limit a state or a control, by name.
     """
 
     settling: float = 0.0
@@ -74,11 +76,13 @@ class PlantView:
     labels: ClassVar[Mapping[str, str]] = {}
     name: str = 'vehicle'
     title: str = ''
+    bounds: Mapping[str, tuple[float, ...]] = MappingProxyType({})
 
     def __init__(
         self, kind: PlantKind, problem: Problem | None = None, drawn: Drawn | None = None
     ) -> None:
-        self.kind, self.problem, self._drawn = kind, problem, drawn
+        self.kind, self.problem, self._drawn = kind, problem, drawn or Drawn()
+        self.surroundings = self._drawn.surroundings
 
     @property
     def units(self) -> dict[str, str]:
@@ -107,23 +111,9 @@ class PlantView:
         """Return what a limit may be violated by, in its unit."""
         return _ROUNDING
 
-    def bounds(self) -> Mapping[str, tuple[float, ...]]:
-        """Return the levels that limit a state or a control, by name."""
-        return {}
-
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the plant looks like in states `x`, under controls `u`."""
-        return () if self._drawn is None else self._drawn.drawing(x, u)
-
-    def shapes(self, states: Array, controls: Array | None = None) -> Sequence[Shape]:
-        """Return the drawing in states (nx,) or (n, nx), under controls if given."""
-        x = dict(zip(self.kind.state_names, states.T, strict=True))
-        u = {} if controls is None else zip(self.kind.control_names, controls.T, strict=True)
-        return self.drawing(x, dict(u))
-
-    def surroundings(self) -> Sequence[Shape]:
-        """Return what stands still around it."""
-        return () if self._drawn is None else self._drawn.surroundings()
+        return self._drawn.drawing(x, u)
 
     def missed_by(self, plan: Trajectory, states: Components) -> list[tuple[Tolerance, Array]]:
         """Return the tolerances of a plan's goal, and how far states are from it by each (n,)."""
@@ -159,25 +149,18 @@ class PendulumView(PlantView):
 
     def __init__(self, problem: PendulumSwingUp | None = None) -> None:
         drawn = PendulumDrawing(RotaryPendulum())
-        self._limits = None if problem is None else problem.limits
         if problem is not None:
-            limits = problem.limits
-            drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
+            torque, angle = problem.limits.torque, problem.limits.disk_angle
+            drawn = PendulumDrawing(problem.plant, torque, angle)
             self.settling = settling(problem.plant)
+            self.bounds = {'torque': (-torque, torque), 'psi': (-angle, angle)}
         super().__init__(PENDULUM, problem, drawn)
 
     def allowed(self, limit: str) -> float:
         """Return room for the feedback beyond the disk's angle, none beyond the torque."""
-        if limit != 'disk_angle' or self._limits is None:
-            return super().allowed(limit)
-        return ALLOWED * self._limits.disk_angle
-
-    def bounds(self) -> Mapping[str, tuple[float, ...]]:
-        """Both sides of the torque and of the disk's angle."""
-        if self._limits is None:
-            return {}
-        torque, angle = self._limits.torque, self._limits.disk_angle
-        return {'torque': (-torque, torque), 'psi': (-angle, angle)}
+        if limit == 'disk_angle' and 'psi' in self.bounds:
+            return ALLOWED * self.bounds['psi'][1]
+        return super().allowed(limit)
 
 
 class RobotView(PlantView):
@@ -186,7 +169,7 @@ class RobotView(PlantView):
     title = 'Formation of floating robots'
     settling = RobotTracker.settling
     near = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
-    enforced = frozenset({THRUST, LOWER_THRUST, 'thruster_rate', 'torque'})
+    enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
     labels: ClassVar[Mapping[str, str]] = {
         'x': 'position',
@@ -206,57 +189,43 @@ class RobotView(PlantView):
     def __init__(self, problem: RobotFormation | None = None) -> None:
         drawn = RobotDrawing()
         if problem is not None:
-            arena, self.separation = problem.arena, problem.arena.minimum_separation
-            thrust = problem.limits.thrust
-            drawn = RobotDrawing(self.separation, thrust, arena=arena_drawing(arena))
+            arena, limits = problem.arena, problem.limits
+            self.separation = arena.minimum_separation
+            drawn = RobotDrawing(self.separation, limits.thrust, surroundings=arena_drawing(arena))
+            half = self.separation / 2
+            self.bounds = {  # walls less the safety radius, and the actuators
+                'x': (half, arena.length - half),
+                'y': (half, arena.width - half),
+                THRUST: (0.0, limits.thrust),
+                'thruster_rate': (-limits.thruster_rate, limits.thruster_rate),
+                'torque': (-limits.torque, limits.torque),
+            }
         super().__init__(ROBOT, problem, drawn)
-        self._formation = problem
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
-        """
-        Limits of one robot, those of its thrust apart.
+        """Limits of one robot; one that coasts is not at the limit of its thrust."""
 
-        A robot that coasts is at the lower one all the time: together with it, the margin of the
-        upper one would never be seen.
-        """
-        if self._formation is None:
-            return ()
-        most, found = self._formation.limits.thrust, list[Constraint]()
-        for constraint in super().constraints(plan):
-            if constraint.name != THRUST:
-                found.append(constraint)
-                continue
-            upper = replace(constraint, margin=lambda t, x, u: most - u[:, 0])
-            lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
-            found += [upper, lower]
-        return found
+        def left(t: Array, x: Array, u: Array) -> Array:
+            thrust = u[:, 0]
+            return np.where(thrust < -_NO_THRUST, thrust, self.bounds[THRUST][1] - thrust)
 
-    def bounds(self) -> Mapping[str, tuple[float, ...]]:
-        """Walls less the safety radius, and the limits of the actuators."""
-        if self._formation is None:
-            return {}
-        arena, limits = self._formation.arena, self._formation.limits
-        half, turning, torque = arena.minimum_separation / 2, limits.thruster_rate, limits.torque
-        return {
-            'x': (half, arena.length - half),
-            'y': (half, arena.width - half),
-            THRUST: (0.0, limits.thrust),
-            'thruster_rate': (-turning, turning),
-            'torque': (-torque, torque),
-        }
+        found = super().constraints(plan)
+        return [replace(c, margin=left) if c.name == THRUST else c for c in found]
 
 
 class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
     settling = StatedTracker.settling
+    problem: DirectProblem
 
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
         self._stated = CheckedFormulation(problem)
-        self._statement = problem
         self._known: dict[Trajectory, tuple[Array, bool]] = {}
         self.name = self.title = problem.name
+        limits = self._stated.control_limits.items()
+        self.bounds = {name: tuple(v for v in both if np.isfinite(v)) for name, both in limits}
 
     def allowed(self, limit: str) -> float:
         """Return the share by which margins of limits may be negative: feedback needs room."""
@@ -275,7 +244,7 @@ class StatedView(PlantView):
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
         """Return the range of every state (nx,) along a plan, and whether its end can be held."""
         if plan not in self._known:
-            tracker = StatedTracker(self._statement, TrackerParameters())
+            tracker = StatedTracker(self.problem, TrackerParameters())
             held = tracker.prepare(plan).end is not None
             self._known[plan] = tracker.ranges, held
         return self._known[plan]
@@ -301,21 +270,16 @@ class StatedView(PlantView):
         found = self._stated.parts('end_conditions', np.array([time]), state[None])
         return np.array([float(value[0]) / ALLOWED for value in found])
 
-    def bounds(self) -> Mapping[str, tuple[float, ...]]:
-        """Return the limits of controls that are finite."""
-        limits = self._stated.control_limits
-        return {name: tuple(v for v in both if np.isfinite(v)) for name, both in limits.items()}
-
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the statement draws."""
-        values = [x[name] for name in self._statement.state_names]
+        values = [x[name] for name in self.problem.state_names]
         try:
-            shapes = list(self._statement.drawing(values))
+            shapes = list(self.problem.drawing(values))
             for shape in shapes:
                 points_of(shape, np.asarray(values[0]).size)
         except Exception as error:  # noqa: B902
             raise InvalidProblem(
-                f'drawing of {type(self._statement).__name__} raises '
+                f'drawing of {type(self.problem).__name__} raises '
                 f"{type(error).__name__}: {error} (states may be arrays: use numpy's functions)"
             ) from error
         return shapes

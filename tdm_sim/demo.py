@@ -77,7 +77,7 @@ def run_demo(
         mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))
         comparison = compare(mission)
         progress.phase(f'writing {output}/plan.json and {output}/report.html')
-        if mission.document and all(vehicle.plan for vehicle in mission.vehicles):
+        if mission.figures and all(vehicle.plan for vehicle in mission.vehicles):
             save_plan(_plan_file(mission), output / 'plan.json')
         write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
@@ -171,7 +171,7 @@ def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict
 
 def _plan_file(mission: Mission) -> dict[str, Any]:
     """Return the plan that counts at the end, as published and with the planner's figures."""
-    document = {k: v for k, v in mission.document.items() if k not in _OF_MESSAGES}
+    document = {k: v for k, v in mission.figures[-1].document.items() if k not in _OF_MESSAGES}
     plans = {v.name: v.plan.trajectory for v in mission.vehicles if v.plan is not None}
     if len(mission.vehicles) == 1:
         return document | next(iter(plans.values())).to_dict()

@@ -37,8 +37,6 @@ from tdm_sim.plant_node import (
 from tdm_sim.robot_plant import ROBOT_MODEL
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 
-_LARGEST_CONTROL = 1e9  # of what has no limits
-
 PROBLEM = ParameterSpec(
     'problem',
     str,
@@ -102,7 +100,7 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
         for number, name in enumerate(kind.state_names):
             initial = getattr(given.initial, name, None)
             begin[number] = begin[number] if initial is None else initial
-        lower, upper = np.clip(plant.control_range, -_LARGEST_CONTROL, _LARGEST_CONTROL)
+        lower, upper = plant.control_range
         noise = np.array([getattr(given.noise, name, 0.0) for name in kind.state_names])
         return PlantSetup(plant, begin, lower, upper, noise, held=given.held)
 

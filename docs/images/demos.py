@@ -44,7 +44,7 @@ def animate(mission: Mission, name: str) -> list[Image.Image]:
     scene = parts[0].add_subplot(projection='3d' if name == 'pendulum' else None)
     axes = parts[1].subplots(len(PANELS[name]), 1, sharex=True)
     axes[-1].set_xlabel('time [s]  (thin: planned, bold: measured)')
-    updates = [_shown(scene, shape, 1, '0.4') for shape in mission.vehicles[0].view.surroundings()]
+    updates = [_shown(scene, shape, 1, '0.4') for shape in mission.vehicles[0].view.surroundings]
     for vehicle, colour in zip(mission.vehicles, COLOURS, strict=False):
         planned, measured = planned_frames(vehicle, times), measured_frames(vehicle, times)
         if planned is None or measured is None:

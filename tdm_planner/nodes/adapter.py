@@ -327,7 +327,7 @@ class Adapter:
         view = next(iter(views.values()))
         ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]
         try:
-            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), ways))
+            self._markers.publish(plan_markers(view.kind.frame, view.surroundings, ways))
         except InvalidProblem as error:  # markers must not cost the plan
             self._node.get_logger().warning(str(error))
 

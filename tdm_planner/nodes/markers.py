@@ -30,6 +30,7 @@ from tdm_planner.drawing import (
     Disc,
     Drawn,
     DrawnPath,
+    in_space,
     Line,
     points_of,
     rgb,
@@ -156,7 +157,7 @@ class Picture:
         if instant < self._due - _ROUNDING:
             return
         self._due = instant + self._spacing
-        for number, shape in enumerate(_shapes(self._drawn, state)):
+        for number, shape in enumerate(self._drawn.shapes(state)):
             if shape.trail:
                 trail = self._trails.setdefault(number, deque())
                 trail.append((instant, to_points(way_of(shape, 1))[0]))
@@ -173,8 +174,8 @@ class Picture:
     ) -> MarkerArray:
         """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
         pen, name = Pen(self._drawn.kind.frame, stamp, lifetime), self._name
-        shapes = _shapes(self._drawn, state, control)
-        self._width = width = self._width or _WIDTH * _size(_shapes(self._drawn, state))
+        shapes = self._drawn.shapes(state, control)
+        self._width = width = self._width or _WIDTH * _size(self._drawn.shapes(state))
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
             if len(trail) > 1:
@@ -197,12 +198,12 @@ def plan_markers(
     """
     pen = Pen(frame)
     shown = [pen.marker(action=Marker.DELETEALL)]
-    ends = [_shapes(way.drawn, way.states[-1]) for way in ways]
+    ends = [way.drawn.shapes(way.states[-1]) for way in ways]
     width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
     shown += [_marker(pen, k, shape, width) for k, shape in enumerate(surroundings)]
     for count, (way, end) in enumerate(zip(ways, ends, strict=True), start=1):
         thin = np.linspace(0, len(way.states) - 1, min(LONGEST_PATH, len(way.states))).astype(int)
-        for place, shape in enumerate(_shapes(way.drawn, way.states[thin].T)):
+        for place, shape in enumerate(way.drawn.shapes(way.states[thin])):
             number = 100 * count + place
             if shape.trail and thin.size > 1:
                 path = to_points(way_of(shape, thin.size))
@@ -216,22 +217,13 @@ def plan_markers(
     return MarkerArray(markers=shown)
 
 
-def _shapes(drawn: Drawn, states: Array, controls: Iterable[Any] = ()) -> Sequence[Shape]:
-    """Return what a plant looks like in states (nx,) or (nx, n), under controls (nu,)."""
-    kind = drawn.kind
-    return drawn.drawing(
-        dict(zip(kind.state_names, states, strict=False)),
-        dict(zip(kind.control_names, controls, strict=False)),
-    )
-
-
 def _size(shapes: Iterable[Shape]) -> float:
     """Return the largest extent of shapes in one state [m]."""
     extents = [1e-3]
     corners = []
     for shape in shapes:
         points = points_of(shape, 1)[0]
-        corners += np.pad(points, ((0, 0), (0, 3 - points.shape[1]))).tolist()
+        corners += in_space(points).tolist()
         extents += [shape.radius] if isinstance(shape, Disc) else []
     extents += np.ptp(corners, axis=0).tolist() if corners else []
     return float(max(extents))

@@ -17,7 +17,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.arrays import Array
-from tdm_planner.drawing import Box, Disc, Line, points_of, rgb, Shape, Style, STYLE_COLOURS, WAY
+from tdm_planner.drawing import (
+    Box,
+    Disc,
+    in_space,
+    Line,
+    points_of,
+    rgb,
+    Shape,
+    Style,
+    STYLE_COLOURS,
+    WAY,
+    way_of,
+)
 from viser.transforms import SO3
 
 Rotation = NDArray[np.floating[Any]]  # wxyz (4,)
@@ -108,7 +120,7 @@ def picture(
 
 
 def _solid(shape: Disc | Box, height: float) -> tuple[str, Array, Rotation, Sequence[float]]:
-    place = in_space(np.array([float(np.asarray(part)) for part in shape.centre]))
+    place = in_space(way_of(shape, 1)[0])
     if isinstance(shape, Box):
         turn = SO3.from_z_radians(float(np.asarray(shape.turn)))
         return 'box', place, turn.wxyz, [*shape.size, height][:3]
@@ -129,12 +141,6 @@ def along(way: Array) -> Rotation:
     x, y, z = -way if way[2] < 0.0 else way
     half = np.array([np.linalg.norm(way) + z, -y, x, 0.0])
     return half / np.linalg.norm(half) if half.any() else SO3.identity().wxyz
-
-
-def in_space(points: Array) -> Array:
-    """Return points (..., 2 or 3) in space; those of the plane are at height 0."""
-    missing = 3 - points.shape[-1]
-    return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, missing)])
 
 
 class View(NamedTuple):

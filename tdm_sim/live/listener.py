@@ -12,16 +12,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-import threading
 import time
 from typing import Any, NamedTuple
 import uuid
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log, ParameterEvent
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 import rclpy
 from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, qos_profile_parameter_events, QoSProfile
 from std_srvs.srv import Trigger
 from tdm_planner.client import PlanClient
@@ -36,6 +35,7 @@ ROLES = PLANNING, TRACKING, SIMULATION = 'planning', 'tracking', 'simulation'  #
 _DEPTH = 100  # as many nodes may speak at once
 _EVENTS = 200
 _LONGEST = 20.0  # s for an answer
+_LOOK = 0.002  # s between looks whether one has come
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -100,7 +100,8 @@ class Listener:
         self.declared: dict[str, Declared] = {}
         self.events: deque[Event] = deque(maxlen=_EVENTS)
         self.changes = 0  # of parameters
-        self._clients: dict[tuple[str, type], Any] = {}
+        self._parameters: dict[str, AsyncParameterClient] = {}  # by node
+        self._triggers: dict[str, Any] = {}  # clients by service
         make = self.node.create_subscription
         make(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, _DEPTH)
         make(Log, '/rosout', self._on_log, _ROSOUT)
@@ -155,19 +156,14 @@ class Listener:
 
     def _learn(self, node: str) -> None:
         """Ask a node for its parameters once its services are known."""
-        lists = self._client(ListParameters, f'{node}/list_parameters')
-        describe = self._client(DescribeParameters, f'{node}/describe_parameters')
-        get = self._client(GetParameters, f'{node}/get_parameters')
+        client = self._parameters_at(node)
 
         def on_names(answer: Any) -> None:
-            names = answer.result().result.names
-            asked = describe.call_async(DescribeParameters.Request(names=names))
-            asked.add_done_callback(on_described)
+            client.describe_parameters(answer.result().result.names, on_described)
 
         def on_described(answer: Any) -> None:
             descriptors = {found.name: found for found in answer.result().descriptors}
-            asked = get.call_async(GetParameters.Request(names=list(descriptors)))
-            asked.add_done_callback(partial(on_values, descriptors))
+            client.get_parameters(list(descriptors), partial(on_values, descriptors))
 
         def on_values(descriptors: Mapping[str, Any], answer: Any) -> None:
             values = map(parameter_value_to_python, answer.result().values)
@@ -176,8 +172,8 @@ class Listener:
                 self.declared[node] = known
                 self.changes += 1
 
-        if all(client.service_is_ready() for client in (lists, describe, get)):
-            lists.call_async(ListParameters.Request()).add_done_callback(on_names)
+        if client.services_are_ready():
+            client.list_parameters(callback=on_names)
 
     def _on_event(self, message: ParameterEvent) -> None:
         declared = self.declared.get(message.node)
@@ -191,42 +187,40 @@ class Listener:
 
     def set_parameters(self, nodes: Sequence[str], values: Mapping[str, Any]) -> None:
         """Set parameters of nodes; raise InvalidProblem with the first one's reason."""
-        messages = [
-            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
-        ]
-        request = SetParameters.Request(parameters=messages)
-        asked = [self._ask(SetParameters, f'{node}/set_parameters', request) for node in nodes]
-        for answer in asked:
-            for result in answer().results:
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        asked = []
+        for node in nodes:
+            client = self._parameters_at(node)
+            _await(client.services_are_ready, f'{node} serves no parameters')
+            asked.append((node, client.set_parameters(given)))
+        for node, answer in asked:
+            _await(answer.done, f'{node} did not answer within {_LONGEST:g} s')
+            for result in answer.result().results:
                 if not result.successful:
                     raise InvalidProblem(result.reason)
 
     def trigger(self, service: str) -> str:
         """Call a std_srvs/Trigger; returns its message."""
-        return str(self._ask(Trigger, service, Trigger.Request())().message)
+        if service not in self._triggers:
+            self._triggers[service] = self.node.create_client(
+                Trigger, service, qos_profile=SERVICE
+            )
+        client = self._triggers[service]
+        _await(client.service_is_ready, f'no node serves {service}')
+        answer = client.call_async(Trigger.Request())
+        _await(answer.done, f'{service} did not answer within {_LONGEST:g} s')
+        return str(answer.result().message)
 
-    def _client(self, kind: type, name: str) -> Any:
-        found = self._clients.get((name, kind))
-        if found is None:
-            found = self.node.create_client(kind, name, qos_profile=SERVICE)
-            self._clients[name, kind] = found
-        return found
+    def _parameters_at(self, node: str) -> AsyncParameterClient:
+        if node not in self._parameters:
+            self._parameters[node] = AsyncParameterClient(self.node, node, SERVICE)
+        return self._parameters[node]
 
-    def _ask(self, kind: Any, name: str, request: Any) -> Callable[[], Any]:
-        """Send a request; what is returned waits for the answer."""
-        client, done = self._client(kind, name), threading.Event()
-        end = time.monotonic() + _LONGEST
-        while not client.service_is_ready():
-            if time.monotonic() > end:
-                raise NoAnswer(f'no node serves {name}')
-            time.sleep(0.01)
-        asked = client.call_async(request)
-        asked.add_done_callback(lambda _: done.set())
 
-        def answer() -> Any:
-            if not done.wait(_LONGEST):
-                client.remove_pending_request(asked)
-                raise NoAnswer(f'{name} did not answer within {_LONGEST:g} s')
-            return asked.result()
-
-        return answer
+def _await(condition: Callable[[], bool], otherwise: str) -> None:
+    """Wait until another thread has made a condition true; NoAnswer if it does not in time."""
+    end = time.monotonic() + _LONGEST
+    while not condition():
+        if time.monotonic() > end:
+            raise NoAnswer(otherwise)
+        time.sleep(_LOOK)

@@ -141,13 +141,13 @@ class Page:
     def _place_camera(self, states: list[Array]) -> None:
         """Point the camera at the surroundings and at a vehicle in these states (nx,)."""
         drawn = [shape for state in states for shape in self._rig.view.shapes(state)]
-        view = view_on([*self._rig.view.surroundings(), *drawn])
+        view = view_on([*self._rig.view.surroundings, *drawn])
         self._width = view.width
         self._scene.look(view)
         self._show_surroundings()
 
     def _show_surroundings(self) -> None:
-        still = [(self._rig.view.surroundings(), Look())]
+        still = [(self._rig.view.surroundings, Look())]
         self._scene.show('still', picture(still, self._width))
 
     def _show_motion(self) -> None:
@@ -179,7 +179,7 @@ class Page:
                 if shape.trail:
                     paths.append((way_of(shape, len(states)), rig.colour(name) or PATH))
             along += list(states[:: max(len(states) // _PLACES, 1)])
-        if not self._whole and not rig.view.surroundings():
+        if not self._whole and not rig.view.surroundings:
             self._place_camera(along)
         self._whole = True
         self._scene.show('plan', picture(goals, self._width, paths))

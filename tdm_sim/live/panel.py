@@ -98,11 +98,9 @@ class Panel:
             f'<td>{escape(value)}</td></tr>'
             for name, value in lines
         )
-        above = (
-            f'<div class="tdm-fault" style="color: {LIMIT}">{escape(fault)}</div>' if fault else ''
-        )
-        self._status.content = (
-            f'<div class="tdm-status" style="{_SMALL}">{above}<table>{rows}</table></div>'
+        above = f'<div class="tdm-fault" style="color: {LIMIT}">{escape(fault)}</div>'
+        self._status.content = _block(
+            'tdm-status', f'{above if fault else ""}<table>{rows}</table>'
         )
 
     def note(self, text: str) -> None:

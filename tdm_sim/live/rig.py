@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -57,26 +58,27 @@ class WatchedVehicle:
 
     def __init__(self, node: rclpy.node.Node, kind: PlantKind, prefix: str) -> None:
         self._kind = kind
-        nothing = lambda _: None  # noqa: E731
-        topic = f'{prefix}joint_states'
-        self._joints = node.create_subscription(JointState, topic, nothing, _LAST)
-        self._odometry = None
+
+        def subscribed(message: type, topic: str) -> Any:
+            return node.create_subscription(message, f'{prefix}{topic}', lambda _: None, _LAST)
+
+        states = partial(read_joints, kind.measured, names=kind.state_names)
+        efforts = [partial(read_joints, [j], names=kind.control_names) for j in kind.actuated]
+        self._readers = [(subscribed(JointState, 'joint_states'), [states, *efforts])]
         if kind.odometry:
-            self._odometry = node.create_subscription(Odometry, f'{prefix}odom', nothing, _LAST)
+            self._readers.append((subscribed(Odometry, 'odom'), [partial(read_odometry, kind)]))
         self._values: dict[str, float] = dict.fromkeys(kind.control_names, 0.0)
         self._instant = 0
 
     def newest(self) -> Motion | None:
         """Return what is known of the motion; None until the state is complete."""
         kind = self._kind
-        joints = _newest(self._joints)
-        if joints is not None:
-            self._take(lambda: read_joints(kind.measured, joints, kind.state_names), joints)
-            for joint in kind.actuated:
-                self._take(partial(read_joints, [joint], joints, kind.control_names), joints)
-        odometry = None if self._odometry is None else _newest(self._odometry)
-        if odometry is not None:
-            self._take(lambda: read_odometry(kind, odometry), odometry)
+        for subscription, readers in self._readers:
+            message = _newest(subscription)
+            for read in readers if message is not None else ():
+                with suppress(InvalidProblem):  # others may publish here; not all tell of efforts
+                    self._values |= read(message)
+                    self._instant = nanoseconds_of(message.header.stamp)
         if any(name not in self._values for name in kind.state_names):
             return None
         return Motion(
@@ -84,13 +86,6 @@ class WatchedVehicle:
             np.array([self._values[name] for name in kind.control_names]),
             self._instant,
         )
-
-    def _take(self, read: Callable[[], Mapping[str, float]], message: Any) -> None:
-        try:
-            self._values |= read()
-        except InvalidProblem:
-            return  # others may publish here; drivers may not tell of efforts
-        self._instant = nanoseconds_of(message.header.stamp)
 
 
 def _newest(subscription: Any) -> Any:

@@ -37,7 +37,7 @@ def scene(mission: Mission) -> dict[str, Any] | None:
     return {
         'times': packed(times),
         'space': drawn[0][0]['size'] > 2,
-        'ground': _shapes(view.surroundings(), 1),
+        'ground': _shapes(view.surroundings, 1),
         'vehicles': vehicles,
     }
 

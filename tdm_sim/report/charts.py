@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+import itertools
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,13 +20,12 @@ from tdm_sim.report.margins import History, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
-Sources = Mapping[Kind, Sequence[Signals | None]]  # of every vehicle, by the kind of their curves
+Sources = Mapping[Kind, Signals | None]  # of a vehicle, by the kind of their curves
 
 # Points of all curves together: a page stays below 8 MB however many vehicles there are.
 MOST_POINTS = 200_000
 FEWEST_PER_CURVE, MOST_PER_CURVE = 60, 3000
 SHOWN_PAIRS = 6  # of vehicles
-_OTHER_CURVES = 24  # distances, limits
 _COLOURS = {'planned': 0, 'measured': 1, 'commanded': 2, 'error': 1}  # of a single vehicle
 _PADDING = 0.08
 _FROM_BELOW = ('measured', 'commanded', 'planned', 'error')
@@ -46,6 +46,25 @@ class Curve(NamedTuple):
     colour: int
     series: str = ''
     held: bool = False
+
+    def thinned(self, most: int) -> Curve:
+        """
+        Return at most about `most` points, for drawing.
+
+        In every bin of samples the first, the last, the smallest and the largest stay, so that
+        peaks and gaps are drawn where they were measured.
+        """
+        n = self.times.size
+        if n <= most:
+            return self
+        edges = np.linspace(0, n, max(1, most // 4) + 1).astype(int)
+        rows = [*edges[:-1], *(edges[1:] - 1)]
+        unknown = np.isnan(self.values)
+        low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
+        for start, end in itertools.pairwise(edges):
+            rows += [start + low[start:end].argmin(), start + high[start:end].argmax()]
+        kept = np.unique(rows)
+        return self._replace(times=self.times[kept], values=self.values[kept])
 
 
 class Panel(NamedTuple):
@@ -69,69 +88,51 @@ class Chart(NamedTuple):
 
 
 def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
-    """Return the charts that have anything to show."""
-    vehicles = mission.vehicles
-    plans = [_planned(mission, vehicle) for vehicle in vehicles]
-    states: Sources = {
-        'planned': [state for state, _ in plans],
-        'measured': [vehicle.states for vehicle in vehicles],
-    }
-    controls: Sources = {
-        'planned': [control for _, control in plans],
-        'measured': [vehicle.applied for vehicle in vehicles],
-        'commanded': [vehicle.commands for vehicle in vehicles],
-    }
-    margins = [comparison.margins[vehicle.name] for vehicle in vehicles]
-    left: Sources = {
-        'planned': [margin.planned for margin in margins],
-        'measured': [margin.measured for margin in margins],
-    }
-    errors = [comparison.tracking_errors.get(vehicle.name) for vehicle in vehicles]
-    kept = tuple(panel._replace(limits=(0.0,)) for panel in _panels(mission, left))
+    """Return the charts that have anything to show, with all their points."""
+    states, controls, margins, errors = (list[Sources]() for _ in range(4))
+    for vehicle in mission.vehicles:
+        state, control = _planned(vehicle)
+        left = comparison.margins[vehicle.name]
+        states.append({'planned': state, 'measured': vehicle.states})
+        controls.append(
+            {'planned': control, 'measured': vehicle.applied, 'commanded': vehicle.commands}
+        )
+        margins.append({'planned': left.planned, 'measured': left.measured})
+        errors.append({'error': comparison.tracking_errors.get(vehicle.name)})
+    kept = tuple(panel._replace(limits=(0.0,)) for panel in _panels(mission, margins))
     note = 'Distance from the limit: what is below zero is a violation.'
+    less = 'Measured less planned.'
     found = [
         Chart('states', 'States', _histories(mission, states)),
         Chart('controls', 'Controls', _histories(mission, controls, held=True)),
         _distances(mission, comparison.separations),
         Chart('margins', 'Constraint margins', kept, note),
-        Chart(
-            'errors',
-            'Tracking errors',
-            _panels(mission, {'error': errors}),
-            'Measured less planned.',
-        ),
+        Chart('errors', 'Tracking errors', _panels(mission, errors), less),
     ]
     return [chart for chart in found if any(panel.curves for panel in chart.panels)]
 
 
-def points_per_curve(mission: Mission) -> int:
-    """Return how many points a curve may have."""
-    curves = _OTHER_CURVES
-    for vehicle in mission.vehicles:
-        recorded = (vehicle.states, vehicle.commands, vehicle.applied, vehicle.states)
-        curves += sum(len(signals.names) for signals in recorded if signals is not None)
-        kind = vehicle.view.kind
-        curves += 2 * (len(kind.state_names) + len(kind.control_names))
-    return int(np.clip(MOST_POINTS // curves, FEWEST_PER_CURVE, MOST_PER_CURVE))
+def points_per_curve(charts: Iterable[Chart]) -> int:
+    """Return how many points a curve may have, for a page of all charts to stay small."""
+    curves = sum(len(panel.curves) for chart in charts for panel in chart.panels)
+    return int(np.clip(MOST_POINTS // max(curves, 1), FEWEST_PER_CURVE, MOST_PER_CURVE))
 
 
 def _distances(mission: Mission, history: History) -> Chart:
     """Distances of pairs of vehicles, of many pairs those that come closest."""
     nearest: dict[str, float] = {}
-    both: dict[Kind, Signals | None] = {'planned': history.planned, 'measured': history.measured}
+    both: Sources = {'planned': history.planned, 'measured': history.measured}
     for signals in both.values():
         for name, distance in smallest(signals).items():
             nearest[name] = min(nearest.get(name, np.inf), distance.worst)
     closest = sorted(nearest, key=lambda name: nearest[name])[:SHOWN_PAIRS]
     names = [name for name in nearest if name in closest]
-    most, several = points_per_curve(mission), len(names) > 1
-    curves = []
-    for kind, signals in both.items():
-        for k, name in enumerate(names):
-            if signals is not None and name in signals:
-                thin = signals.select(name).thinned(most)
-                colour, series = (k, name) if several else (_COLOURS[kind], '')
-                curves.append(Curve(kind, thin.times, thin.values[:, 0], colour, series))
+    curves = [
+        _curve(kind, signals, name, (k, name) if len(names) > 1 else None)
+        for kind, signals in both.items()
+        for k, name in enumerate(names)
+        if signals is not None and name in signals
+    ]
     least = mission.vehicles[0].view.separation if mission.vehicles else None
     limits = () if least is None else (least,)
     panel = Panel('distance', 'm', tuple(curves), 'between centres', limits)
@@ -139,12 +140,22 @@ def _distances(mission: Mission, history: History) -> Chart:
     return Chart('distances', 'Distances', (panel,), note if len(nearest) > len(names) else '')
 
 
-def _histories(mission: Mission, sources: Sources, held: bool = False) -> tuple[Panel, ...]:
+def _curve(
+    kind: Kind, signals: Signals, name: str, owner: tuple[int, str] | None, held: bool = False
+) -> Curve:
+    """Return a curve; `owner` is the number and name of one of several."""
+    colour, series = owner or (_COLOURS[kind], '')
+    return Curve(kind, signals.times, signals.column(name), colour, series, held)
+
+
+def _histories(
+    mission: Mission, sources: Sequence[Sources], held: bool = False
+) -> tuple[Panel, ...]:
     """Return panels of states or controls with their limits, and the switches of the plans."""
     limits: dict[str, set[float]] = {}
     switches: set[float] = set()
     for vehicle in mission.vehicles:
-        for name, levels in vehicle.view.bounds().items():
+        for name, levels in vehicle.view.bounds.items():
             limits.setdefault(name, set()).update(levels)
         switches.update(at for plan in vehicle.plans for at in _switches(plan).tolist())
     return tuple(
@@ -155,24 +166,20 @@ def _histories(mission: Mission, sources: Sources, held: bool = False) -> tuple[
     )
 
 
-def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Panel, ...]:
+def _panels(mission: Mission, sources: Sequence[Sources], held: bool = False) -> tuple[Panel, ...]:
     """Return a panel for every name; a plan's controls that are `held` make steps."""
-    most, several = points_per_curve(mission), len(mission.vehicles) > 1
     curves: dict[str, list[Curve]] = {}
     units: dict[str, str] = {}
     for k, vehicle in enumerate(mission.vehicles):
+        owner = (k, vehicle.name) if len(mission.vehicles) > 1 else None
         steps = any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
-        for kind, histories in sources.items():
-            signals = histories[k]
+        for kind, signals in sources[k].items():
             if signals is None:
                 continue
-            colour, series = (k, vehicle.name) if several else (_COLOURS[kind], '')
-            for name in signals.names:
-                thin = signals.select(name).thinned(most)
-                stays = held and kind == 'planned' and steps
-                curve = Curve(kind, thin.times, thin.values[:, 0], colour, series, stays)
+            for name, unit in zip(signals.names, signals.units, strict=True):
+                curve = _curve(kind, signals, name, owner, held and kind == 'planned' and steps)
                 curves.setdefault(name, []).append(curve)
-                units[name] = units.get(name, '') or thin.units[0]
+                units[name] = units.get(name, '') or unit
     words = mission.vehicles[0].view.labels if mission.vehicles else {}
     return tuple(
         Panel(name, units[name], tuple(found), words.get(name, ''))
@@ -180,14 +187,13 @@ def _panels(mission: Mission, sources: Sources, held: bool = False) -> tuple[Pan
     )
 
 
-def _planned(mission: Mission, vehicle: RecordedVehicle) -> tuple[Signals | None, Signals | None]:
+def _planned(vehicle: RecordedVehicle) -> tuple[Signals | None, Signals | None]:
     """Return states and controls of every plan as long as it was followed, gaps between them."""
     if not vehicle.plans:
         return None, None
-    most = points_per_curve(mission) // len(vehicle.plans) - 3
     parts = []
     for plan in vehicle.plans:
-        at = plan_instants(plan, most)
+        at = plan_instants(plan, MOST_PER_CURVE // len(vehicle.plans) - 3)
         gapped = (np.pad(v, ((0, 1), (0, 0)), constant_values=np.nan) for v in plan.sample(at))
         parts.append((np.append(at, at[-1]), *gapped))
     times, *read = map(np.concatenate, zip(*parts, strict=True))
@@ -201,7 +207,7 @@ def _switches(plan: FollowedPlan) -> Array:
     return instants[instants <= plan.followed_until]
 
 
-def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
+def plan_instants(plan: FollowedPlan, most: int) -> Array:
     """Return about `most` instants at which a plan is drawn while it is followed."""
     end = plan.followed_until
     even = np.linspace(plan.start, end, min(max(most // 2, 2), 400))
@@ -214,8 +220,10 @@ def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
     return apart
 
 
-def chart_json(chart: Chart, span: tuple[float, float]) -> dict[str, Any]:
-    """Return the chart as the page's script takes it, its numbers in single precision."""
+def chart_json(
+    chart: Chart, span: tuple[float, float], most: int = MOST_PER_CURVE
+) -> dict[str, Any]:
+    """Return the chart as the page's script takes it, curves of `most` points at most."""
     traces, panels = [], []
     for k, panel in enumerate(chart.panels):
         low, high = _value_range(panel)
@@ -229,7 +237,8 @@ def chart_json(chart: Chart, span: tuple[float, float]) -> dict[str, Any]:
         # measured curves lie broad and pale below planned ones
         for curve in sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind)):
             how = {'colour': curve.colour % len(COLOURS), 'held': curve.held}
-            traces.append(_trace(axis, curve.kind, curve.times, curve.values, curve.series, **how))
+            thin = curve.thinned(most)
+            traces.append(_trace(axis, curve.kind, thin.times, thin.values, curve.series, **how))
         if panel.limits:
             ends = np.tile([*span, np.nan], len(panel.limits))
             traces.append(_trace(axis, 'limit', ends, np.repeat(panel.limits, 3)))

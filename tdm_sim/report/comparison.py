@@ -139,7 +139,6 @@ def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
         unit='s',
         planned=due if due < math.inf else None,
         achieved=None if reached is None else max(reached - first.start, 0.0),
-        achieved_at=reached,
         vehicle=vehicle.name,
         note=note,
     )
@@ -184,7 +183,6 @@ def _landings(mission: Mission) -> Iterator[Entry]:
                     unit=motion.units.get(name, ''),
                     planned=planned,
                     achieved=achieved,
-                    achieved_at=plan.end,
                     vehicle=vehicle.name,
                 )
 

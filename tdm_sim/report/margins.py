@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_views import LOWER_THRUST
 from tdm_planner.verification import Constraint, dense_times
 from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Signals
 
@@ -76,17 +75,11 @@ def margins_of(
     controls: Array,
 ) -> Signals:
     """Return margins at `instants`, which are `times` of the plan; all arrays begin with (n,)."""
-    shown: list[Constraint] = []
-    found: list[Array] = []
-    for constraint in constraints:
-        with np.errstate(all='ignore'):
-            margin = np.asarray(constraint.margin(times, states, controls), dtype=float)
-        # a robot that coasts is at the lower bound
-        if constraint.name != LOWER_THRUST or (margin < -ROUNDING).any():
-            shown.append(constraint)
-            found.append(margin)
-    names, units = tuple(c.name for c in shown), tuple(c.unit for c in shown)
-    values = np.stack(found, axis=1) if found else np.zeros((instants.size, 0))
+    values = np.zeros((instants.size, len(constraints)))
+    with np.errstate(all='ignore'):
+        for k, constraint in enumerate(constraints):
+            values[:, k] = constraint.margin(times, states, controls)
+    names, units = tuple(c.name for c in constraints), tuple(c.unit for c in constraints)
     return Signals(instants, values, names, units)
 
 

@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-from tdm_planner.arrays import Array, Integers
+from tdm_planner.arrays import Array
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
@@ -80,26 +80,6 @@ class Signals:
         for k, column in enumerate(self.values.T if self.times.size else ()):
             values[:, k] = np.interp(times, self.times, column, left=np.nan, right=np.nan)
         return Signals(times, values, self.names, self.units)
-
-    def thinned(self, most: int) -> Signals:
-        """
-        Return at most about `most` samples, for drawing.
-
-        In every bin of samples the first, the last, and the smallest and largest of every history
-        stay, so that peaks and gaps are drawn where they were measured.
-        """
-        n, m = self.values.shape
-        if n <= most:
-            return self
-        edges = np.linspace(0, n, max(1, most // (2 + 2 * m)) + 1).astype(int)
-        kept: list[Integers] = [edges[:-1], edges[1:] - 1]
-        unknown = np.isnan(self.values)
-        low, high = (np.where(unknown, end, self.values) for end in (np.inf, -np.inf))
-        for start, end in itertools.pairwise(edges):
-            part = slice(start, end)
-            kept += [start + low[part].argmin(axis=0), start + high[part].argmax(axis=0)]
-        rows = np.unique(np.concatenate(kept))
-        return Signals(self.times[rows], self.values[rows], self.names, self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +156,9 @@ class PlanFigures:
 
     `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
     `terminal_error` is the replayed final state's difference from the goal, by state (of several
-    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name.
+    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name. `vehicles` are by
+    name; of one without joints only the interpolation of its controls is told. `document` is what
+    all this was read from.
     """
 
     time: float
@@ -187,6 +169,9 @@ class PlanFigures:
     margins: Mapping[str, Margin] = field(default_factory=dict)
     terminal_error: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, object] = field(default_factory=dict)
+    problem: str = ''
+    vehicles: Mapping[str, PlantKind] = field(default_factory=dict)
+    document: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Severity(IntEnum):
@@ -214,9 +199,9 @@ class Mission:
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `document` is the last plan's, as recorded; `source` is the file or folder it
-    was read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a
-    plan without a recorded motion; `speed` is that of simulated time, relative to real time.
+    follows from it; `source` is the file or folder it was read from; `recorded_at` is the origin's
+    wall-clock time [s since the epoch], None for a plan without a recorded motion; `speed` is that
+    of simulated time, relative to real time.
     """
 
     title: str
@@ -226,7 +211,6 @@ class Mission:
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None
     speed: float = 1.0

@@ -26,7 +26,7 @@ from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, chart_json, mission_charts
+from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
@@ -52,13 +52,13 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
     comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
-    scene = animation.scene(mission)
+    scene, most = animation.scene(mission), points_per_curve(charts)
     report = {
         'span': list(mission.span),
         'motion': list(motion_span(mission)),
         'speed': f'{playing_speed(mission):g}',
         'scene': scene,
-        'charts': [chart_json(chart, mission.span) for chart in charts],
+        'charts': [chart_json(chart, mission.span, most) for chart in charts],
     }
     data = json.dumps(report, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
     script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
@@ -189,7 +189,7 @@ def _key(mission: Mission) -> str:
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
     planned = any(vehicle.plans for vehicle in mission.vehicles)
     entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_executed)]
-    ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
+    ground = {shape.style for shape in mission.vehicles[0].view.surroundings}
     entries.append(('limit', 'limit', 'limit' in ground))
     items = ''.join(
         f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'

@@ -124,7 +124,7 @@ def _picture(part: SubFigure, mission: Mission, apart: Sequence[Panel]) -> None:
     rows = 1 + len(apart)
     axes = part.subplots(rows, 1, height_ratios=[2.6, 1][:rows], squeeze=False)[:, 0]
     ground, colours = axes[0], _coloured(mission)
-    for shape in mission.vehicles[0].view.surroundings():
+    for shape in mission.vehicles[0].view.surroundings:
         _draw_shape(ground, shape, 1, '0.3', faint=False)
     for vehicle in mission.vehicles:
         colour = colours[vehicle.name]

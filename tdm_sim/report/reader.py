@@ -10,6 +10,7 @@ Recordings are those of `ros2 bag record`, `tdm record` or a demo.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
-from tdm_planner.plant_kind import PlantKind
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, Mission, RecordedVehicle, Severity
+from tdm_sim.report.mission import Event, Mission, PlanFigures, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -35,14 +35,14 @@ from tdm_sim.report.recorded_vehicles import (
     choose,
     find_sites,
     followed,
-    measured,
     namespace_of,
     planned_vehicles,
     Planner,
     read_plans,
+    recorded_vehicle,
     Site,
 )
-from tdm_sim.report.untrusted import plan_figures, PlanSummary, problem_of, read_summary
+from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary
 
 _MOST_NAMED = 8  # topics that an error message lists
 MOST_EVENTS = 300
@@ -81,10 +81,9 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         untrusted.text(name, 60): Trajectory.from_dict(dict(part))
         for name, part in vehicles(document).items()
     }
-    name = untrusted.text(document['problem'], 100)
-    figures = plan_figures(document, 0.0)
+    figures = plan_figures(document)
     missing = ['This is a plan file without a recording: nothing is measured.']
-    problem, unknown = problem_of(name, figures.parameters, given)
+    problem, unknown = problem_of(figures, given)
     missing += [unknown] if unknown else []
     if not figures.parameters:
         missing.append(
@@ -94,8 +93,8 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         missing.append('The file does not hold the margins of the plan.')
     found = planned_vehicles(problem, trajectories)
     return Mission(
-        title=found[0].view.title or f'Plan for {name}',
-        problem=name,
+        title=found[0].view.title or f'Plan for {figures.problem}',
+        problem=figures.problem,
         vehicles=found,
         figures=(figures,),
         parameters=figures.parameters,
@@ -115,7 +114,7 @@ def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) ->
     chosen = choose(sites, topics, namespace, notes)
     planner = planners.get(chosen[0].planner)
     notes += [planner.unknown] if planner is not None and planner.unknown else []
-    return _mission(topics, {} if planner is None else planner.summaries, chosen, path, notes)
+    return _mission(topics, {} if planner is None else planner.plans, chosen, path, notes)
 
 
 def _nothing_of_ours(path: Path, topics: set[str], damage: Sequence[str]) -> str:
@@ -134,99 +133,77 @@ def _planners(
     topics: RecordedTopics, given: type[Problem] | None, notes: list[str]
 ) -> dict[str, Planner]:
     """Return what planners told of their plans, by namespace, with the problem asked last."""
-    found: dict[str, dict[int, PlanSummary]] = {}
+    found: dict[str, dict[int, PlanFigures]] = {}
     for topic, received in topics.of_type(STRING).items():
         for item in received:
             summary = read_summary(item.message.data)
             if summary is None:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
             else:
-                found.setdefault(namespace_of(topic), {})[summary.start] = summary
-    planners = {}
-    for planner, summaries in found.items():
-        last = summaries[max(summaries)]
-        problem, unknown = problem_of(last.problem, last.figures(0).parameters, given)
-        planners[planner] = Planner(problem, unknown, summaries)
-    return planners
+                found.setdefault(namespace_of(topic), {}).update([summary])
+    return {
+        planner: Planner(*problem_of(plans[max(plans)], given), plans)
+        for planner, plans in found.items()
+    }
 
 
 def _mission(
     topics: RecordedTopics,
-    summaries: Mapping[int, PlanSummary],
+    summaries: Mapping[int, PlanFigures],
     sites: Sequence[Site],
     path: Path,
     notes: list[str],
 ) -> Mission:
-    told_of = next(iter(summaries.values())).vehicles if summaries else {}
-    names = {site: _name(site, told_of) for site in sites}
-    plans: dict[Site, dict[int, Trajectory]] = {}
-    for site in sites:
-        told = {
-            start: summary.vehicles[names[site]].interpolation
-            for start, summary in summaries.items()
-            if names[site] in summary.vehicles
-        }
-        plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
+    plans = {site: read_plans(topics, site, summaries, notes) for site in sites}
     starts = sorted({start for found in plans.values() for start in found})
     spaces = {site.namespace for site in sites}
     streams = [topic.stream for name, topic in topics.items() if namespace_of(name) in spaces]
     firsts = (int(stream.instants[0]) for stream in streams if stream is not None)
     origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
-    figures = [summaries[start].figures(origin) for start in sorted(summaries)]
-    vehicles = []
-    for site in sites:
-        own = followed(plans[site], origin)
-        found = measured(topics, site, origin, own)
-        vehicles.append(RecordedVehicle(names[site], site.view, own, **found))
+    figures = [
+        replace(told, time=(start - origin) * NANOSECOND)
+        for start, told in sorted(summaries.items())
+    ]
+    vehicles = [
+        recorded_vehicle(topics, site, origin, followed(plans[site], origin)) for site in sites
+    ]
     clock = RecordedClock.of(topics)
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
     notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
-        title=sites[0].view.title or names[sites[0]],
-        problem=next((s.problem for s in summaries.values()), ''),
+        title=sites[0].view.title or sites[0].name,
+        problem=next((f.problem for f in summaries.values()), ''),
         vehicles=tuple(vehicles),
         figures=tuple(figures),
         events=tuple(happened),
         parameters=next((f.parameters for f in reversed(figures) if f.parameters), {}),
         missing=tuple(dict.fromkeys(notes)),
-        document=summaries[max(summaries)].document if summaries else {},
         source=str(path),
         recorded_at=origin * NANOSECOND,
         speed=1.0 if clock is None or abs(clock.speed - 1.0) < _REAL_TIME else clock.speed,
     )
 
 
-def _name(site: Site, told: Mapping[str, PlantKind]) -> str:
-    """Return what a vehicle is called: as in a summary, or by its namespace."""
-    own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
-    if site.namespace == site.planner:
-        own = next(iter(told)) if len(told) == 1 else ''
-    return own or site.view.name
-
-
 def _gaps(
     topics: RecordedTopics,
     sites: Sequence[Site],
     vehicles: Sequence[RecordedVehicle],
-    summaries: Mapping[int, PlanSummary],
+    summaries: Mapping[int, PlanFigures],
 ) -> list[str]:
     found = []
     for site, vehicle in zip(sites, vehicles, strict=True):
         where = untrusted.text(site.namespace, 100)
-        states = 'odom' if site.view.kind.odometry else 'joint_states'
-        expected: list[tuple[str, object, str]] = [
-            (states, vehicle.states, "the plant's motion is not known"),
-            ('joint_command', vehicle.commands, "the tracker's commands are not known"),
-            ('tracking_error', vehicle.tracking_error, 'errors are those of states and plans'),
-        ]
-        if site.view.kind.odometry:
-            told = 'the applied controls are not known'
-            expected.append(('joint_states', vehicle.applied, told))
-        for topic, there, consequence in expected:
+        expected = {
+            'joint_states': (vehicle.applied, 'the applied controls are not known'),
+            site.leading: (vehicle.states, "the plant's motion is not known"),
+            'joint_command': (vehicle.commands, "the tracker's commands are not known"),
+            'tracking_error': (vehicle.tracking_error, 'errors are those of states and plans'),
+        }
+        for name, (there, consequence) in expected.items():
             if there is None:
-                found.append(f'{where}/{topic} is not in the recording, or empty: {consequence}.')
+                found.append(f'{where}/{name} is not in the recording, or empty: {consequence}.')
         if not vehicle.plans:
             found.append(f'There is no plan of {vehicle.name} in the recording.')
     if not summaries:
@@ -237,13 +214,11 @@ def _gaps(
     named = next(iter(summaries.values())).vehicles if summaries else {}
     absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
     found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
-    malformed = {name: topic.malformed for name, topic in topics.items()}
-    strange = {name: topic.stream.not_finite for name, topic in topics.items() if topic.stream}
-    for counts, fault in (
-        (malformed, 'do not match their type and were ignored'),
-        (strange, 'hold values that are not finite, or no attitude, which were ignored'),
-    ):
-        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items() if n]
+    malformed = 'do not match their type and were ignored'
+    strange = 'hold values that are not finite, or no attitude, which were ignored'
+    for name, topic in topics.items():
+        for count, fault in ((topic.malformed, malformed), (topic.not_finite, strange)):
+            found += [f'{untrusted.text(name)}: {count} message(s) {fault}.'] if count else []
     return found
 
 

@@ -74,13 +74,12 @@ class Stream(NamedTuple):
     Numbers of a topic: `instants` (n,) ns, increasing, and columns by name (n,).
 
     Columns are ``joint.position`` and so on; of an odometry those of x, y and yaw, in the frame of
-    its pose. NaN: not in that message. `not_finite` counts messages with infinities or NaN.
+    its pose. NaN: not in that message, or not finite there.
     """
 
     instants: NDArray[np.int64]
     columns: Mapping[str, Array]
     frame: str
-    not_finite: int
 
 
 class Received(NamedTuple):
@@ -95,12 +94,13 @@ class Topic:
     """
     What was recorded of a topic: its messages or, of joints and odometry, rows of numbers by name.
 
-    `malformed` counts messages that could not be read.
+    `malformed` counts messages that could not be read, `not_finite` those with infinities or NaN.
     """
 
     kind: str
     received: list[Received] = field(default_factory=list)
     malformed: int = 0
+    not_finite: int = 0
     rows: list[tuple[int, dict[str, float]]] = field(default_factory=list)
     names: dict[str, None] = field(default_factory=dict)
     frame: str = ''
@@ -115,7 +115,9 @@ class Topic:
         if len({**self.names, **row}) > _MOST_COLUMNS:
             raise ValueError('too many joints')
         self.names |= dict.fromkeys(row)
-        self.rows.append((nanoseconds_of(message.header.stamp) or stamp, row))
+        sound = {name: value for name, value in row.items() if abs(value) < _LARGEST}
+        self.not_finite += len(sound) < len(row)
+        self.rows.append((nanoseconds_of(message.header.stamp) or stamp, sound))
 
     @cached_property
     def stream(self) -> Stream | None:
@@ -123,16 +125,12 @@ class Topic:
         if not self.rows:
             return None
         instants = np.array([instant for instant, _ in self.rows], dtype=np.int64)
-        nothing = dict.fromkeys(self.names, 0.0)  # which is sound
-        absent = np.array([[name not in row for name in self.names] for _, row in self.rows])
-        values = np.array([list((nothing | row).values()) for _, row in self.rows], dtype=float)
-        sound = np.abs(values) < _LARGEST
-        values[~sound | absent] = np.nan
+        values = np.array([[row.get(n, math.nan) for n in self.names] for _, row in self.rows])
         order = np.argsort(instants, kind='stable')
         away = (instants[order] - instants[order[order.size // 2]]) * NANOSECOND
         order = order[np.abs(away) < _DAY]  # of one recording, as most others
         columns = dict(zip(self.names, values[order].T, strict=True))
-        return Stream(instants[order], columns, self.frame, int((~sound).any(axis=1).sum()))
+        return Stream(instants[order], columns, self.frame)
 
 
 class RecordedTopics(dict[str, Topic]):

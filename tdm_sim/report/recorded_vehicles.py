@@ -20,27 +20,32 @@ from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
 from tdm_planner.problems.problem import Problem
-from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import FollowedPlan, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
     PLAN,
     RecordedTopics,
     STATUSES,
     UnreadableRecording,
 )
-from tdm_sim.report.untrusted import PlanSummary
 
 _TURN = 2 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Where a vehicle's topics stand, what it is, and where its planner's do."""
+    """Where a vehicle's topics stand, what it is and is called, and where its planner's do."""
 
     namespace: str
     view: PlantView
+    name: str
     planner: str
+
+    @property
+    def leading(self) -> str:
+        """Return the topic whose stamps are those of the states."""
+        return 'odom' if self.view.kind.odometry else 'joint_states'
 
 
 class Planner(NamedTuple):
@@ -48,7 +53,7 @@ class Planner(NamedTuple):
 
     problem: Problem | None
     unknown: str
-    summaries: Mapping[int, PlanSummary]
+    plans: Mapping[int, PlanFigures]
 
 
 def namespace_of(topic: str) -> str:
@@ -86,8 +91,14 @@ def find_sites(topics: RecordedTopics, planners: Mapping[str, Planner]) -> list[
         if planner is not None and joints:
             view = _told(planners[planner], namespace) or view
         if view is not None:
-            alone = above if view.place else namespace
-            sites.append(Site(namespace, view, alone if planner is None else planner))
+            named = untrusted.text(namespace.rsplit('/', 1)[-1], 60)
+            if planner is None:
+                planner = above if view.place else namespace
+            if namespace == planner:  # of a single one a summary tells the name
+                plans = planners[planner].plans if planner in planners else {}
+                told = next(iter(plans.values())).vehicles if plans else {}
+                named = next(iter(told)) if len(told) == 1 else ''
+            sites.append(Site(namespace, view, named or view.name, planner))
     return sites
 
 
@@ -95,7 +106,7 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     """Return the plant that a planner told of: of its problem, or as its summary names joints."""
     if planner.problem is not None:
         return view_of(planner.problem)
-    told = planner.summaries[max(planner.summaries)].vehicles
+    told = planner.plans[max(planner.plans)].vehicles
     only = next(iter(told.values())) if len(told) == 1 else None
     vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
     return PlantView(vehicle) if vehicle is not None and vehicle.joints else None
@@ -159,8 +170,7 @@ def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, in
     """Return whether a plan's motion was measured, the number of plans, whether there is data."""
     executed, plans, seen = False, 0, False
     for site in sites:
-        name = 'odom' if site.view.kind.odometry else 'joint_states'
-        stream = topics.stream(f'{site.namespace}/{name}')
+        stream = topics.stream(f'{site.namespace}/{site.leading}')
         seen |= stream is not None
         for start, motion in _by_start(topics, site.namespace).items():
             if motion.points:
@@ -171,11 +181,11 @@ def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, in
     return executed, plans, seen
 
 
-def measured(
+def recorded_vehicle(
     topics: RecordedTopics, site: Site, origin: int, plans: tuple[FollowedPlan, ...]
-) -> dict[str, Signals | None]:
+) -> RecordedVehicle:
     """
-    Return measured states and controls as a `RecordedVehicle` has them, times from `origin` [ns].
+    Return a vehicle with what was measured of its states and controls, times from `origin` [ns].
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """
@@ -199,12 +209,15 @@ def measured(
     if kind.odometry:
         moved = [joint for joint in kind.joints if joint.name in kind.odometry]
         states = _moving(signals('odom', moved, kind.state_names), states, kind)
-    return {
-        'states': None if states is None else _on_planned_turn(states, plans, site.view),
-        'commands': signals('joint_command', kind.actuated, kind.control_names),
-        'applied': signals('joint_states', kind.actuated, kind.control_names),
-        'tracking_error': signals('tracking_error', kind.joints, kind.state_names),
-    }
+    return RecordedVehicle(
+        site.name,
+        site.view,
+        plans,
+        states=None if states is None else _on_planned_turn(states, plans, site.view),
+        commands=signals('joint_command', kind.actuated, kind.control_names),
+        applied=signals('joint_states', kind.actuated, kind.control_names),
+        tracking_error=signals('tracking_error', kind.joints, kind.state_names),
+    )
 
 
 def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
@@ -241,19 +254,16 @@ _OVER = {5, 6}  # CANCELED, ABORTED
 
 
 def read_plans(
-    topics: RecordedTopics,
-    namespace: str,
-    kind: PlantKind,
-    told: Mapping[int, Interpolation | None],
-    notes: list[str],
+    topics: RecordedTopics, site: Site, told: Mapping[int, PlanFigures], notes: list[str]
 ) -> dict[int, Trajectory]:
     """
     Return the plans published in a vehicle's namespace, by the starts of their motions [ns].
 
-    `told` is what summaries say of the samples, by the start of the motion [ns]. A plan that
-    cannot be read is told in `notes`, and so are those that the tracker never began: it rejected
-    them, or they were superseded while pending.
+    `told` is what summaries say, which know how controls run between samples. A plan that cannot
+    be read is told in `notes`, and so are those that the tracker never began: it rejected them, or
+    they were superseded while pending.
     """
+    namespace = site.namespace
     motions = _by_start(topics, namespace)
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
@@ -263,8 +273,10 @@ def read_plans(
         )
     plans = {}
     for start in sorted(set(motions) - never_begun):
+        vehicle = told[start].vehicles.get(site.name) if start in told else None
         try:
-            plans[start] = read_plan(kind, motions[start], told.get(start))
+            interpolation = None if vehicle is None else vehicle.interpolation
+            plans[start] = read_plan(site.view.kind, motions[start], interpolation)
         except (InvalidProblem, ValueError, IndexError) as error:
             reason = untrusted.text(str(error))
             notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')

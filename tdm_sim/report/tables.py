@@ -148,21 +148,17 @@ def _row(mission: Mission, entry: Entry) -> str:
         cells += f'<td>{number(achieved)}</td>' if executed else ''
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
-        cells = _cell(planned, entry.planned_at, entry.kind)
+        cells = _cell(planned, entry.planned_at)
         bad = entry.kind == 'margin' and achieved is not None and achieved < -ROUNDING
         if executed:
-            cells += _cell(achieved, entry.achieved_at, entry.kind, bad, entry.mark)
+            cells += _cell(achieved, entry.achieved_at, bad, entry.mark)
     return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
 
 
-def _cell(
-    value: float | None, instant: float | None, kind: Kind, bad: bool = False, mark: str = ''
-) -> str:
+def _cell(value: float | None, instant: float | None, bad: bool = False, mark: str = '') -> str:
     if value is None:
         return '<td></td>'
-    at = ''
-    if instant is not None and kind in ('margin', 'distance', 'tracking'):
-        at = f' <small>at {instant_button(instant)}</small>'
+    at = '' if instant is None else f' <small>at {instant_button(instant)}</small>'
     at += f' <small class="mark">{escape(mark)}</small>' if mark else ''
     style = ' class="bad"' if bad else ''
     return f'<td{style}>{number(value)}{at}</td>'

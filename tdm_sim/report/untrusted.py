@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import itertools
 import json
 import math
-from typing import Any, cast, get_args, NamedTuple
+from typing import Any, cast, get_args
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
@@ -72,30 +72,13 @@ def _scalar(value: object) -> object:
     return text(value) if isinstance(value, str) else number(value)
 
 
-class PlanSummary(NamedTuple):
-    """
-    A `plan_summary` message: start of the motion [ns], problem, vehicles by name.
-
-    A vehicle without joints is one of which only the interpolation of its controls is told.
-    """
-
-    start: int
-    problem: str
-    document: Mapping[str, Any]
-    vehicles: Mapping[str, PlantKind]
-
-    def figures(self, origin: int) -> PlanFigures:
-        """Return the figures, with times that count from `origin` [ns]."""
-        return plan_figures(self.document, (self.start - origin) / SECOND)
-
-
-def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
-    """Return the figures of a plan file or summary, whose motion starts at `time` [s]."""
+def plan_figures(document: Mapping[str, Any]) -> PlanFigures:
+    """Return the figures of a plan file or summary, as if its motion started at the origin."""
     check = mapping(document.get('verification'))
     instants = numbers(check.get('worst_times'))
     units = mapping(check.get('units'))
     return PlanFigures(
-        time=time,
+        time=0.0,
         cost=number(document.get('cost')),
         cost_terms=numbers(document.get('cost_terms')),
         solve_time=number(document.get('solve_time')),
@@ -106,11 +89,17 @@ def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
         },
         terminal_error=numbers(check.get('terminal_error')),
         parameters=parameters(document.get('parameters')),
+        problem=text(document.get('problem'), 100),
+        vehicles={
+            name: _vehicle(mapping(item))
+            for name, item in mapping(document.get('vehicles')).items()
+        },
+        document=document,
     )
 
 
-def read_summary(data: str) -> PlanSummary | None:
-    """Return a summary from its JSON; None if it is not one."""
+def read_summary(data: str) -> tuple[int, PlanFigures] | None:
+    """Return start of the motion [ns] and figures from a summary's JSON; None if it is none."""
     if len(data) > _LONGEST_DOCUMENT:
         return None
     try:
@@ -122,15 +111,7 @@ def read_summary(data: str) -> PlanSummary | None:
     whole = sec.is_integer() and nanosec.is_integer()
     if not (whole and abs(sec) < 2**31 and 0 <= nanosec < SECOND and 'problem' in document):
         return None
-    return PlanSummary(
-        start=int(sec) * SECOND + int(nanosec),
-        problem=text(document['problem'], 100),
-        document=document,
-        vehicles={
-            name: _vehicle(mapping(item))
-            for name, item in mapping(document.get('vehicles')).items()
-        },
-    )
+    return int(sec) * SECOND + int(nanosec), plan_figures(document)
 
 
 def _vehicle(document: Mapping[str, Any]) -> PlantKind:
@@ -154,15 +135,14 @@ def _vehicle(document: Mapping[str, Any]) -> PlantKind:
     )
 
 
-def problem_of(
-    name: str, parameters: Mapping[str, object], given: type[Problem] | None
-) -> tuple[Problem | None, str]:
+def problem_of(figures: PlanFigures, given: type[Problem] | None) -> tuple[Problem | None, str]:
     """
     Return the problem that was planned for, or None and the reason where it is not known.
 
     It is of the class `given` if that has the name, else an installed one: a module that a
     recording names is not imported.
     """
+    name = figures.problem
     if given is None or given.name != name:
         if name not in problem_names():
             absent = (
@@ -171,9 +151,9 @@ def problem_of(
             )
             return None, absent if name else ''
         given = load_problem(name)
-    if not parameters:
+    if not figures.parameters:
         return None, ''
     try:
-        return given.from_parameters(parameters), ''
+        return given.from_parameters(figures.parameters), ''
     except TdmError as error:
         return None, f'Limits are not known: the recorded parameters are invalid ({error}).'

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NotFinite
-from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -134,7 +134,7 @@ def tracked(
     actuators: dict[str, Any] = {}
     if isinstance(tracker, StatedTracker):
         plant: Any = DirectPlant(mismatched(tracker.problem, mismatch, seed))
-        actuators['lower'], actuators['upper'] = np.clip(plant.control_range, -LARGEST, LARGEST)
+        actuators['lower'], actuators['upper'] = plant.control_range
     else:
         plant = mismatched(tracker.plant, mismatch, seed)
     if isinstance(tracker, PendulumTracker):

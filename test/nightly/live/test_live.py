@@ -169,7 +169,7 @@ def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
     places = zip(task.start, task.yaw, strict=True)
     states = [rest | {'x': x, 'y': y, 'yaw': yaw} for (x, y), yaw in places]
     drawn = [shape for state in states for shape in view.drawing(state, rest)]
-    seen = view_on([*view.surroundings(), *drawn])
+    seen = view_on([*view.surroundings, *drawn])
     ahead = (seen.target - seen.camera) / np.linalg.norm(seen.target - seen.camera)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

@@ -166,7 +166,7 @@ def test_built_in_plants_are_seen_whole(kind: type) -> None:
     view = view_of(kind())
     states = {name: np.float64(0.3) for name in view.kind.state_names}
     controls = {name: np.float64(0.01) for name in view.kind.control_names}
-    shapes = [*view.surroundings(), *view.drawing(states, controls)]
+    shapes = [*view.surroundings, *view.drawing(states, controls)]
     seen = view_on(shapes)
     found = picture([(shapes, Look())], seen.width)
     places = np.concatenate([solids.places for solids in found.solids.values()])

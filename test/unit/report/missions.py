@@ -326,7 +326,7 @@ def check_pendulum(mission: Mission) -> None:
     (figures,) = mission.figures
     assert (figures.cost, figures.solve_time) == (1.25, 0.125)
     assert figures.margins['disk_angle'].instant == 2.0
-    assert mission.vehicles[0].view.bounds() == expected.vehicles[0].view.bounds()
+    assert mission.vehicles[0].view.bounds == expected.vehicles[0].view.bounds
     assert mission.recorded_at == pytest.approx(START * 1e-9)
 
 

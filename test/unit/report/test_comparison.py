@@ -74,7 +74,7 @@ def test_a_swing_up_that_was_caught_and_held() -> None:
     # the plan judged alike: within 0.05 rad of upright at pi / 2 rad/s
     assert duration.planned == pytest.approx(DURATION - 0.05 / (math.pi / DURATION), abs=2e-3)
     assert entry(comparison, 'duration of the plan', 'pendulum').planned == DURATION
-    assert (duration.achieved, duration.achieved_at) == pytest.approx((2.1, 2.1))
+    assert duration.achieved == pytest.approx(2.1)
     assert entry(comparison, 'cost J').planned == DURATION
     landing = entry(comparison, 'error of theta at the planned end', 'pendulum')
     assert landing.planned == 2e-5
@@ -170,10 +170,9 @@ def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
     thrust = entry(coasting(0.6 * limit), 'margin of thrust', 'robot1')
     assert (thrust.planned, thrust.achieved) == pytest.approx((limit - 0.5, 0.4 * limit))
     assert thrust.mark == ''
-    assert not [e for e in coasting(0.6 * limit).entries if 'lower bound' in e.name]
     full = entry(coasting(limit), 'margin of thrust', 'robot1')
     assert (full.achieved, full.mark) == (pytest.approx(0.0, abs=1e-9), 'saturated')
-    lower = entry(coasting(-0.1), 'margin of thrust, lower bound', 'robot1')
+    lower = entry(coasting(-0.1), 'margin of thrust', 'robot1')
     assert lower.achieved == pytest.approx(-0.1)
 
 

@@ -44,7 +44,7 @@ def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
     assert mission.problem == 'pendulum_swing_up'
     plan, planned = vehicle.plans[0].trajectory, solution.trajectory
     np.testing.assert_array_equal(plan.states, planned.states)
-    assert (plan.units, vehicle.view.bounds()['torque']) == (planned.units, (-0.05, 0.05))
+    assert (plan.units, vehicle.view.bounds['torque']) == (planned.units, (-0.05, 0.05))
     (figures,) = mission.figures
     assert (figures.cost, figures.summary) == (solution.cost, solution.summary)
     torque, check = figures.margins['torque'], solution.verification
@@ -75,7 +75,7 @@ def test_a_plan_of_robots(robots: tuple[Path, Solution]) -> None:
         assert set(planned.names) == {'thrust', 'thruster_rate', 'torque', 'walls'}
         # of the thrust the upper limit alone: robots that coast are at the lower one
         strongest = vehicle.plans[0].trajectory.control('thrust').max()
-        least = vehicle.view.bounds()['thrust'][1] - strongest
+        least = vehicle.view.bounds['thrust'][1] - strongest
         assert planned.column('thrust').min() == pytest.approx(least)
         for name in planned.names[1:]:
             expected = pytest.approx(worst[f'{vehicle.name}.{name}'], abs=1e-4)
