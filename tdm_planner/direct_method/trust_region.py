@@ -66,7 +66,6 @@ class Minimum:
     point: Point
     iterations: int
     converged: bool
-    multipliers: Multipliers | None
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def minimise(
     search = _Search(program, options or TrustRegionOptions(), np.asarray(xi, dtype=float))
     while search.continues and not search.late:
         search.advance()
-    return Minimum(search.point, search.iterations, search.converged, search.multipliers)
+    return Minimum(search.point, search.iterations, search.converged)
 
 
 class _Search:
@@ -149,7 +148,7 @@ class _Search:
             self._shrink(self.radius)
             return
         if step.predicted < self.options.cost_tolerance * max(abs(self.point.cost), 1e-6):
-            self._finish_or_press(step)
+            self._finish_or_press()
             if not self.continues or self.stalled == 0:
                 return
         else:
@@ -174,11 +173,10 @@ class _Search:
             step = harder
         return step
 
-    def _finish_or_press(self, step: _Step) -> None:
+    def _finish_or_press(self) -> None:
         """Nothing more to gain: done if feasible, else charge violations more."""
         if self.feasible:
             self.converged = True
-            self.multipliers = step.multipliers
             return
         self.stalled += 1
         if self.stalled >= 2 and self.penalties.max() < self.options.largest_penalty:
@@ -253,8 +251,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
         + search.penalties @ slacks
     )
     now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
-    above, below, limits, _ = np.split(dual, np.cumsum([ne, ne, at.inequalities.size]))
-    multipliers = Multipliers(below - above, limits, at.tags)
+    both, last = 2 * ne, 2 * ne + at.inequalities.size
+    multipliers = Multipliers(dual[ne:both] - dual[:ne], dual[both:last], at.tags)
     return _Step(change, float(now - model), slacks, multipliers)
 
 
@@ -271,7 +269,8 @@ def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
     least[:last] = np.concatenate([-at.equalities, at.equalities, -at.inequalities])
     if na:
         rows[last:, :n] = np.concatenate([-at.terms_jacobian, at.terms_jacobian])
-        rows[last:, n:-ng] = np.tile(np.eye(na), (2, 1))
+        term = np.arange(2 * na)
+        rows[last + term, n + term % na] = 1.0
         least[last:] = np.concatenate([at.terms, -at.terms])
     return rows, least
 

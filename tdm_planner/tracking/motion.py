@@ -187,17 +187,6 @@ class Motion(TimedTrajectory):
         )
 
 
-def too_far(deviation: float, tolerance: Tolerances, what: str, name: str) -> str:
-    """Tell that a tolerance is exceeded, of the `name`; '' where it is not."""
-    allowed: float = getattr(tolerance, name)
-    if deviation <= allowed:
-        return ''
-    return (
-        f'the state is {deviation:.3g} away from the {what}, more than tolerance.{name} = '
-        f'{allowed:g}'
-    )
-
-
 def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: float) -> None:
     """
     Check that a trajectory is one of the plant's, and that it can be followed from `start` [s] on.

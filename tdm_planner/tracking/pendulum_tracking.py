@@ -243,14 +243,9 @@ class PendulumTracker(TrajectoryTracker):
         first, step = law.trajectory.times[0] + elapsed, motion.pace * self.parameters.interval
         planned = motion.pace**2 * mean_controls(law.trajectory, [first, first + step])[0]
         reference = law.trajectory.sample(first).state * self._scale(motion.pace)
-        gain, off = law.gain(elapsed), self._off(state, motion.pace)
-        return self._action(planned - gain[:, 4:] @ off, gain[:, :4], state, reference)
-
-    @staticmethod
-    def _off(state: Array, pace: float) -> Array:
-        """Return what the estimated gains differ by from those of a plan played at a pace."""
-        played = [pace**2] + [1.0] * (len(GAINS) - 1)
-        return np.asarray(state[4:] / played - 1.0)
+        gain, off = law.gain(elapsed), state[4:].copy()
+        off[0] /= motion.pace**2  # at its own pace the plan is that of its gravity
+        return self._action(planned - gain[:, 4:] @ (off - 1.0), gain[:, :4], state, reference)
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
         """Move the plan towards where the state is on it, and play it at the rig's own pace."""

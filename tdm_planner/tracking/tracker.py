@@ -34,7 +34,6 @@ from tdm_planner.tracking.motion import (
     MISSED,
     Motion,
     Phase,
-    too_far,
     TrackerParameters,
     TrajectoryMissed,
     TrajectoryRejected,
@@ -251,8 +250,14 @@ class TrajectoryTracker(ABC):
             raise TrajectoryMissed(far)
 
     def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
-        """Tell that a tolerance is exceeded; empty where it is not."""
-        return too_far(self.deviation(error), self.parameters.tolerance, what, name)
+        """Tell that the tolerance `name` is exceeded; empty where it is not."""
+        away, allowed = self.deviation(error), getattr(self.parameters.tolerance, name)
+        if away <= allowed:
+            return ''
+        return (
+            f'the state is {away:.3g} away from the {what}, more than tolerance.{name} = '
+            f'{allowed:g}'
+        )
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""

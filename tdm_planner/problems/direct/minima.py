@@ -126,7 +126,7 @@ class DirectMinima:
         if not np.isfinite(point.cost):
             return None
         if not program.size:  # the boundary conditions leave nothing to vary
-            return Minimum(point, 0, converged=True, multipliers=None)
+            return Minimum(point, 0, converged=True)
         with np.errstate(all='ignore'):
             minimum = minimise(program, xi, options, budget)
         self._budget.evaluations += program.evaluations - before

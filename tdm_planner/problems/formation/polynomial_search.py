@@ -235,8 +235,11 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
         self._guesses = lru_cache(maxsize=1)(self._simple_guesses)  # go on in the next round
-        self._options = TrustRegionOptions((3.0 if self.task.n >= _MANY else 1.0,))._replace(
-            feasibility=(self.feasible,), radius=_RADIUS, iterations=_ITERATIONS
+        self._options = TrustRegionOptions(
+            penalties=(3.0 if self.task.n >= _MANY else 1.0,),
+            feasibility=(self.feasible,),
+            radius=_RADIUS,
+            iterations=_ITERATIONS,
         )
         self._refining = self._options._replace(radius=_REFINING_RADIUS)
         self._careful = True  # whether to do all that can be done for a candidate
@@ -391,7 +394,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
     reach = task.separation / 2
     outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
     single = _LONGER * np.abs(_BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
-    paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
+    paths = np.swapaxes(paths, 2, 3)
     for chosen in screened(program, paths, single, _BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
         yield fit(_BOWS[chosen])
     while True:

@@ -27,7 +27,6 @@ from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.program import CLOSENESS, FormationProgram
@@ -210,9 +209,8 @@ def screened(
         clearance = program.clearances[i, j]
         if clearance == 0.0:
             continue
-        nearest = np.zeros((count, count))
-        _encounters(paths[i], paths[j], nearest, sides[i, j])
-        sides[i, j] *= nearest < meeting * clearance
+        nearest, sense = _encounters(paths[i], paths[j])
+        sides[i, j] = sense * (nearest < meeting * clearance)
         pair[i, j] = price * np.maximum(wanted * clearance - nearest, 0.0)
         pair[j, i] = pair[i, j].T
     combinations = _combined(single, pair, rng)
@@ -224,22 +222,14 @@ def screened(
     return combinations[np.sort(first)]
 
 
-@compiled
-def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
+def _encounters(one: Array, other: Array) -> tuple[Array, Array]:
     """Least distances (c, d) of paths (c, K, 2), (d, K, 2), and the sense in which they pass."""
-    for c in range(len(one)):
-        for d in range(len(other)):
-            least, at = np.inf, 0
-            for k in range(one.shape[1]):
-                x, y = one[c, k, 0] - other[d, k, 0], one[c, k, 1] - other[d, k, 1]
-                square = x * x + y * y
-                if square < least:
-                    least, at = square, k
-            nearest[c, d] = np.sqrt(least)
-            k = min(max(at, 1), one.shape[1] - 2)
-            x, y = one[c, k] - other[d, k]
-            u, v = one[c, k + 1] - other[d, k + 1] - one[c, k - 1] + other[d, k - 1]
-            sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
+    away = one[:, None] - other
+    distances = np.hypot(away[..., 0], away[..., 1])
+    at = np.clip(distances.argmin(axis=2), 1, one.shape[1] - 2)[..., None, None]
+    before, here, after = (np.take_along_axis(away, at + k, axis=2)[:, :, 0] for k in (-1, 0, 1))
+    sense = here[..., 0] * (after - before)[..., 1] - here[..., 1] * (after - before)[..., 0]
+    return distances.min(axis=2), np.where(sense > 0.0, 1.0, -1.0)
 
 
 def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Integers:
