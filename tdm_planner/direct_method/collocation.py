@@ -33,7 +33,6 @@ _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
 _LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
 _COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
-_SHARP = 75  # iterations after which sharp kinks are given up: rounder ones take fewer
 _HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
@@ -68,7 +67,7 @@ class Settings:
 
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
-WARM = Settings(iterations=150, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
+WARM = Settings(iterations=100, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +252,7 @@ class Collocation:
         self._cost = ca.Function('cost', [z, given], [cost])
         ipopt = {
             **_IPOPT,
+            'max_iter': settings.iterations,
             'mu_init': settings.barrier,
             # From near a solution the limits' multipliers begin where the barrier has them.
             'bound_mult_init_method': 'constant' if settings is COLD else 'mu-based',
@@ -327,15 +327,15 @@ class Collocation:
         lower, upper = (np.where(np.isnan(pinned), far, pinned) for far in (-np.inf, np.inf))
         lower[-1], upper[-1] = durations[0] / st, durations[1] / st
         z = np.clip(z, lower, upper)
-        between = np.tile(kept[1, self.inner_limits], n * (1 + len(INNER)))
-        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), between])
+        inner = kept[:, self.inner_limits]
+        between = [((1 - w) * inner[:-1] + w * inner[1:]).ravel() for w in (0.5, *INNER)]
+        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), *between])
         most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
         given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = size if 1e-9 < size < 1e9 else st
-            sharp = self.has_kinks and charge is WARM
-            self._clock.begin(budget, _SHARP if sharp else self._settings.iterations)
+            self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = unfinished or bool(self._solver.stats()['success'])
             budget.evaluations += int(self._solver.stats()['iter_count'])
@@ -366,9 +366,9 @@ def _scales(values: Array) -> Array:
 
 class _Clock(ca.Callback):
     """
-    Stops Ipopt after so many iterations, when the time is up, or where there is no solution.
+    Stops Ipopt when the time is up, or its multipliers say that there is no solution.
 
-    Its multipliers grow without end then, until a single factorisation takes a second.
+    They grow without end then, until a single factorisation takes a second.
     """
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
@@ -378,9 +378,9 @@ class _Clock(ca.Callback):
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.construct('clock', {})
 
-    def begin(self, budget: Budget, most: int) -> None:
-        """Count the iterations of a run from here, at most so many."""
-        self._budget, self._left = budget, most
+    def begin(self, budget: Budget) -> None:
+        """Count the iterations of a run from here."""
+        self._budget, self._iterations = budget, 0
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())
@@ -392,9 +392,9 @@ class _Clock(ca.Callback):
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
-        self._left -= 1
-        if self._left % _LOOK == 0:
+        self._iterations += 1
+        if self._iterations % _LOOK == 0:
             hopeless = _HOPELESS * (1.0 + abs(float(values[self._cost])))
             if not float(ca.norm_inf(values[self._multipliers])) < hopeless:
                 return [1]
-        return [int(self._left < 0 or self._budget.spent)]
+        return [int(self._budget.spent)]

@@ -54,7 +54,8 @@ class _Replay(NamedTuple):
     A replay: states (m, nx) at m looks, J.
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
-    what the end is off by, in tolerances. Where it fails there are no numbers but an infinite gap.
+    what the end is off by, in tolerances, or _SHARE where a limit is just kept there. Where it
+    fails there are no numbers but an infinite gap.
     """
 
     states: Array
@@ -78,7 +79,7 @@ class Refinement:
         limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
         self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        self._roughly = False  # whether kinks have to be rounder: sharp ones were not solved
+        self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
 
@@ -123,10 +124,12 @@ class Refinement:
             return found
 
         kinked = settings is WARM and program.has_kinks
-        found = solved(kinked and self._roughly)
-        if found is None and kinked and not self._roughly and not until.spent:
-            found = solved(True)
-            self._roughly = found is not None
+        roughly = kinked and self._roughly
+        found = solved(roughly)
+        if found is None and kinked and not until.spent:
+            found = solved(not roughly)
+            if found is not None:
+                self._roughly = not roughly
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
@@ -260,9 +263,13 @@ class Refinement:
         cost = self.trace.cost_along(self._numbers, times[at], states[at], controls[at])
         conditions = self._plant.end_conditions(times[-1], states[-1])[0] / END_TOLERANCE
         missed = (states[-1] - self.goal(states)) / self.tolerance(states)
-        gap = float(np.abs(np.append(missed, conditions)).max())
-        gap = gap if np.isfinite(states).all() else np.inf
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
+        # A goal on a limit is to be met more closely: no reserve can be kept there.
+        beyond = -_SHARE / _TOUCHED * seen[-1] / unit
+        gap = max(
+            float(np.abs(np.append(missed, conditions)).max()), float(beyond.max(initial=0.0))
+        )
+        gap = gap if np.isfinite(states).all() else np.inf
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:

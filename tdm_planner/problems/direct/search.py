@@ -8,8 +8,7 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 2. Each is solved by collocation on few intervals. The first solution is solved on more at once, of
    the others only the cheapest, if it is cheaper; the plan again, if there is time.
 3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
-4. If there is still no plan: the direct method's own motion, minimised to the end, and then what
-   more intervals did not confirm.
+4. If there is no plan: the direct method's own, minimised to the end; then what failed in 2.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.refinement import COARSE, FINE, FIRST, Refinement
+from tdm_planner.problems.direct.refinement import COARSE, FINEST, FIRST, Refinement
 from tdm_planner.problems.direct.statement import (
     check_ends,
     check_use,
@@ -94,7 +93,7 @@ class DirectSearch(Search[Candidate]):
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
         check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
-        self._rounds, self._found, self._warm = 0, False, False
+        self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._best: Candidate | None = None  # what the plan is made of
         self._closest, self._nearest_miss = np.inf, ''
@@ -209,9 +208,8 @@ class DirectSearch(Search[Candidate]):
                 break
             if (settled := self._settled(motion)) is not None:
                 yield settled
-        best = self._best
-        if isinstance(best, CollocatedMotion) and best.intervals < FINE:  # there may be time
-            yield self._settled(best) or best
+        if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
+            yield self._settled(self._best) or self._best
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -253,17 +251,19 @@ class DirectSearch(Search[Candidate]):
 
     def _settled(self, motion: CollocatedMotion) -> CollocatedMotion | None:
         """Solve on as many intervals as J asks for, in a hurry on few; None if that fails."""
-        planned, intervals = self._best is not None, COARSE if motion.intervals < COARSE else FINE
-        hurried = not planned and self._past(1.0 / (1.0 + _HURRY))
-        while self._refinement.affords(intervals, 1 if planned else _SOLUTIONS):
+        solutions = _SOLUTIONS if self._best is None else 1
+        last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else FINEST
+        intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
+        while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
             if finer is None or self._leaps(motion, finer):
                 return finer or (motion if motion.intervals > FIRST else None)
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
-            if hurried or left <= _SETTLED * abs(motion.cost):
-                break
+            if left <= _SETTLED * abs(motion.cost):
+                return motion
+        self._coarse = True
         return motion
 
     def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
