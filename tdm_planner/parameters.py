@@ -259,6 +259,13 @@ class Validated:
     def __post_init__(self) -> None:
         """Check every declared field; raises InvalidProblem for the first wrong value."""
         assert dataclasses.is_dataclass(self)
+        for item, hint in _fields(type(self)):
+            value, known = getattr(self, item.name), isinstance(hint, type)
+            if known and dataclasses.is_dataclass(hint) and not isinstance(value, hint):
+                raise InvalidProblem(
+                    f"parameter '{item.name}' = {_short(value)} is not allowed: must be of class "
+                    f'{hint.__name__}; from_parameters takes mappings'
+                )
         for name, spec in specifications(type(self)).items():
             if '.' not in name:
                 object.__setattr__(self, name, spec.check(getattr(self, name)))
