@@ -252,12 +252,8 @@ class TrajectoryTracker(ABC):
     def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
         """Tell that the tolerance `name` is exceeded; empty where it is not."""
         away, allowed = self.deviation(error), getattr(self.parameters.tolerance, name)
-        if away <= allowed:
-            return ''
-        return (
-            f'the state is {away:.3g} away from the {what}, more than tolerance.{name} = '
-            f'{allowed:g}'
-        )
+        told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
+        return '' if away <= allowed else f'{told} = {allowed:g}'
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""
