@@ -384,9 +384,8 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
         return np.asarray(straight[:, None] + side)
 
     def fit(bows: Array) -> Array:
-        alike = np.ones((task.n, 1))
         rates = np.tile(durations[:, None], program.nb)
-        return program.fit(rates, lambda s: bowed(bows[:, None], alike * s, 2)[:, 0])
+        return program.fit(rates, lambda s: bowed(bows[:, None], np.tile(s, (task.n, 1)), 2)[:, 0])
 
     t = np.linspace(0.0, (durations + task.coast).max(), INSTANTS)
     s = np.clip((t - task.coast[:, None]) / durations[:, None], 0.0, 1.0)
