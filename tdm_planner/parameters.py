@@ -260,11 +260,11 @@ class Validated:
         """Check every declared field; raises InvalidProblem for the first wrong value."""
         assert dataclasses.is_dataclass(self)
         for item, hint in _fields(type(self)):
-            value, known = getattr(self, item.name), isinstance(hint, type)
-            if known and dataclasses.is_dataclass(hint) and not isinstance(value, hint):
+            value = getattr(self, item.name)
+            if dataclasses.is_dataclass(hint) and not dataclasses.is_dataclass(value):
                 raise InvalidProblem(
-                    f"parameter '{item.name}' = {_short(value)} is not allowed: must be of class "
-                    f'{hint.__name__}; from_parameters takes mappings'
+                    f"parameter '{item.name}' = {_short(value)} is not allowed: must be an "
+                    'instance of its class; from_parameters takes mappings'
                 )
         for name, spec in specifications(type(self)).items():
             if '.' not in name:

@@ -49,10 +49,12 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 
 
-@pytest.mark.parametrize('value', [{'mass': 1.0}, None, 3, Optional()])
-def test_a_group_is_an_instance_of_its_class(value):
+@pytest.mark.parametrize('value', [{'mass': 1.0}, None, 3])
+def test_a_group_is_no_mapping(value):
     """A mapping was accepted, and an AttributeError came from somewhere later."""
-    with pytest.raises(InvalidProblem, match=r"'plant' = .*: must be of class Inner; from_"):
+    with pytest.raises(
+        InvalidProblem, match=r"'plant' = .*: must be an instance of its class; from_"
+    ):
         Outer(plant=value)
 
 
