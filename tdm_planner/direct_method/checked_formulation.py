@@ -27,7 +27,7 @@ from tdm_planner.direct_method.formulation import (
     Outputs,
     shown,
 )
-from tdm_planner.exceptions import InvalidProblem, NotFinite, TdmError
+from tdm_planner.exceptions import InvalidProblem, NotFinite, one_line, TdmError
 
 Values = NDArray[Any]
 
@@ -311,7 +311,7 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
     if function == 'invert' and isinstance(error, KeyError):
         hint = f'{error} is in neither outputs() nor integrated()'
-    hint = hint or (HINT if traced else ' '.join(str(error).split()))
+    hint = hint or (HINT if traced else one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 
 

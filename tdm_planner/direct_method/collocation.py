@@ -73,9 +73,9 @@ WARM = Settings(iterations=100, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 @dataclass(frozen=True, eq=False)
 class CollocatedMotion:
     """
-    A motion on n even intervals; `duration` [s], `cost` is its J.
+    A motion on n even intervals: `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
 
-    `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
+    `duration` [s]; `cost` is its J.
     """
 
     states: Array
@@ -373,8 +373,8 @@ class _Clock(ca.Callback):
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         ca.Callback.__init__(self)
-        self._sizes = {'x': variables, 'lam_x': variables, 'f': 1, 'lam_p': parameters}
-        self._sizes |= dict.fromkeys(('g', 'lam_g'), rows)
+        self._sizes = {'x': variables, 'lam_x': variables, 'g': rows, 'lam_g': rows}
+        self._sizes |= {'f': 1, 'lam_p': parameters}
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.construct('clock', {})
 
@@ -394,7 +394,7 @@ class _Clock(ca.Callback):
     def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
         self._iterations += 1
         if self._iterations % _LOOK == 0:
-            hopeless = _HOPELESS * (1.0 + abs(float(values[self._cost])))
-            if not float(ca.norm_inf(values[self._multipliers])) < hopeless:
+            size = 1.0 + abs(float(values[self._cost]))
+            if not float(ca.norm_inf(values[self._multipliers])) < _HOPELESS * size:
                 return [1]
         return [int(self._budget.spent)]

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array
+from tdm_planner.exceptions import one_line
 from tdm_planner.plants.base import Named
 from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator, STUCK
 from tdm_planner.tracking.motion import (
@@ -147,8 +148,7 @@ class TrajectoryTracker(ABC):
                 self.estimator.observe(state, stamp)
         except BREAKDOWN as error:
             self.estimator.reset()
-            what = ' '.join(str(error).split())
-            told = f'the estimate of the state broke down ({what}) and begins anew'
+            told = f'the estimate of the state broke down ({one_line(error)}) and begins anew'
             self._breakdown = told, stamp
 
     def state_age(self, now: float) -> float:
@@ -200,7 +200,7 @@ class TrajectoryTracker(ABC):
                 return self.prepare(trajectory)
         except BREAKDOWN as error:
             raise TrajectoryRejected(
-                f'no feedback along the trajectory can be computed: {" ".join(str(error).split())}'
+                f'no feedback along the trajectory can be computed: {one_line(error)}'
             ) from error
 
     def _check_start(self, motion: Motion, now: float) -> None:
@@ -272,7 +272,7 @@ class TrajectoryTracker(ABC):
                 share = (time - acts_at) / self.parameters.interval  # until the start
                 control = share * before + (1.0 - share) * control
         except BREAKDOWN as error:  # the command is to be zero now, not when the node has died
-            return self.break_down(now, ' '.join(str(error).split()))
+            return self.break_down(now, one_line(error))
         if not np.isfinite(control).all():
             return self.break_down(now, 'a value is not a finite number')
         self.history.add(now, control)

@@ -266,9 +266,7 @@ class Refinement:
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
         # A goal on a limit is to be met more closely: no reserve can be kept there.
         beyond = -_SHARE / _TOUCHED * seen[-1] / unit
-        gap = max(
-            float(np.abs(np.append(missed, conditions)).max()), float(beyond.max(initial=0.0))
-        )
+        gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
 

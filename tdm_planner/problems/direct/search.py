@@ -134,7 +134,6 @@ class DirectSearch(Search[Candidate]):
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
-        kind = VerificationFailed if self.rejected else Infeasible
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
         elif miss := self._nearest_miss:
@@ -146,7 +145,7 @@ class DirectSearch(Search[Candidate]):
         reason = '; '.join([reason, *short_of_reserve(self._stated, self._left)])
         if self._late:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
-        return kind(reason)
+        return (VerificationFailed if self.rejected else Infeasible)(reason)
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the plan; after a failed check, better refined."""
@@ -209,7 +208,9 @@ class DirectSearch(Search[Candidate]):
             if (settled := self._settled(motion)) is not None:
                 yield settled
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
-            yield self._settled(self._best) or self._best
+            finer = self._settled(self._best)
+            if finer and finer is not self._best:
+                yield finer
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -358,9 +359,8 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        given = motion.times, motion.states, motion.controls
         cost = minimum.point.cost * program.cost_scale
-        return self._planned(*given, 'cubic', cost, xi)
+        return self._planned(motion.times, motion.states, motion.controls, 'cubic', cost, xi)
 
     def _planned(
         self,
