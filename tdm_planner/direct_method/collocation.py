@@ -48,6 +48,8 @@ _IPOPT: dict[str, Any] = {
     'mumps_permuting_scaling': 0,
     'mumps_pivot_order': 0,
 }
+# From the solution of nearly the same program, with its multipliers.
+_AGAIN = dict.fromkeys(('mu_init', 'warm_start_bound_push', 'warm_start_slack_bound_push'), 1e-6)
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ class CollocatedMotion:
     """
     A motion on n even intervals: `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
 
-    `duration` [s]; `cost` is its J.
+    `duration` [s]; `cost` is its J. A solution near it on as many intervals begins with its
+    `multipliers`, of the variables and of the rows.
     """
 
     states: Array
@@ -83,6 +86,7 @@ class CollocatedMotion:
     controls: Array
     duration: float
     cost: float = np.inf
+    multipliers: tuple[Array, ...] = ()
 
     @property
     def intervals(self) -> int:
@@ -242,36 +246,30 @@ class Collocation:
             cost += integral(trace.running)
         ends = trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
         conditions = ca.vertcat(*ends)
-        rows = ca.vertcat(
-            ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
-        )
+        rows = ca.vertcat(*map(ca.vec, (simpson, hermite, conditions, limits, *inner)))
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
         given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self._equalities = 2 * n * nx + conditions.numel()
         smoothed = _COST * (rounded / unit_j + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1]))
         self._cost = ca.Function('cost', [z, given], [cost])
-        ipopt = {
-            **_IPOPT,
-            'max_iter': settings.iterations,
-            'mu_init': settings.barrier,
-            # From near a solution the limits' multipliers begin where the barrier has them.
-            'bound_mult_init_method': 'constant' if settings is COLD else 'mu-based',
-        }
+        ipopt = _IPOPT | {'max_iter': settings.iterations, 'mu_init': settings.barrier}
+        # From near a solution the limits' multipliers begin where the barrier has them.
+        ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
         self._clock = _Clock(z.numel(), rows.numel(), given.numel())
-        self._solver = ca.nlpsol(
-            'collocation',
-            'ipopt',
-            {'x': z, 'f': smoothed, 'g': rows, 'p': given},
-            {
-                'print_time': 0,
-                'show_eval_warnings': False,
-                'calc_lam_p': False,
-                'no_nlp_grad': True,
-                'detect_simple_bounds': True,  # a limit on one variable takes no row
-                'ipopt': ipopt,
-                'iteration_callback': self._clock,
-            },
-        )
+        program: dict[str, Any] = {'x': z, 'f': smoothed, 'g': rows, 'p': given}
+        options: dict[str, Any] = {
+            'print_time': 0,
+            'show_eval_warnings': False,
+            'calc_lam_p': False,
+            'no_nlp_grad': True,
+            'detect_simple_bounds': True,  # a limit on one variable takes no row
+            'iteration_callback': self._clock,
+        }
+        self._solver = ca.nlpsol('collocation', 'ipopt', program, {**options, 'ipopt': ipopt})
+        made = {'grad_f': 'nlp_grad_f', 'jac_g': 'nlp_jac_g', 'hess_lag': 'nlp_hess_l'}
+        options |= {name: self._solver.get_function(of) for name, of in made.items()}
+        options['ipopt'] = ipopt | _AGAIN | {'warm_start_init_point': 'yes'}
+        self._again = ca.nlpsol('again', 'ipopt', program, options)
         self.seconds = time.thread_time() - began
 
     @classmethod
@@ -336,18 +334,20 @@ class Collocation:
             size = abs(float(self._cost(z, given)))
             given[-1] = size if 1e-9 < size < 1e9 else st
             self._clock.begin(budget)
-            found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
-            solved = unfinished or bool(self._solver.stats()['success'])
-            budget.evaluations += int(self._solver.stats()['iter_count'])
+            solver = self._again if guess.multipliers else self._solver
+            known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers or (), strict=False))
+            found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
+            solved = unfinished or bool(solver.stats()['success'])
+            budget.evaluations += int(solver.stats()['iter_count'])
             cost = float(self._cost(found['x'], given))
-        z = np.asarray(found['x']).ravel()
+        z, *multipliers = (np.array(found[name]).ravel() for name in ('x', 'lam_x', 'lam_g'))
         states, middles, controls, last = np.split(z, [nx * (n + 1), (2 * n + 1) * nx, z.size - 1])
         if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
             return None
         states = _with_ends(states.reshape(n + 1, nx) * sx, ends.states)
         controls = _with_ends(controls.reshape(n + 1, nu) * su, ends.controls)
         middles, duration = middles.reshape(n, nx) * sx, float(last[0] * st)
-        return CollocatedMotion(states, middles, controls, duration, cost)
+        return CollocatedMotion(states, middles, controls, duration, cost, tuple(multipliers))
 
 
 def _with_ends(values: Array, given: Array) -> Array:
@@ -395,6 +395,6 @@ class _Clock(ca.Callback):
         self._iterations += 1
         if self._iterations % _LOOK == 0:
             size = 1.0 + abs(float(values[self._cost]))
-            if not float(ca.norm_inf(values[self._multipliers])) < _HOPELESS * size:
+            if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
                 return [1]
         return [int(self._budget.spent)]

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 import math
 from typing import Any
@@ -274,7 +275,8 @@ def corrected(
         moved[k + 1] = transition[k] @ moved[k] + defects[k] + by_duration[k, :, 0] * longer
         moved[k + 1] += by_first[k] @ du[k] + by_last[k] @ du[k + 1]
     middles = m + 0.5 * (moved[:-1] + moved[1:])
-    return CollocatedMotion(x + moved, middles, u + du, motion.duration + longer)
+    duration = motion.duration + longer
+    return replace(motion, states=x + moved, middles=middles, controls=u + du, duration=duration)
 
 
 def _exponentials(matrices: Array) -> Array:

@@ -44,7 +44,7 @@ from tdm_planner.verification import verify
 _MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
 # No further guess once so many solutions are alike in cost, within a share, or so many are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
-_SIDES = 5  # initial guesses before that counts where there are obstacles
+_SIDES = 0.2  # share of the time allowed in which more ways round obstacles are looked for
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -181,7 +181,7 @@ class DirectSearch(Search[Candidate]):
             self._warm = False
         solved = list[CollocatedMotion]()
         until = self.budget.part(self._latest - self.budget.elapsed)
-        for tried, guess in enumerate(self._guesses(), 1):
+        for guess in self._guesses():
             if until.spent:
                 break
             motion = self._refinement.solve(FIRST, guess, until=until)
@@ -198,8 +198,8 @@ class DirectSearch(Search[Candidate]):
                 yield settled
             least = min(found.cost for found in solved)
             again = sum(found.cost <= least + _ALIKE * abs(least) for found in solved)
-            agreed = again >= _AGREED and (tried >= _SIDES or not self._trace.obstacles)
-            if agreed or len(solved) >= _ENOUGH or self._past(_STARTS_SHARE):
+            enough = again >= _AGREED or len(solved) >= _ENOUGH
+            if self._past(_SIDES * self._trace.obstacles if enough else _STARTS_SHARE):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
@@ -269,7 +269,7 @@ class DirectSearch(Search[Candidate]):
 
     def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
         """Whether it leaps over an obstacle between two nodes: on more of them it costs more."""
-        return bool(self._trace.obstacles) and fine.cost - coarse.cost > _LEAP * abs(fine.cost)
+        return self._trace.obstacles and fine.cost - coarse.cost > _LEAP * abs(fine.cost)
 
     def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of initial guesses while there is time."""

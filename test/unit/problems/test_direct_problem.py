@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import importlib
 import inspect
 import math
@@ -222,6 +223,35 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_stay_where_an_end_is_
     straight, left, right = (line.states for line in lines)
     assert left - straight == pytest.approx(straight - right)
     assert np.abs(left[:, 1]).max() > 0.2
+
+
+def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
+    budget = Budget(60.0)
+    made = refinement(RoundTheObstacle(), budget)
+    bent = made.solve(12, made.straight(12, 0.3, np.random.default_rng(0)))
+    first, found, iterations = made.finer(bent, 20), [], []
+    for guess in (replace(first, multipliers=()), first):
+        before = budget.evaluations
+        found.append(made.solve(20, guess, reserve=1e-3))
+        iterations.append(budget.evaluations - before)
+    assert found[1].cost == pytest.approx(found[0].cost, rel=1e-4)
+    assert found[1].cost > first.cost + 100 * abs(found[1].cost - found[0].cost)
+    assert iterations[1] < 0.7 * iterations[0]
+
+
+def test_both_sides_of_an_obstacle_are_tried_before_solutions_agree(monkeypatch):
+    solved, tried = Refinement.solve, []
+
+    def counted(self, intervals, *given, **options):
+        tried.append(intervals)
+        return solved(self, intervals, *given, **options)
+
+    monkeypatch.setattr(Refinement, 'solve', counted)
+    assert RoundTheObstacle().solve(deadline=60.0).verification.ok
+    assert tried.count(12) == 8
+    tried.clear()
+    assert solve().verification.ok
+    assert tried.count(12) == 2
 
 
 def test_a_refusal_counts_what_is_kept_in_reserve():
