@@ -60,7 +60,7 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
     _ROWS,
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
 _VARIANTS, _AT_ONCE = 128, 2 * LANES  # simulated; so many, or tails, between two looks
-_MOST_VARIANTS = 12 * _VARIANTS  # where hardly any comes near
+_USUAL, _MOST_VARIANTS = 8 * _VARIANTS, 12 * _VARIANTS  # undamped; where hardly any comes near
 # Longest time of a pump, in 1/w0: the work over the drive, within bounds.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _PUMPED = 0.1  # share of the time after which one variant near upright for every lane is enough
@@ -277,8 +277,8 @@ def simulate_variants(
                     x[m * LANES + i] = 0.0
 
 
-def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
-    """Return variants of the law at random."""
+def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool) -> Laws:
+    """Return variants of the law at random, `damped` for a disk that the pendulum swings."""
     crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle_limit
     weakest = 0.3 / max(crossing, 2.0)
     weight = _over_drive(task, _WORK, _WEIGHT)
@@ -295,14 +295,14 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     if crossing > 1.0:
         # It crosses its range in less than half a swing. A stroke from where a large swing turns
         # would be slow, as the pendulum is horizontal there, and end in the wrong half.
-        lead = mostly(0.25, lead, rng.uniform(-3.0, -0.5, count))
+        lead = mostly(0.25, lead, rng.uniform(-6.0 if damped else -3.0, -0.5, count))
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
         share=mostly(0.5, 1.0, mostly(0.3, spread(weakest, 1.0), in_a_swing)),
         on_place=spread(0.003, 0.6),
-        on_momentum=spread(0.003, 1.0),
+        on_momentum=spread(0.1, 10.0) if damped else spread(0.003, 1.0),
         band=spread(0.05, 1.0),
-        brake=rng.uniform(0.6, 1.0, count),
+        brake=rng.uniform(0.25 if damped else 0.6, 1.0, count),
         lead=lead,
         hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
         weight=weight * spread(1.0, _PATIENCE),
@@ -325,7 +325,7 @@ def pumped_candidates(
     swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
         tried += _VARIANTS
-        swings += _swings(task, _laws(task, rng, _VARIANTS), most, until)
+        swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
     swings, landed = _nearest(task, swings), list[Candidate]()
     for first in range(0, len(swings), _AT_ONCE):
         late = until.elapsed > _ONE_DOES * until.seconds

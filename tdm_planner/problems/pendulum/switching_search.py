@@ -137,7 +137,7 @@ class SwitchingSearch(Search[Candidate]):
             return self._warm(self._previous)
         found = self._pumped() if self._pumping else []
         if not self._pumping or self._narrow:
-            found += self._arrivals()
+            found += self._arrivals(_ENOUGH if found else _SEARCH_UNTIL)
         return sorted(self._polished(distinct(found)), key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
@@ -264,9 +264,9 @@ class SwitchingSearch(Search[Candidate]):
         self._arrived += len(found)
         return distinct(found)[:_POLISHED_PUMPED]
 
-    def _arrivals(self) -> list[Candidate]:
+    def _arrivals(self, latest: float) -> list[Candidate]:
         """
-        Shoot from rounds of random starts; return all arrivals.
+        Shoot from rounds of random starts until that share of the deadline; return all arrivals.
 
         Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
         """
@@ -277,11 +277,11 @@ class SwitchingSearch(Search[Candidate]):
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
-            late = budget.elapsed > (_ENOUGH if found else _SEARCH_UNTIL) * budget.seconds
+            late = budget.elapsed > (_ENOUGH if found else latest) * budget.seconds
             if late or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
-            found += shot(self._task, batch, steps, self._part(_SEARCH_UNTIL))
+            found += shot(self._task, batch, steps, self._part(latest))
             index = int(np.argmin(batch.costs))
             if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
                 row = batch.rows(np.array([index]))
