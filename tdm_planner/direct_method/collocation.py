@@ -335,7 +335,7 @@ class Collocation:
             given[-1] = size if 1e-9 < size < 1e9 else st
             self._clock.begin(budget)
             solver = self._again if guess.multipliers else self._solver
-            known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers or (), strict=False))
+            known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers, strict=False))
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
             solved = unfinished or bool(solver.stats()['success'])
             budget.evaluations += int(solver.stats()['iter_count'])

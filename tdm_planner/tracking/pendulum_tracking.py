@@ -184,10 +184,10 @@ class PendulumTracker(TrajectoryTracker):
         self._q = np.diag(diagonal / scale**2)
         self._r = np.array([[weights.torque / limit / limit]])
         disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
-        a, b = plant.jacobians(np.zeros(4), np.zeros(1))
-        falling = float(np.linalg.eigvals(a).real.max())
-        self.growth_rate = max(falling, frequency * plant.quickness, disk)
         try:
+            a, b = plant.jacobians(np.zeros(4), np.zeros(1))
+            falling = float(np.linalg.eigvals(a).real.max())
+            self.growth_rate = max(falling, frequency * plant.quickness, disk)
             self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)
         except np.linalg.LinAlgError as error:
             raise InvalidProblem(
