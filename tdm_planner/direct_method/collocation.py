@@ -12,7 +12,6 @@ Nonlinear Programming*, chapter 4.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 import threading
 import time
@@ -23,7 +22,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.graphs import Call, Rounded
+from tdm_planner.direct_method.graphs import Call, Clock, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import to_nanoseconds
@@ -31,9 +30,8 @@ from tdm_planner.trajectory import to_nanoseconds
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
-_LIMITS_ROUNDING = 1e-6  # of kinks in limits: enough for a slope where something is at rest
+LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
 _COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
-_HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
     'sb': 'yes',
@@ -109,13 +107,17 @@ class CollocatedMotion:
         return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:
-        """Return it on other intervals: cubics with the `rates` (n + 1, nx), linear controls."""
-        s = np.linspace(0.0, 1.0, self.intervals + 1)
-        ends = np.linspace(0.0, 1.0, intervals + 1)
+        """
+        Return it on other intervals: cubics with the `rates` (n + 1, nx), linear controls.
+
+        Where a cubic overshoots the rates may not be defined: states keep to the range they had.
+        """
+        s, at = (np.linspace(0.0, 1.0, k + 1) for k in (self.intervals, 2 * intervals))
         cubic = CubicHermiteSpline(s, self.states, rates * self.duration)
-        controls = np.stack([np.interp(ends, s, u) for u in self.controls.T], axis=-1)
-        middles = 0.5 * (ends[1:] + ends[:-1])
-        return CollocatedMotion(cubic(ends), cubic(middles), controls, self.duration)
+        known = np.vstack([self.states, self.middles])
+        states = np.clip(cubic(at), known.min(axis=0), known.max(axis=0))
+        controls = np.stack([np.interp(at[::2], s, u) for u in self.controls.T], axis=-1)
+        return CollocatedMotion(states[::2], states[1::2], controls, self.duration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +184,8 @@ class Collocation:
     The program of a traced statement on n `intervals`; made once a kind, for any numbers.
 
     `seconds` of processor time is what making it took: in proportion to the intervals;
-    `has_kinks` whether the running cost or the rates have any.
+    `has_kinks` whether the running cost or the rates have any, `has_alternatives` whether one of
+    two limits will do somewhere.
     """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
@@ -197,6 +200,7 @@ class Collocation:
         parts = trace.running, trace.rates, trace.unfolded.rows
         running, motion, stated = kinked = [Rounded(part) for part in parts]
         self.has_kinks = running.count + motion.count > 0
+        self._either, self.has_alternatives = stated.either, bool(stated.either.any())
         self._limits = Call(trace.unfolded.rows, n + 1)
         self._rounded_limits = Call(stated.value, n + 1)
         self._kinks = [Call(one.sizes, n + 1) for one in kinked]
@@ -255,7 +259,7 @@ class Collocation:
         ipopt = _IPOPT | {'max_iter': settings.iterations, 'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
-        self._clock = _Clock(z.numel(), rows.numel(), given.numel())
+        self._clock = Clock(z.numel(), rows.numel(), given.numel())
         program: dict[str, Any] = {'x': z, 'f': smoothed, 'g': rows, 'p': given}
         options: dict[str, Any] = {
             'print_time': 0,
@@ -288,12 +292,14 @@ class Collocation:
         *,
         roughly: bool = False,
         unfinished: bool = False,
+        alternatives: float = LIMITS_ROUNDING,
     ) -> CollocatedMotion | None:
         """
         Return the optimum near `guess`; None if Ipopt does not converge, unless `unfinished` does.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
         to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
+        `alternatives` is the share by which those between two limits of which one will do are.
         """
         n, (nx, nu) = self.intervals, self._sizes
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
@@ -302,7 +308,8 @@ class Collocation:
         controls = _with_ends(guess.controls, ends.controls)
         along = times, states, controls, numbers
         charge = COLD if roughly else self._settings
-        shares = charge.rounding, charge.rounding, _LIMITS_ROUNDING
+        of_limits = np.where(self._either, alternatives, LIMITS_ROUNDING)
+        shares = charge.rounding, charge.rounding, of_limits
         running, motion, limits = self._kinks
         with self._lock:
             rows = self._limits(*along)[0].copy()
@@ -362,39 +369,3 @@ def _scales(values: Array) -> Array:
     share, least = _LEAST_SCALE
     sizes = np.abs(values).max(axis=0)
     return np.asarray(np.maximum(sizes, share * sizes.max() + least))
-
-
-class _Clock(ca.Callback):
-    """
-    Stops Ipopt when the time is up, or its multipliers say that there is no solution.
-
-    They grow without end then, until a single factorisation takes a second.
-    """
-
-    def __init__(self, variables: int, rows: int, parameters: int) -> None:
-        ca.Callback.__init__(self)
-        self._sizes = {'x': variables, 'lam_x': variables, 'g': rows, 'lam_g': rows}
-        self._sizes |= {'f': 1, 'lam_p': parameters}
-        self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
-        self.construct('clock', {})
-
-    def begin(self, budget: Budget) -> None:
-        """Count the iterations of a run from here."""
-        self._budget, self._iterations = budget, 0
-
-    def get_n_in(self) -> int:
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Any:
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
-
-    def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
-        self._iterations += 1
-        if self._iterations % _LOOK == 0:
-            size = 1.0 + abs(float(values[self._cost]))
-            if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
-                return [1]
-        return [int(self._budget.spent)]

@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
+from tdm_planner.direct_method.nonlinear_program import Budget
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
+_HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations of Ipopt between two looks at them
 _MOST_ROWS = 16  # of one limit without kinks, whose number each kink may double
 
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
@@ -79,16 +81,19 @@ class Rounded:
     The graph is written again with sqrt(a^2 + e^2) in place of |a|, likewise where a maximum,
     minimum, square root or hypotenuse has its kink.
     `value` (..., p, e) -> f, with e (k,) how far each kink is rounded; `sizes` (..., p) -> (k,)
-    what stands in every kink, to choose e by; `count` is k.
+    what stands in every kink, to choose e by; `count` is k; `either` (k,) tells which are maxima
+    or minima.
     """
 
     def __init__(self, function: Any) -> None:
         radius: list[Any] = []
         inside: list[Any] = []
+        either: list[bool] = []
 
-        def root(square: Any, size: Any) -> Any:
+        def root(square: Any, size: Any, of_two: bool = False) -> Any:
             radius.append(ca.SX.sym('e'))
             inside.append(size)
+            either.append(of_two)
             return ca.sqrt(square + radius[-1] ** 2)
 
         def rounded(operation: int, a: Any, b: Any) -> Any:
@@ -99,12 +104,12 @@ class Rounded:
             if operation == ca.OP_HYPOT:
                 return root(a**2 + b**2, ca.hypot(a, b))
             if operation in (ca.OP_FMAX, ca.OP_FMIN):
-                apart = root((a - b) ** 2, a - b)
+                apart = root((a - b) ** 2, a - b, of_two=True)
                 return 0.5 * (a + b + (apart if operation == ca.OP_FMAX else -apart))
             return None
 
         given, results = _rewritten(function, rounded)
-        self.count = len(radius)
+        self.count, self.either = len(radius), np.array(either, dtype=bool)
         e = ca.vertcat(ca.SX(0, 1), *radius)
         self.value = ca.Function('rounded', [*given, e], results)
         sizes = ca.substitute(ca.vertcat(ca.SX(0, 1), *inside), e, 0.0)  # of kinks in kinks, too
@@ -200,12 +205,13 @@ def bent(margins: Any, numbers: Array, of: str) -> Mask:
     """
     Return which limits (nm,) may be violated between two points that keep them.
 
-    `of` tells the argument of `margins` that varies: 'x' or 'u'.
+    `of` tells the argument of `margins` that varies: 'x' or 'u'. Kinks count as rounded.
     """
     t, x, u = (ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txu'))
+    rounded = Rounded(margins)
     varied = {'x': x, 'u': u}[of]
     rng, found = np.random.default_rng(0), []
-    for row in ca.vertsplit(margins(t, x, u, numbers)):
+    for row in ca.vertsplit(rounded.value(t, x, u, numbers, np.ones(rounded.count))):
         hessian = ca.densify(ca.hessian(row, varied)[0])
         curvature = ca.Function('curvature', [t, x, u], [hessian])
         places = [[rng.normal(size=part.shape) for part in (t, x, u)] for _ in range(_PLACES)]
@@ -213,3 +219,43 @@ def bent(margins: Any, numbers: Array, of: str) -> Mask:
         largest = np.linalg.eigvalsh(matrices)[:, -1]
         found.append(bool((largest > _CURVED * np.abs(matrices).max(axis=(1, 2))).any()))
     return np.array(found, dtype=bool)
+
+
+class Clock(ca.Callback):
+    """
+    Stops Ipopt when the time is up, or its multipliers say that there is no solution.
+
+    They grow without end then, until a single factorisation takes a second.
+    """
+
+    def __init__(self, variables: int, rows: int, parameters: int) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {'x': variables, 'lam_x': variables, 'g': rows, 'lam_g': rows}
+        self._sizes |= {'f': 1, 'lam_p': parameters}
+        self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
+        self.construct('clock', {})
+
+    def begin(self, budget: Budget) -> None:
+        """Count the iterations of a run from here."""
+        self._budget, self._iterations = budget, 0
+
+    def get_n_in(self) -> int:
+        """Return the number of what Ipopt tells."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Return 1."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Return the shape of what it tells."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
+        """Return whether to stop."""
+        self._iterations += 1
+        if self._iterations % _LOOK == 0:
+            size = 1.0 + abs(float(values[self._cost]))
+            if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
+                return [1]
+        return [int(self._budget.spent)]

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import chebyshev_nodes
+from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
@@ -35,6 +36,7 @@ _CHANGE = 0.15, 0.5  # of the initial guess, in its units: without and with cond
 _CHANGES = 10  # of an initial guess that is not finite everywhere
 _FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
 _PROMISING = 1e-5  # and up to which the check may pass
+_HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _SCREENED = 64  # random initial guesses of which the one nearest to the end conditions is kept
 
 
@@ -61,6 +63,7 @@ class DirectMinima:
         self._plant, self._stated, self._trace = plant, plant.stated, plant.trace
         self._problem = plant.stated.formulation
         self.in_sight: list[Array] = []
+        self._halves: Transcription | None = None  # on the ends and middles of even intervals
         self.parts, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
@@ -113,6 +116,24 @@ class DirectMinima:
         if minimum is not None and minimum.point.violation <= self._loose.feasibility[0]:
             self.in_sight.append(minimum.point.xi)
         return minimum
+
+    def collocated(self, xi: Array, intervals: int) -> Iterator[CollocatedMotion]:
+        """Yield the motion of Xi on even intervals, if it is finite and not of hardly any time."""
+        if self._halves is None:
+            nodes = np.linspace(0.0, 1.0, 2 * intervals * self.parts + 1)
+            self._halves = self.on(nodes)
+        motion = self._halves.motion(xi)
+        times = motion.times[:: self.parts]
+        even = np.linspace(0.0, times[-1], times.size)
+        states, controls = (
+            np.stack([np.interp(even, times, c) for c in values[:: self.parts].T], axis=-1)
+            for values in (motion.states, motion.controls)
+        )
+        found = CollocatedMotion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        given = self._stated.duration()
+        bounded = given.fixed or given.shortest is not None
+        if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
+            yield found
 
     def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         """Minimise to the end; None where nothing can be computed."""

@@ -22,6 +22,7 @@ from tdm_planner.direct_method.collocation import (
     CollocatedMotion,
     Collocation,
     Ends,
+    LIMITS_ROUNDING,
     Settings,
     WARM,
 )
@@ -32,9 +33,12 @@ from tdm_planner.problems.direct.plant import corrected, DirectPlant, END_TOLERA
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
-# Intervals of the collocation: from initial guesses, from earlier plans, of most plans, at most.
-FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
+# Intervals of the collocation: from initial guesses, from earlier plans, of most plans, of others,
+FIRST, COARSE, FINE, FINER = 12, 20, 40, 80
+FINEST = 160  # and at most: the only program that is made while a plan is searched
 _REPAIRS, _CORRECTIONS = 7, 5
+# Shares by which kinks between two limits of which one will do are rounded, in turn.
+_ALTERNATIVES = 0.2, 0.05, 0.01
 _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share by which J may differ from that of the replay
@@ -103,6 +107,7 @@ class Refinement:
         until: Budget | None = None,
         reserve: Array | float = 0.0,
         unfinished: bool = False,
+        alternatives: float = LIMITS_ROUNDING,
     ) -> CollocatedMotion | None:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
@@ -119,7 +124,9 @@ class Refinement:
 
         def solved(roughly: bool) -> CollocatedMotion | None:
             began = self._budget.elapsed
-            found = program.solve(*given, roughly=roughly, unfinished=unfinished)
+            found = program.solve(
+                *given, roughly=roughly, unfinished=unfinished, alternatives=alternatives
+            )
             self._took = (self._budget.elapsed - began) / intervals
             return found
 
@@ -130,6 +137,20 @@ class Refinement:
             found = solved(not roughly)
             if found is not None:
                 self._roughly = not roughly
+        return found
+
+    def eased(self, guess: CollocatedMotion, until: Budget) -> CollocatedMotion | None:
+        """
+        Return the optimum on the first intervals, by way of what must not be, where that helps.
+
+        Where one of two limits will do the kink between them is rounded at first.
+        """
+        eased = Collocation.of(self.trace, FIRST, COLD).has_alternatives
+        found: CollocatedMotion | None = guess
+        for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
+            if found is not None:
+                begun = replace(found, multipliers=())
+                found = self.solve(FIRST, begun, until=until, alternatives=share)
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
@@ -277,7 +298,7 @@ class Refinement:
         It is made, and solved so many times.
         """
         made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
-        made *= intervals > FINE  # or else it was prepared
+        made *= intervals > FINER  # or else it was prepared
         work = _MAKING * made / COARSE + _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > work * intervals
@@ -295,5 +316,5 @@ class Refinement:
 def prepare_refinement(trace: Trace) -> None:
     """Make the programs that most plans need."""
     trace.integrator  # noqa: B018 - it is made when it is first asked for
-    for intervals, settings in ((FIRST, COLD), (COARSE, WARM), (FINE, WARM)):
+    for intervals, settings in ((FIRST, COLD), (COARSE, WARM), (FINE, WARM), (FINER, WARM)):
         Collocation.of(trace, intervals, settings)

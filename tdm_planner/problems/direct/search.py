@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -29,7 +29,7 @@ from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.refinement import COARSE, FINEST, FIRST, Refinement
+from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
 from tdm_planner.problems.direct.statement import (
     check_ends,
     check_use,
@@ -44,15 +44,15 @@ from tdm_planner.verification import verify
 _MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
 # No further guess once so many solutions are alike in cost, within a share, or so many are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
-_SIDES = 0.2  # share of the time allowed in which more ways round obstacles are looked for
+_SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
-_HASTY = 1.5  # times the shortest duration: a minimum there has not found a motion
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
 _EXCESS = 1.5  # times what a check finds a limit violated by is kept of it
+_CLOSER = 3  # repairs of what the check finds, before more intervals
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
@@ -95,7 +95,8 @@ class DirectSearch(Search[Candidate]):
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
-        self._best: Candidate | None = None  # what the plan is made of
+        self._best: Candidate | None = None  # what the plan is made of,
+        self._least = np.inf  # and its J
         self._closest, self._nearest_miss = np.inf, ''
 
     def candidates(self) -> Iterator[Candidate]:
@@ -113,18 +114,16 @@ class DirectSearch(Search[Candidate]):
 
     def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost is lower by more than rounding."""
-        cost, other = map(self._cost, (candidate, than))
-        return cost < other - _WORTHWHILE * abs(other)
-
-    def _cost(self, candidate: Candidate) -> float:
         if isinstance(candidate, CollocatedMotion):
-            return candidate.cost
-        return candidate.point.cost * self._minima.program.cost_scale
+            cost = candidate.cost
+        else:
+            cost = candidate.point.cost * self._minima.program.cost_scale
+        return cost < self._least - _WORTHWHILE * abs(self._least)
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
-        if self._best is None or self._cost(self._checked) < self._cost(self._best):
-            self._best = self._checked
+        if plan.cost < self._least:
+            self._best, self._least = self._checked, plan.cost
         return self._warm
 
     def widen(self) -> bool:
@@ -155,7 +154,7 @@ class DirectSearch(Search[Candidate]):
             return
         refinement, names = self._refinement, self._trace.margin_names
         found: CollocatedMotion | None = candidate
-        reserve, looked = np.zeros(len(names)), False
+        reserve, looks = np.zeros(len(names)), 0
         while found is not None:
             found, states, reserve = refinement.repaired(found, reserve)
             self._checked = found
@@ -165,11 +164,11 @@ class DirectSearch(Search[Candidate]):
                 return
             yield plan
             violated = self._violated(plan)
-            looked = bool(violated) and not looked
-            if looked:  # the check looks more closely than the replay before
+            if violated and looks < _CLOSER:  # the check looks more closely than the replay before
+                looks += 1
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
-            reserve, more = np.zeros(len(names)), 2 * found.intervals
+            reserve, looks, more = np.zeros(len(names)), 0, 2 * found.intervals
             found = refinement.finer(found, more) if refinement.affords(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
@@ -181,25 +180,28 @@ class DirectSearch(Search[Candidate]):
             self._warm = False
         solved = list[CollocatedMotion]()
         until = self.budget.part(self._latest - self.budget.elapsed)
-        for guess in self._guesses():
+        for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break
-            motion = self._refinement.solve(FIRST, guess, until=until)
+            eased = attempt % 2 == 0  # it finds the way more often, and more often the same one
+            solve = self._refinement.eased if eased else partial(self._refinement.solve, FIRST)
+            motion = solve(guess, until=until)
             if motion is None:
                 continue
             solved.append(motion)
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 settled = self._settled(motion)
-                if settled is None or self._leaps(motion, settled):
-                    self._aside.append(settled or motion)
+                if settled is None:
                     solved.clear()
                     continue
                 yield settled
+                share = _SIDES if self._trace.obstacles else 0.0
+                sides = self.budget.part(share * self.budget.seconds)
             least = min(found.cost for found in solved)
             again = sum(found.cost <= least + _ALIKE * abs(least) for found in solved)
             enough = again >= _AGREED or len(solved) >= _ENOUGH
-            if self._past(_SIDES * self._trace.obstacles if enough else _STARTS_SHARE):
+            if self._past(_STARTS_SHARE) or (enough and sides.spent):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
@@ -208,7 +210,7 @@ class DirectSearch(Search[Candidate]):
             if (settled := self._settled(motion)) is not None:
                 yield settled
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
-            finer = self._settled(self._best)
+            finer = self._settled(self._best, FINEST)
             if finer and finer is not self._best:
                 yield finer
 
@@ -233,38 +235,33 @@ class DirectSearch(Search[Candidate]):
                 yield self._refinement.straight(FIRST, bend, rng)
             elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
-                yield from self._finite(minimum.point.xi)
+                yield from minima.collocated(minimum.point.xi, FIRST)
 
-    def _finite(self, xi: Array) -> Iterator[CollocatedMotion]:
-        """Yield the direct method's motion on the first intervals if it is finite everywhere."""
-        motion, parts = self._halves.motion(xi), self._minima.parts
-        times = motion.times[::parts]
-        even = np.linspace(0.0, times[-1], times.size)
-        states, controls = (
-            np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
-            for values in (motion.states, motion.controls)
-        )
-        found = CollocatedMotion(states[::2], states[1::2], controls[::2], float(even[-1]))
-        given = self._stated.duration()
-        bounded = given.fixed or given.shortest is not None
-        if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
-            yield found
+    def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
+        """
+        Solve on as many intervals as J asks for, in a hurry on few; put it aside if that fails.
 
-    def _settled(self, motion: CollocatedMotion) -> CollocatedMotion | None:
-        """Solve on as many intervals as J asks for, in a hurry on few; None if that fails."""
+        A motion may leap over an obstacle once, as long as more intervals bring it round.
+        """
         solutions = _SOLUTIONS if self._best is None else 1
-        last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else FINEST
+        last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
+        leaps = failed = False
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
-            if finer is None or self._leaps(motion, finer):
-                return finer or (motion if motion.intervals > FIRST else None)
+            failed = finer is None or (leaps and self._leaps(motion, finer))
+            if finer is None or failed:
+                break
+            leaps = self._leaps(motion, finer)
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
             if left <= _SETTLED * abs(motion.cost):
                 return motion
-        self._coarse = True
+        if leaps or (failed and motion.intervals == FIRST):
+            self._aside.append(motion)
+            return None
+        self._coarse |= not failed
         return motion
 
     def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
@@ -301,11 +298,6 @@ class DirectSearch(Search[Candidate]):
         minima.check()
         return minima
 
-    @cached_property
-    def _halves(self) -> Transcription:
-        """Return the program on the ends and middles of the first intervals."""
-        return self._minima.on(np.linspace(0.0, 1.0, 2 * FIRST * self._minima.parts + 1))
-
     @property
     def _late(self) -> bool:
         return self.budget.elapsed > self._latest
@@ -320,12 +312,12 @@ class DirectSearch(Search[Candidate]):
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
         for refinement in range(_ROUNDS):
-            plan = self._plan(program, minimum, samples)
+            plan = self._plan(minimum.point.xi, samples)
             if plan is None:
                 return
             yield plan
             xi, violated = plan.parameters, self._violated(plan)
-            samples *= 2
+            samples = 2 * samples - 1
             if not violated and not program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
@@ -349,9 +341,8 @@ class DirectSearch(Search[Candidate]):
         worst = plan.verification.worst
         return {name: -worst[name] for name, most in allowed if worst[name] < -most}
 
-    def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Solution | None:
-        """Return the plan of a minimum and its check."""
-        xi = minimum.point.xi
+    def _plan(self, xi: Array, samples: int) -> Solution | None:
+        """Return the plan of a minimum Xi, and its check, on an odd number of samples."""
         fine = self._minima.on(np.linspace(0.0, 1.0, samples))
         motion = fine.motion(xi)
         try:
@@ -359,7 +350,9 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        cost = minimum.point.cost * program.cost_scale
+        thirds = np.arange(samples // 2)[:, None] * 2 + np.arange(3)
+        along = (a[thirds] for a in (motion.times, motion.states, motion.controls))
+        cost = self._trace.cost_along(self._plant.numbers, *along)
         return self._planned(motion.times, motion.states, motion.controls, 'cubic', cost, xi)
 
     def _planned(
