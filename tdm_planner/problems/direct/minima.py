@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+import itertools
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -33,6 +34,7 @@ _LOOSE = _TIGHT._replace(
     iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
 )
 _CHANGE = 0.15, 0.5  # of the initial guess, in its units: without and with conditions at the ends
+_SMALLER = 0.2, 0.1, 0.05  # changes along which what is stated is looked at once more
 _CHANGES = 10  # of an initial guess that is not finite everywhere
 _FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
 _PROMISING = 1e-5  # and up to which the check may pass
@@ -72,7 +74,8 @@ class DirectMinima:
 
     def check(self) -> None:
         """Raise InvalidProblem if what is stated contradicts itself along the initial guess."""
-        check_dynamics(self.rough, self.changed)
+        smaller = (self._change(self.rough, size) for size in _SMALLER)
+        check_dynamics(self.rough, itertools.chain([self.changed], smaller))
         check_costs(self._trace, self.rough.motion(self.changed), self._plant.numbers)
 
     def on(self, nodes: Array) -> Transcription:

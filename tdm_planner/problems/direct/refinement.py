@@ -33,9 +33,8 @@ from tdm_planner.problems.direct.plant import corrected, DirectPlant, END_TOLERA
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
-# Intervals of the collocation: from initial guesses, from earlier plans, of most plans, of others,
-FIRST, COARSE, FINE, FINER = 12, 20, 40, 80
-FINEST = 160  # and at most: the only program that is made while a plan is searched
+# Intervals of the collocation: from initial guesses, from earlier plans, of most plans, at most.
+FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
 # Shares by which kinks between two limits of which one will do are rounded, in turn.
 _ALTERNATIVES = 0.2, 0.05, 0.01
@@ -298,7 +297,7 @@ class Refinement:
         It is made, and solved so many times.
         """
         made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
-        made *= intervals > FINER  # or else it was prepared
+        made *= intervals > FINE  # or else it was prepared
         work = _MAKING * made / COARSE + _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > work * intervals
@@ -316,5 +315,5 @@ class Refinement:
 def prepare_refinement(trace: Trace) -> None:
     """Make the programs that most plans need."""
     trace.integrator  # noqa: B018 - it is made when it is first asked for
-    for intervals, settings in ((FIRST, COLD), (COARSE, WARM), (FINE, WARM), (FINER, WARM)):
+    for intervals, settings in ((FIRST, COLD), (COARSE, WARM), (FINE, WARM)):
         Collocation.of(trace, intervals, settings)

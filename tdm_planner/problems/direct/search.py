@@ -6,7 +6,7 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 1. Initial guesses are roughly minimised motions of the direct method and bent lines, in turn.
 2. Each is solved by collocation on few intervals. The first solution is solved on more at once, of
-   the others only the cheapest, if it is cheaper; the plan again, if there is time.
+   the others only the cheapest, if it is cheaper; the plan on many, if there is time.
 3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
 4. If there is no plan: the direct method's own, minimised to the end; then what failed in 2.
 """
@@ -51,8 +51,9 @@ _SETTLED = 1e-3  # share of J by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
+_SIMILAR = 0.1  # share of J by which another motion may be cheaper, and leap as well
 _EXCESS = 1.5  # times what a check finds a limit violated by is kept of it
-_CLOSER = 3  # repairs of what the check finds, before more intervals
+_NEARER = 0.5  # times what a check found before: worth another repair on as many intervals
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
@@ -98,6 +99,7 @@ class DirectSearch(Search[Candidate]):
         self._best: Candidate | None = None  # what the plan is made of,
         self._least = np.inf  # and its J
         self._closest, self._nearest_miss = np.inf, ''
+        self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
     def candidates(self) -> Iterator[Candidate]:
         """
@@ -154,7 +156,7 @@ class DirectSearch(Search[Candidate]):
             return
         refinement, names = self._refinement, self._trace.margin_names
         found: CollocatedMotion | None = candidate
-        reserve, looks = np.zeros(len(names)), 0
+        reserve, before = np.zeros(len(names)), np.inf
         while found is not None:
             found, states, reserve = refinement.repaired(found, reserve)
             self._checked = found
@@ -164,11 +166,14 @@ class DirectSearch(Search[Candidate]):
                 return
             yield plan
             violated = self._violated(plan)
-            if violated and looks < _CLOSER:  # the check looks more closely than the replay before
-                looks += 1
+            excess = sum(violated.values())
+            if self.budget.spent:
+                return
+            if 0.0 < excess < _NEARER * before:  # the check looks more closely than the replay
+                before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
-            reserve, looks, more = np.zeros(len(names)), 0, 2 * found.intervals
+            reserve, before, more = np.zeros(len(names)), np.inf, 2 * found.intervals
             found = refinement.finer(found, more) if refinement.affords(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
@@ -188,13 +193,16 @@ class DirectSearch(Search[Candidate]):
             motion = solve(guess, until=until)
             if motion is None:
                 continue
+            if motion.cost > self._leapt:
+                self._aside.append(motion)  # it leaps, too
+                continue
             solved.append(motion)
-            self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
                 settled = self._settled(motion)
                 if settled is None:
                     solved.clear()
                     continue
+                self._found = True
                 yield settled
                 share = _SIDES if self._trace.obstacles else 0.0
                 sides = self.budget.part(share * self.budget.seconds)
@@ -246,7 +254,7 @@ class DirectSearch(Search[Candidate]):
         solutions = _SOLUTIONS if self._best is None else 1
         last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
-        leaps = failed = False
+        first, leaps, failed = motion, False, False
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
             failed = finer is None or (leaps and self._leaps(motion, finer))
@@ -258,6 +266,8 @@ class DirectSearch(Search[Candidate]):
             motion, intervals = finer, 2 * intervals
             if left <= _SETTLED * abs(motion.cost):
                 return motion
+        if leaps:
+            self._leapt = min(self._leapt, first.cost - _SIMILAR * abs(first.cost))
         if leaps or (failed and motion.intervals == FIRST):
             self._aside.append(motion)
             return None

@@ -1,0 +1,184 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Ways round what is stated by a maximum: one of two limits will do; and what J a plan tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from stated import LONG
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import CollocatedMotion
+from tdm_planner.direct_method.graphs import bent, Rounded
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.parameters import parameter
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.refinement import COARSE, FIRST, Refinement
+
+
+@dataclass(frozen=True)
+class Window(DirectProblem):
+    """A planar quadrotor through a gap in a thin wall: beside the wall, or within the gap."""
+
+    state_names, state_units = ('x', 'z', 'vx', 'vz', 'pitch'), ('m', 'm', 'm/s', 'm/s', 'rad')
+    control_names, control_units = ('thrust', 'rate'), ('m/s^2', 'rad/s')
+    wall: float = parameter(2.5, 'place of the wall', unit='m')
+    half: float = parameter(0.4, 'half its thickness', unit='m')
+    gap: float = parameter(-1.5, 'height of the middle of the gap', unit='m')
+    width: float = parameter(0.4, 'half the height of the gap', unit='m')
+
+    def outputs(self):
+        rest, there = (0.0, 0.0, 0.0), (6.0, 0.0, 0.0)
+        return {
+            'x': Output(start=rest, end=there, free=8, scale=3.0, derivatives=3),
+            'z': Output(start=rest, end=rest, free=8, scale=2.0, derivatives=3),
+        }
+
+    def duration(self):
+        return Duration(guess=3.0)
+
+    def invert(self, y, z):
+        (x, vx, ax, jx), (h, vz, az, jz) = y['x'], y['z']
+        up = az + 9.81
+        square = ax**2 + up**2
+        return (x, h, vx, vz, np.arctan2(ax, up)), (np.sqrt(square), (jx * up - ax * jz) / square)
+
+    def derivative(self, x, u):
+        return x[2], x[3], u[0] * np.sin(x[4]), u[0] * np.cos(x[4]) - 9.81, u[1]
+
+    def control_limits(self):
+        return {'thrust': (3.0, 18.0), 'rate': (-6.0, 6.0)}
+
+    def margins(self, t, x, u):
+        beside, within = np.abs(x[0] - self.wall) - self.half, self.width - np.abs(x[1] - self.gap)
+        return {'wall': np.maximum(beside, within)}
+
+    def final_cost(self, t, x):
+        return t
+
+
+@pytest.mark.parametrize(
+    ('wall', 'half', 'gap', 'width', 'best'),
+    [(2.5, 0.4, -1.5, 0.4, 1.70), (3.4, 0.35, 1.0, 0.5, 1.50), (2.2, 0.2, 1.6, 0.7, 1.66)],
+)
+def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width, best) -> None:
+    """The line leads through the wall: with a sharp kink there is no slope towards the gap."""
+    problem = Window(wall=wall, half=half, gap=gap, width=width)
+    budget = Budget(60.0)
+    refinement = Refinement(DirectPlant(problem), budget)
+    line = refinement.straight(FIRST, 0.0, np.random.default_rng(0))
+    eased = refinement.eased(line, budget)
+    assert eased is not None
+    finer = refinement.finer(eased, COARSE)
+    assert finer is not None
+    assert finer.cost < best
+
+
+def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> None:
+    """Neither has a curvature beside its kink."""
+    t, x, u, p = (ca.SX.sym(name, size) for name, size in zip('txup', (1, 2, 1, 0), strict=True))
+    sides = ca.fabs(x) - 1.0
+    limits = ca.vertcat(ca.fmax(sides[0], sides[1]), ca.fmin(-sides[0], -sides[1]), 2.0 - x[0])
+    margins = ca.Function('margins', [t, x, u, p], [limits])
+    assert bent(margins, np.zeros(0), 'x').tolist() == [True, False, False]
+    assert Trace.of(CheckedFormulation(Window())).obstacles
+
+
+def test_only_kinks_between_two_limits_are_eased() -> None:
+    x = ca.SX.sym('x', 2)
+    stated = ca.fmax(ca.fabs(x[0]), ca.sqrt(x[1] ** 2 + x[0] ** 2))
+    rounded = Rounded(ca.Function('stated', [x], [stated]))
+    assert rounded.count == 3
+    assert rounded.either.sum() == 1
+    assert not Rounded(ca.Function('smooth', [x], [x[0] * x[1]])).either.any()
+
+
+def test_a_motion_on_more_intervals_keeps_to_its_range() -> None:
+    """A cubic through a sharp peak overshot to below zero, where its logarithm is no number."""
+    states = np.array([[1.0], [0.1], [1.0], [1.0]])
+    motion = CollocatedMotion(states, 0.5 * (states[1:] + states[:-1]), np.zeros((4, 1)), 3.0)
+    finer = motion.on(12, rates=np.array([[-4.0], [-4.0], [4.0], [0.0]]))
+    assert min(finer.states.min(), finer.middles.min()) == pytest.approx(0.1)
+    assert finer.states[0] == states[0] and finer.states[-1] == states[-1]
+
+
+@dataclass(frozen=True)
+class Stiff(DirectProblem):
+    """A fast lag that the steps between the nodes are too long for."""
+
+    state_names, state_units = ('y', 'lag'), ('m', 'm')
+    control_names, control_units = ('v',), ('m/s',)
+
+    def outputs(self):
+        return {'y': Output(start=(0.0,), end=(1.0,), free=4, derivatives=1)}
+
+    def integrated(self):
+        return {'lag': Integrated(0.0)}
+
+    def duration(self):
+        return Duration(guess=2.0, fixed=True)
+
+    def invert(self, y, z):
+        return (y['y'][0], z['lag']), (y['y'][1],)
+
+    def derivative(self, x, u):
+        return u[0], 60.0 * (x[0] - x[1])
+
+    def margins(self, t, x, u):
+        return {'speed': 4.0 - u[0] ** 2}
+
+    def final_cost(self, t, x):
+        return -x[1]
+
+
+def test_the_cost_is_that_of_the_plan_not_that_of_a_coarse_integration() -> None:
+    """J of -1e137 was told of a verified plan whose own states gave -23."""
+    plan = Stiff(solver=DirectSolverParameters(deadline=20.0, refine=False)).solve()
+    assert plan.cost == pytest.approx(-plan.trajectory.states[-1, 1], rel=1e-9)
+
+
+@dataclass(frozen=True)
+class Tanks(DirectProblem):
+    """The lower of two tanks is emptied to a level, in least time, by the pump of the upper one."""
+
+    state_names, state_units = ('upper', 'lower'), ('m', 'm')
+    control_names, control_units = ('pump',), ('L/s',)
+
+    def outputs(self):
+        return {'lower': Output(start=(0.3, 0.0), end=(0.12, 0.0), free=6)}
+
+    def duration(self):
+        return Duration(guess=60.0)
+
+    def invert(self, y, z):
+        level, rate, change = y['lower']
+        flow = 60.0 * rate + 0.7 * np.sqrt(level)
+        slope = 60.0 * change + 0.35 * rate / np.sqrt(level)
+        upper = flow**2 / 0.64  # of a flow below zero, too, which is none of this plant
+        return (upper, level), (flow + 125.0 * flow * slope,)
+
+    def derivative(self, x, u):
+        down = 0.8 * np.sqrt(x[0])
+        return (u[0] - down) / 40.0, (down - 0.7 * np.sqrt(x[1])) / 60.0
+
+    def control_limits(self):
+        return {'pump': (0.0, 0.6)}
+
+    def margins(self, t, x, u):
+        return {'upper': 1.0 - x[0] / 0.45, 'dry': x[0] / 0.01 - 1.0}
+
+    def final_cost(self, t, x):
+        return t
+
+
+@pytest.mark.parametrize('seed', [3, 5, 8, 13])
+def test_a_motion_beyond_the_plant_does_not_accuse_the_statement(seed) -> None:
+    """Of a random flow below zero invert and derivative differ, and of no motion of the plant."""
+    assert Tanks(solver=LONG).solve(seed=seed).verification.ok
