@@ -138,13 +138,15 @@ class Refinement:
                 self._roughly = not roughly
         return found
 
-    def eased(self, guess: CollocatedMotion, until: Budget) -> CollocatedMotion | None:
+    def first(
+        self, guess: CollocatedMotion, until: Budget, *, eased: bool
+    ) -> CollocatedMotion | None:
         """
-        Return the optimum on the first intervals, by way of what must not be, where that helps.
+        Return the optimum on the first intervals near an initial guess.
 
-        Where one of two limits will do the kink between them is rounded at first.
+        Where it is `eased` and one of two limits will do, the kink between them is round at first.
         """
-        eased = Collocation.of(self.trace, FIRST, COLD).has_alternatives
+        eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
             if found is not None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -52,8 +52,7 @@ _HURRY = 8.0  # times what the first solution took: with less time left it is ch
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
 _SIMILAR = 0.1  # share of J by which another motion may be cheaper, and leap as well
-_EXCESS = 1.5  # times what a check finds a limit violated by is kept of it
-_NEARER = 0.5  # times what a check found before: worth another repair on as many intervals
+_EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
@@ -167,9 +166,8 @@ class DirectSearch(Search[Candidate]):
             yield plan
             violated = self._violated(plan)
             excess = sum(violated.values())
-            if self.budget.spent:
-                return
-            if 0.0 < excess < _NEARER * before:  # the check looks more closely than the replay
+            # The check looks more closely than the replay.
+            if 0.0 < excess < _NEARER * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
@@ -188,9 +186,8 @@ class DirectSearch(Search[Candidate]):
         for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break
-            eased = attempt % 2 == 0  # it finds the way more often, and more often the same one
-            solve = self._refinement.eased if eased else partial(self._refinement.solve, FIRST)
-            motion = solve(guess, until=until)
+            # Eased kinks show the way more often, and more often the same one.
+            motion = self._refinement.first(guess, until, eased=attempt % 2 == 0)
             if motion is None:
                 continue
             if motion.cost > self._leapt:

@@ -325,31 +325,6 @@ def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) ->
     assert plan.verification.ok
 
 
-@pytest.mark.parametrize('leaps', [True, False])
-def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
-    leaps, monkeypatch
-) -> None:
-    """It leaps over an obstacle between two nodes, or has no solution near: it was the plan."""
-    eased, finer, tried = Refinement.eased, Refinement.finer, []
-
-    def dear(self, guess, until):
-        found = eased(self, guess, until)
-        return replace(found, cost=3.0 * found.cost) if leaps and not tried else found
-
-    def unconfirmed(self, motion, intervals):
-        found = finer(self, motion, intervals)
-        tried.append(intervals)
-        if not leaps:
-            return found if len(tried) > 1 else None
-        return found if len(tried) > 2 else replace(found, cost=3.0 * motion.cost)
-
-    monkeypatch.setattr(Refinement, 'eased', dear)
-    monkeypatch.setattr(Refinement, 'finer', unconfirmed)
-    plan = Slalom(solver=LONG).solve()
-    assert plan.verification.ok
-    assert tried[:3] == [20, 40, 20] if leaps else [20, 20, 40]  # another motion, at once
-
-
 @dataclass(frozen=True)
 class Landing(DirectProblem):
     """Least propellant to a point on the limit: the tip of a cone to stay in."""

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -74,11 +74,36 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
     budget = Budget(60.0)
     refinement = Refinement(DirectPlant(problem), budget)
     line = refinement.straight(FIRST, 0.0, np.random.default_rng(0))
-    eased = refinement.eased(line, budget)
+    eased = refinement.first(line, budget, eased=True)
     assert eased is not None
     finer = refinement.finer(eased, COARSE)
     assert finer is not None
     assert finer.cost < best
+
+
+@pytest.mark.parametrize('leaps', [True, False])
+def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
+    leaps, monkeypatch
+) -> None:
+    """It leaps over an obstacle between two nodes, or has no solution near: it was the plan."""
+    first, finer, tried = Refinement.first, Refinement.finer, []
+
+    def dear(self, guess, until, eased):
+        found = first(self, guess, until, eased=eased)
+        return replace(found, cost=3.0 * found.cost) if leaps and not tried else found
+
+    def unconfirmed(self, motion, intervals):
+        found = finer(self, motion, intervals)
+        tried.append(intervals)
+        if not leaps:
+            return found if len(tried) > 1 else None
+        return found if len(tried) > 2 else replace(found, cost=3.0 * motion.cost)
+
+    monkeypatch.setattr(Refinement, 'first', dear)
+    monkeypatch.setattr(Refinement, 'finer', unconfirmed)
+    plan = Window(solver=LONG).solve()
+    assert plan.verification.ok
+    assert tried[:3] == [20, 40, 20] if leaps else [20, 20, 40]  # another motion, at once
 
 
 def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> None:
@@ -106,7 +131,8 @@ def test_a_motion_on_more_intervals_keeps_to_its_range() -> None:
     motion = CollocatedMotion(states, 0.5 * (states[1:] + states[:-1]), np.zeros((4, 1)), 3.0)
     finer = motion.on(12, rates=np.array([[-4.0], [-4.0], [4.0], [0.0]]))
     assert min(finer.states.min(), finer.middles.min()) == pytest.approx(0.1)
-    assert finer.states[0] == states[0] and finer.states[-1] == states[-1]
+    assert finer.states[0] == states[0]
+    assert finer.states[-1] == states[-1]
 
 
 @dataclass(frozen=True)
@@ -146,7 +172,7 @@ def test_the_cost_is_that_of_the_plan_not_that_of_a_coarse_integration() -> None
 
 @dataclass(frozen=True)
 class Tanks(DirectProblem):
-    """The lower of two tanks is emptied to a level, in least time, by the pump of the upper one."""
+    """The lower of two tanks is emptied to a level, in least time, by the upper one's pump."""
 
     state_names, state_units = ('upper', 'lower'), ('m', 'm')
     control_names, control_units = ('pump',), ('L/s',)
