@@ -111,8 +111,9 @@ class Refinement:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
 
-        `reserve` (nm,) is kept of the limits beside what is stated. Where it may be `unfinished`
-        it is what the minimiser has reached, if that is not finished in time.
+        `reserve` (nm,) is kept of the limits beside what is stated; `alternatives` as of
+        `Collocation.solve`. Where it may be `unfinished` it is what the minimiser has reached, if
+        that is not finished in time.
         """
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
