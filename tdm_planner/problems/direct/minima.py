@@ -18,6 +18,7 @@ from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.refinement import FIRST
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics
 
 _GUESS_NODES = 25
@@ -65,7 +66,6 @@ class DirectMinima:
         self._plant, self._stated, self._trace = plant, plant.stated, plant.trace
         self._problem = plant.stated.formulation
         self.in_sight: list[Array] = []
-        self._halves: Transcription | None = None  # on the ends and middles of even intervals
         self.parts, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
@@ -120,11 +120,13 @@ class DirectMinima:
             self.in_sight.append(minimum.point.xi)
         return minimum
 
-    def collocated(self, xi: Array, intervals: int) -> Iterator[CollocatedMotion]:
-        """Yield the motion of Xi on even intervals, if it is finite and not of hardly any time."""
-        if self._halves is None:
-            nodes = np.linspace(0.0, 1.0, 2 * intervals * self.parts + 1)
-            self._halves = self.on(nodes)
+    @cached_property
+    def _halves(self) -> Transcription:
+        """Return the program on the ends and middles of the first intervals."""
+        return self.on(np.linspace(0.0, 1.0, 2 * FIRST * self.parts + 1))
+
+    def collocated(self, xi: Array) -> Iterator[CollocatedMotion]:
+        """Yield the motion of Xi on the first intervals, if it is finite and takes some time."""
         motion = self._halves.motion(xi)
         times = motion.times[:: self.parts]
         even = np.linspace(0.0, times[-1], times.size)

@@ -150,9 +150,8 @@ class Refinement:
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
-            if found is not None:
-                begun = replace(found, multipliers=())
-                found = self.solve(FIRST, begun, until=until, alternatives=share)
+            begun = found and replace(found, multipliers=())
+            found = begun and self.solve(FIRST, begun, until=until, alternatives=share)
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
@@ -282,8 +281,9 @@ class Refinement:
         seen = Call(self.trace.margins, times.size)(
             times[:, None], states, controls, self._numbers
         )[0]
-        at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
-        cost = self.trace.cost_along(self._numbers, times[at], states[at], controls[at])
+        halves = slice(None, None, _CELL // 2)
+        along = times[halves], states[halves], controls[halves]
+        cost = self.trace.cost_through(self._numbers, *along)
         conditions = self._plant.end_conditions(times[-1], states[-1])[0] / END_TOLERANCE
         missed = (states[-1] - self.goal(states)) / self.tolerance(states)
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))

@@ -240,7 +240,7 @@ class DirectSearch(Search[Candidate]):
                 yield self._refinement.straight(FIRST, bend, rng)
             elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
-                yield from minima.collocated(minimum.point.xi, FIRST)
+                yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
         """
@@ -254,10 +254,11 @@ class DirectSearch(Search[Candidate]):
         first, leaps, failed = motion, False, False
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
-            failed = finer is None or (leaps and self._leaps(motion, finer))
-            if finer is None or failed:
+            rises = finer is not None and self._leaps(motion, finer)
+            if finer is None or (leaps and rises):
+                failed = True
                 break
-            leaps = self._leaps(motion, finer)
+            leaps = rises
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
@@ -357,9 +358,7 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        thirds = np.arange(samples // 2)[:, None] * 2 + np.arange(3)
-        along = (a[thirds] for a in (motion.times, motion.states, motion.controls))
-        cost = self._trace.cost_along(self._plant.numbers, *along)
+        cost = self._trace.cost_through(self._plant.numbers, *motion)
         return self._planned(motion.times, motion.states, motion.controls, 'cubic', cost, xi)
 
     def _planned(
