@@ -25,7 +25,7 @@ from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tdm_planner.direct_method.replayed_motion import ReplayedMotion
+    from tdm_planner.direct_method.integrator import ReplayedMotion
 
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth

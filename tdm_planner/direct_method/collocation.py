@@ -12,9 +12,8 @@ Nonlinear Programming*, chapter 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import threading
-import time
 from typing import Any
 
 import casadi as ca
@@ -22,16 +21,15 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.graphs import Call, Clock, Rounded
+from tdm_planner.direct_method.collocation_program import CollocationProgram
+from tdm_planner.direct_method.graphs import Call, Clock
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import to_nanoseconds
 
-INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
 LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
-_COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
     'sb': 'yes',
@@ -105,6 +103,16 @@ class CollocatedMotion:
         """Whether all of it is made of numbers."""
         parts = self.states, self.middles, self.controls
         return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
+
+    def cost_by(self, trace: Trace, numbers: Array) -> float:
+        """Return J by Simpson's rule."""
+        n = self.intervals
+        times = np.linspace(0.0, self.duration, 2 * n + 1)
+        states = np.empty((2 * n + 1, self.states.shape[1]))
+        states[::2], states[1::2] = self.states, self.middles
+        s, at = (np.linspace(0.0, 1.0, k + 1) for k in (n, 2 * n))
+        controls = np.stack([np.interp(at, s, u) for u in self.controls.T], axis=-1)
+        return trace.cost_through(numbers, times, states, controls)
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:
         """
@@ -183,98 +191,38 @@ class Collocation:
     """
     The program of a traced statement on n `intervals`; made once a kind, for any numbers.
 
-    `seconds` of processor time is what making it took: in proportion to the intervals;
-    `has_kinks` whether the running cost or the rates have any, `has_alternatives` whether one of
-    two limits will do somewhere.
+    `has_kinks` tells whether the running cost or the rates have any, `has_alternatives` whether
+    one of two limits will do somewhere.
     """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
-        began = time.thread_time()
         self.trace, self.intervals, n = trace, intervals, intervals
         self._settings, self._lock = settings, threading.Lock()
-        nx, nu = self._sizes = trace.rates.size1_in(0), trace.rates.size1_in(1)
-        x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
-        u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
-        sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1, 1
-        p, sx, su, sl, st, charged, unit_j = (ca.SX.sym('s', size) for size in sizes)
-        parts = trace.running, trace.rates, trace.unfolded.rows
-        running, motion, stated = kinked = [Rounded(part) for part in parts]
+        self._program = CollocationProgram(trace, intervals)
+        running, motion, stated = rounded = self._program.pieces.rounded
         self.has_kinks = running.count + motion.count > 0
         self._either, self.has_alternatives = stated.either, bool(stated.either.any())
         self._limits = Call(trace.unfolded.rows, n + 1)
         self._rounded_limits = Call(stated.value, n + 1)
-        self._kinks = [Call(one.sizes, n + 1) for one in kinked]
-        e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in kinked)
-        x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
-        u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
-        h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
-        times = ca.DM(np.linspace(0.0, 1.0, n + 1)[None])
-
-        def at(function: Any, *arguments: Any, rounding: Any = None) -> Any:
-            count = arguments[0].shape[1]
-            same = [p] if rounding is None else [p, rounding]
-            return function.map(count)(*arguments, *(ca.repmat(one, 1, count) for one in same))
-
-        rates = at(motion.value, x, u, rounding=e_motion)
-        middle_rates = at(motion.value, m, middle_u, rounding=e_motion)
-        a, b, fa, fb = x[:, :-1], x[:, 1:], rates[:, :-1], rates[:, 1:]
-        unit = ca.repmat(1.0 / sx, 1, n)
-        simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
-        hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
-
-        def kept(t: Any, x: Any, u: Any) -> Any:
-            return at(stated.value, t, x, u, rounding=e_limits) / ca.repmat(sl, 1, t.shape[1])
-
-        limits = kept(duration * times, x, u)
-        self.inner_limits = np.flatnonzero(trace.between[trace.unfolded.limit])
-        inner = []
-        if self.inner_limits.size:
-            for share in (0.5, *INNER):
-                w0, w1 = (1 - share) ** 2 * (1 + 2 * share), share * (1 - share) ** 2
-                w2, w3 = share**2 * (3 - 2 * share), share**2 * (share - 1)
-                state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb) if share != 0.5 else m
-                control = (1 - share) * u[:, :-1] + share * u[:, 1:]
-                instants = duration * (times[:, :-1] + share / n)
-                inner.append(kept(instants, state, control)[self.inner_limits.tolist(), :])
-        cost = trace.final(duration, x[:, -1], p)
-        rounded = cost
-        if trace.has_running_cost:
-
-            def integral(function: Any, rounding: Any = None) -> Any:
-                q = at(function, duration * times, x, u, rounding=rounding)
-                halves = duration * (times[:, :-1] + 0.5 / n)
-                qm = at(function, halves, m, middle_u, rounding=rounding)
-                return h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
-
-            rounded = cost + integral(running.value, e_running)
-            cost += integral(trace.running)
-        ends = trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
-        conditions = ca.vertcat(*ends)
-        rows = ca.vertcat(*map(ca.vec, (simpson, hermite, conditions, limits, *inner)))
-        z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
-        self._equalities = 2 * n * nx + conditions.numel()
-        smoothed = _COST * (rounded / unit_j + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1]))
-        self._cost = ca.Function('cost', [z, given], [cost])
+        self._kinks = [Call(one.sizes, n + 1) for one in rounded]
         ipopt = _IPOPT | {'max_iter': settings.iterations, 'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
-        self._clock = Clock(z.numel(), rows.numel(), given.numel())
-        program: dict[str, Any] = {'x': z, 'f': smoothed, 'g': rows, 'p': given}
+        nlp = self._program.nlp
+        self._clock = Clock(*(nlp[name].numel() for name in 'xgp'))
         options: dict[str, Any] = {
             'print_time': 0,
             'show_eval_warnings': False,
             'calc_lam_p': False,
             'no_nlp_grad': True,
-            'detect_simple_bounds': True,  # a limit on one variable takes no row
             'iteration_callback': self._clock,
+            **self._program.derivatives,
         }
-        self._solver = ca.nlpsol('collocation', 'ipopt', program, {**options, 'ipopt': ipopt})
-        made = {'grad_f': 'nlp_grad_f', 'jac_g': 'nlp_jac_g', 'hess_lag': 'nlp_hess_l'}
-        options |= {name: self._solver.get_function(of) for name, of in made.items()}
-        options['ipopt'] = ipopt | _AGAIN | {'warm_start_init_point': 'yes'}
-        self._again = ca.nlpsol('again', 'ipopt', program, options)
-        self.seconds = time.thread_time() - began
+        again = ipopt | _AGAIN | {'warm_start_init_point': 'yes'}
+        self._solver, self._again = (
+            ca.nlpsol('collocation', 'ipopt', nlp, {**options, 'ipopt': given})
+            for given in (ipopt, again)
+        )
 
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
@@ -301,7 +249,7 @@ class Collocation:
         to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
         `alternatives` is the share by which those between two limits of which one will do are.
         """
-        n, (nx, nu) = self.intervals, self._sizes
+        n = self.intervals
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
         # A guess may be no motion at all: the ends count.
         states = _with_ends(guess.states, ends.states)
@@ -320,41 +268,49 @@ class Collocation:
             lost = np.nan_to_num(rows - self._rounded_limits(*along, kinks[2])[0])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
-        kept = kept[:, self.trace.unfolded.limit] / sl
+        kept = kept[:, self.trace.unfolded.limit]
         # What is given may be on a limit, or in its kink, but for rounding.
-        kept[[0, -1]] -= _IPOPT['constr_viol_tol'] + np.maximum(lost[[0, -1]], 0.0) / sl
+        kept[[0, -1]] -= _IPOPT['constr_viol_tol'] * sl + np.maximum(lost[[0, -1]], 0.0)
         sx, su, st = _scales(states), _scales(controls), guess.duration
-        parts = states / sx, guess.middles / sx, controls / su
-        z = np.concatenate([*map(np.ravel, parts), [1.0]])
-        fixed = [np.full(part.shape, np.nan) for part in parts]
-        fixed[0][[0, -1]], fixed[2][[0, -1]] = ends.states / sx, ends.controls / su
-        pinned = np.append(np.concatenate([*map(np.ravel, fixed)]), np.nan)
-        lower, upper = (np.where(np.isnan(pinned), far, pinned) for far in (-np.inf, np.inf))
-        lower[-1], upper[-1] = durations[0] / st, durations[1] / st
-        z = np.clip(z, lower, upper)
-        inner = kept[:, self.inner_limits]
-        between = [((1 - w) * inner[:-1] + w * inner[1:]).ravel() for w in (0.5, *INNER)]
-        least = np.concatenate([np.zeros(self._equalities), kept.ravel(), *between])
-        most = np.where(np.arange(least.size) < self._equalities, 0.0, np.inf)
-        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
+        program = self._program
+        bounds = []
+        for (x, m, u), t in zip(program.bounds(kept, numbers, kinks[2]), durations, strict=True):
+            x, u = _with_ends(x, ends.states), _with_ends(u, ends.controls)
+            bounds.append(_joined(x / sx, m / sx, u / su, t / st))
+        lower, upper = bounds
+        if (lower > upper).any():
+            return None
+        z = np.clip(_joined(states / sx, guess.middles / sx, controls / su, 1.0), lower, upper)
+        least, most = program.rows(kept / sl)
+        begun = replace(guess, states=states, controls=controls)
+        size = abs(begun.cost_by(self.trace, numbers))
+        unit = size if 1e-9 < size < 1e9 else st
+        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, unit]])
         with self._lock:
-            size = abs(float(self._cost(z, given)))
-            given[-1] = size if 1e-9 < size < 1e9 else st
             self._clock.begin(budget)
             solver = self._again if guess.multipliers else self._solver
             known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers, strict=False))
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
             solved = unfinished or bool(solver.stats()['success'])
             budget.evaluations += int(solver.stats()['iter_count'])
-            cost = float(self._cost(found['x'], given))
         z, *multipliers = (np.array(found[name]).ravel() for name in ('x', 'lam_x', 'lam_g'))
-        states, middles, controls, last = np.split(z, [nx * (n + 1), (2 * n + 1) * nx, z.size - 1])
-        if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
+        if not (solved and np.isfinite(z).all()):
             return None
-        states = _with_ends(states.reshape(n + 1, nx) * sx, ends.states)
-        controls = _with_ends(controls.reshape(n + 1, nu) * su, ends.controls)
-        middles, duration = middles.reshape(n, nx) * sx, float(last[0] * st)
-        return CollocatedMotion(states, middles, controls, duration, cost, tuple(multipliers))
+        states, middles, controls, last = program.parted(z)
+        solution = CollocatedMotion(
+            _with_ends(states * sx, ends.states),
+            middles * sx,
+            _with_ends(controls * su, ends.controls),
+            float(last[0, 0] * st),
+            multipliers=tuple(multipliers),
+        )
+        cost = solution.cost_by(self.trace, numbers)
+        return replace(solution, cost=cost) if np.isfinite(cost) else None
+
+
+def _joined(*parts: Array | float) -> Array:
+    """Return the numbers one after the other."""
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
 def _with_ends(values: Array, given: Array) -> Array:

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from scipy.integrate import DOP853
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.replayed_motion import (
+from tdm_planner.direct_method.integrator import (
     LEAST_STEP,
     MOST_REPLAYED,
     ReplayedMotion,

@@ -17,8 +17,8 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
+from tdm_planner.direct_method.integrator import ReplayedMotion
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.trajectory import Trajectory

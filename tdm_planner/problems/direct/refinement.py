@@ -42,7 +42,6 @@ _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
-_MAKING = 1.5  # times what making a program should take: it cannot be stopped
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
@@ -226,27 +225,31 @@ class Refinement:
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
+        most = FINEST
         for turn in range(_REPAIRS + 1):
             expected, (motion, flown) = motion.cost, self._landed(motion)
+            more = 2 * motion.intervals
+            refines = more <= most and self.affords(more)
             near = abs(flown.cost - expected) <= _COST_AGREES * abs(flown.cost)
-            landed = flown.gap <= _SHARE and near
+            landed = flown.gap <= _SHARE and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
             if flown.gap <= _SHARE and kept:
                 good = motion, flown
             if (landed and kept) or turn == _REPAIRS or self._late:
                 break
             if landed:
-                more = flown.unit * (1.0 - (1.1 if turn < 2 else 2.0) * flown.least)
-                reserve = np.where(flown.least < -_TOUCHED, reserve + more, reserve)
-                guess = motion
-            elif self.affords(2 * motion.intervals):
-                guess = self._on(motion, 2 * motion.intervals)
+                share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
+                reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
+                again = self.solve(motion.intervals, motion, reserve=reserve)
+            elif refines:
+                guess, half = self._on(motion, more), 0.5 * self._budget.remaining
+                again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
+                most = motion.intervals if again is None else most
             else:
                 break
-            again = self.solve(guess.intervals, guess, reserve=reserve)
-            if again is None:
+            if again is None and landed:
                 break
-            motion = again
+            motion = again or replace(motion, cost=expected)
         if good is not None:
             motion, flown = good
         return replace(motion, cost=flown.cost), flown.states[::_LOOKS], reserve
@@ -299,9 +302,7 @@ class Refinement:
 
         It is made, and solved so many times.
         """
-        made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
-        made *= intervals > FINE  # or else it was prepared
-        work = _MAKING * made / COARSE + _SOLVING * solutions * self._solved
+        work = _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > work * intervals
 

@@ -14,8 +14,8 @@ from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated,
 from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.integrator import ReplayedMotion
 from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
-from tdm_planner.direct_method.replayed_motion import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import (

@@ -1,0 +1,281 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The program of direct collocation, made of pieces that repeat.
+
+A piece is an interval, by Hermite and Simpson in separated form, or the two ends. Its cost, its
+rows and their exact derivatives are traced once a kind of problem; those of the program are put
+together by index, so that a program on any number of intervals is made in milliseconds. See Betts,
+*Practical Methods for Optimal Control Using Nonlinear Programming*, chapter 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from tdm_planner.arrays import Array, Integers
+from tdm_planner.direct_method.graphs import Rounded
+from tdm_planner.direct_method.tracing import Trace
+
+
+COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
+INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
+
+
+class _Piece:
+    """
+    A cost f and rows g (m,) of variables x, (k,), and their derivatives.
+
+    c are the numbers of a repetition, p those of the program: all are symbols. `jacobian` and
+    `hessian` are the rows and columns of the entries that `slopes` and `curvature` give, (2, e).
+    """
+
+    def __init__(self, x: Any, c: Any, p: Any, f: Any, g: Any) -> None:
+        f, g = ca.densify(f), ca.densify(g)
+        of_cost, of_rows = ca.SX.sym('lf'), ca.SX.sym('lg', g.numel())
+        slopes: Any = ca.jacobian(g, x)
+        curvature: Any = ca.triu(ca.hessian(of_cost * f + ca.dot(of_rows, g), x)[0])
+        self.jacobian, self.hessian = (
+            np.array(matrix.sparsity().get_triplet(), dtype=np.intp)
+            for matrix in (slopes, curvature)
+        )
+        entries, curved = (ca.vertcat(*matrix.nonzeros()) for matrix in (slopes, curvature))
+        given = [x, c, p]
+        self.size = g.numel()
+        self.cost = ca.Function('cost', given, [f])
+        self.rows = ca.Function('rows', given, [g])
+        self.gradient = ca.Function('gradient', given, [ca.densify(ca.gradient(f, x))])
+        self.slopes = ca.Function('slopes', given, [entries])
+        self.curvature = ca.Function('curvature', [*given, of_cost, of_rows], [curved])
+
+
+class _Pieces:
+    """
+    An interval, and the ends, of a traced statement: `sizes` are nx and nu.
+
+    Scaled variables of the `interval` are the states at its begin, middle and end, the controls at
+    begin and end, and the duration; of the `ends` the states at both, the last controls, and the
+    duration. An interval's numbers are the share of the duration at its begin, and 1 / n.
+
+    Limits that are straight in one state or control alone are `simple`: they bound the variable
+    `simple_of` them. The `others` are rows. `inner` are those that are kept between nodes, too.
+    """
+
+    def __init__(self, trace: Trace) -> None:
+        nx, nu = self.sizes = trace.rates.size1_in(0), trace.rates.size1_in(1)
+        sizes = trace.rates.size1_in(2), nx, nu, trace.unfolded.limit.size, 1, 1, 1
+        p, sx, su, sl, st, charged, unit_j = (ca.SX.sym('s', size) for size in sizes)
+        parts = trace.running, trace.rates, trace.unfolded.rows
+        running, motion, stated = self.rounded = [Rounded(part) for part in parts]
+        e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self.rounded)
+        given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
+        self.parameters = given.numel()
+        self._find_simple(stated, p, e_limits)
+        self.inner = np.flatnonzero(trace.between[trace.unfolded.limit])
+        self.inner_others = np.intersect1d(self.inner, self.others)
+
+        def kept(t: Any, x: Any, u: Any, rows: Integers) -> Any:
+            return _of(stated.value(t, x, u, p, e_limits) / sl, rows)
+
+        a_, m_, b_ = (ca.SX.sym(name, nx) for name in 'amb')
+        ua_, ub_, t_, c = (
+            ca.SX.sym('ua', nu),
+            ca.SX.sym('ub', nu),
+            ca.SX.sym('t'),
+            ca.SX.sym('c', 2),
+        )
+        a, m, b, ua, ub, duration = a_ * sx, m_ * sx, b_ * sx, ua_ * su, ub_ * su, t_ * st
+        h, middle_u = duration * c[1], 0.5 * (ua + ub)
+        begin, middle, end = (duration * (c[0] + share * c[1]) for share in (0.0, 0.5, 1.0))
+        nodes = (begin, a, ua), (middle, m, middle_u), (end, b, ub)
+        fa, fm, fb = (motion.value(x, u, p, e_motion) for _, x, u in nodes)
+        rows = [
+            (b - a - h / 6 * (fa + 4 * fm + fb)) / sx,
+            (m - 0.5 * (a + b) - h / 8 * (fa - fb)) / sx,
+            kept(*nodes[0], self.others),
+            kept(*nodes[1], self.inner_others),
+        ]
+        for share in INNER:
+            w0, w1 = (1 - share) ** 2 * (1 + 2 * share), share * (1 - share) ** 2
+            w2, w3 = share**2 * (3 - 2 * share), share**2 * (share - 1)
+            state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb)
+            control = (1 - share) * ua + share * ub
+            rows.append(kept(duration * (c[0] + share * c[1]), state, control, self.inner))
+        q = [running.value(*node, p, e_running) for node in nodes]
+        mean = h / 6 * (q[0] + 4 * q[1] + q[2])
+        cost = COST * (mean / unit_j + charged * ca.sumsqr(ub_ - ua_))
+        variables = ca.vertcat(a_, m_, b_, ua_, ub_, t_)
+        self.interval = _Piece(variables, c, given, cost, ca.vertcat(*rows))
+        conditions = trace.start_conditions(0.0, a, p), trace.end_conditions(duration, b, p)
+        self.conditions = sum(part.numel() for part in conditions)
+        rows = [*conditions, kept(duration, b, ub, self.others)]
+        cost = COST * trace.final(duration, b, p) / unit_j
+        variables = ca.vertcat(a_, b_, ub_, t_)
+        self.ends = _Piece(variables, ca.SX(0, 1), given, cost, ca.vertcat(*rows))
+
+    def _find_simple(self, stated: Rounded, p: Any, e: Any) -> None:
+        """Find the limits c v + d of one variable v, with c and d of (p, e)."""
+        t, x, u = (ca.SX.sym(name, stated.value.size1_in(i)) for i, name in enumerate('txu'))
+        varied, rows = ca.vertcat(t, x, u), stated.value(t, x, u, p, e)
+        slopes = ca.jacobian(rows, varied)
+        found = []
+        for row in range(rows.numel()):
+            columns = slopes[row, :].sparsity().get_triplet()[1]
+            if len(columns) == 1 and columns[0] > 0:  # not of time
+                slope = slopes[row, columns[0]]
+                if not ca.depends_on(slope, varied):
+                    found.append((row, columns[0] - 1, slope))
+        self.simple, self.simple_of = np.array([f[:2] for f in found], np.intp).reshape(-1, 2).T
+        self.others = np.setdiff1d(np.arange(rows.numel()), self.simple)
+        c = ca.vertcat(ca.SX(0, 1), *(slope for _, _, slope in found))
+        d = ca.substitute(_of(rows, self.simple), varied, ca.DM.zeros(varied.numel()))
+        self.lines = ca.Function('lines', [p, e], [ca.densify(c), ca.densify(d)])
+
+
+def _of(rows: Any, indices: Integers) -> Any:
+    """Return some of the rows, (k, 1) even where k is 0."""
+    return ca.vertcat(ca.SX(0, 1), *(rows[int(index)] for index in indices))
+
+
+class _Repeated(NamedTuple):
+    """A piece, the indices of its `variables` (count, k), and its `numbers` (count, nc)."""
+
+    piece: _Piece
+    variables: Integers
+    numbers: Array
+
+
+class CollocationProgram:
+    """
+    The program on n intervals: `nlp` and its exact `derivatives`, as `casadi.nlpsol` takes them.
+
+    `pieces` are what it is made of, once a kind. Its variables are states (n + 1, nx), middles
+    (n, nx), controls (n + 1, nu) and the duration, all scaled; its rows are those of the intervals
+    in turn, and of the ends.
+    """
+
+    def __init__(self, trace: Trace, intervals: int) -> None:
+        pieces = self.pieces = trace.once(_Pieces, lambda: _Pieces(trace))
+        n, (nx, nu) = intervals, pieces.sizes
+        self._shapes = (n + 1, nx), (n, nx), (n + 1, nu), (1, 1)
+        self.size = sum(rows * columns for rows, columns in self._shapes)
+        x, m, u, t = self.parted(np.arange(self.size))
+        along = np.hstack([x[:-1], m, x[1:], u[:-1], u[1:], np.repeat(t, n, axis=0)])
+        shares = np.stack([np.arange(n) / n, np.full(n, 1.0 / n)], axis=-1)
+        ends = np.hstack([x[:1], x[-1:], u[-1:], t])
+        self.nlp, self.derivatives = _assembled(
+            (
+                _Repeated(pieces.interval, along, shares),
+                _Repeated(pieces.ends, ends, np.zeros((1, 0))),
+            ),
+            self.size,
+            pieces.parameters,
+        )
+
+    def parted(self, z: Any) -> list[Any]:
+        """Return states, middles, controls and duration, (1, 1), of the variables (size,)."""
+        each = np.split(z, list(accumulate(rows * columns for rows, columns in self._shapes))[:-1])
+        return [part.reshape(shape) for part, shape in zip(each, self._shapes, strict=True)]
+
+    def bounds(self, kept: Array, numbers: Array, e: Array) -> list[list[Array]]:
+        """
+        Return lower and upper bounds of states, middles and controls, by limits that are simple.
+
+        Of every limit `kept` (n + 1, m) is to be left at the nodes; e rounds their kinks.
+        """
+        n, (nx, nu), pieces = len(kept) - 1, self.pieces.sizes, self.pieces
+        slopes, offsets = (np.array(part).ravel() for part in pieces.lines(numbers, e))
+        low, high = (
+            (np.full((n + 1, nx + nu), f), np.full((n, nx), f)) for f in (-np.inf, np.inf)
+        )
+        for row, of, c, d in zip(pieces.simple, pieces.simple_of, slopes, offsets, strict=True):
+            if c == 0.0:
+                continue
+            (nodes, middles), tighter = (low, np.maximum) if c > 0.0 else (high, np.minimum)
+            bound = (kept[:, row] - d) / c
+            nodes[:, of] = tighter(nodes[:, of], bound)
+            if of < nx and row in pieces.inner:
+                middles[:, of] = tighter(middles[:, of], 0.5 * (bound[:-1] + bound[1:]))
+        return [[nodes[:, :nx], middles, nodes[:, nx:]] for nodes, middles in (low, high)]
+
+    def rows(self, kept: Array) -> tuple[Array, Array]:
+        """Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled."""
+        n, pieces = len(kept) - 1, self.pieces
+        limits = [kept[:-1, pieces.others]]
+        for share, of in ((0.5, pieces.inner_others), *((share, pieces.inner) for share in INNER)):
+            limits.append((1.0 - share) * kept[:-1, of] + share * kept[1:, of])
+        least, last = np.hstack(limits), kept[-1, pieces.others]
+        defects, conditions = np.zeros((n, 2 * pieces.sizes[0])), np.zeros(pieces.conditions)
+        lower = np.hstack([defects, least]).ravel(), conditions, last
+        most = np.hstack([defects, np.full(least.shape, np.inf)]).ravel()
+        upper = most, conditions, np.full(last.shape, np.inf)
+        return np.concatenate(lower), np.concatenate(upper)
+
+
+def _assembled(
+    parts: Sequence[_Repeated], size: int, parameters: int
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the program of pieces in `size` variables, and its derivatives by option's name."""
+    z, p, of_cost = ca.MX.sym('z', size), ca.MX.sym('p', parameters), ca.MX.sym('lf')
+    first = [0, *accumulate(len(part.variables) * part.piece.size for part in parts)]
+    of_rows = ca.MX.sym('lg', first[-1])
+    cost, rows = ca.MX(0.0), []
+    gradient, jacobian, hessian = (
+        _Entries(size, 1),
+        _Entries(first[-1], size),
+        _Entries(size, size),
+    )
+    for part, begin, end in zip(parts, first, first[1:], strict=False):
+        piece, at, count = part.piece, part.variables, len(part.variables)
+        given = ca.reshape(z[at.ravel().tolist()], -1, count), ca.DM(part.numbers.T), p
+        weights = of_cost, ca.reshape(of_rows[begin:end], -1, count)
+
+        def all_of(function: Any, *more: Any, given: Any = given, count: int = count) -> Any:
+            shared = [2, 3] if more else [2]  # arguments
+            mapped = function.map(function.name(), 'serial', count, shared, [])
+            return ca.vec(mapped(*given, *more))
+
+        cost += ca.sum1(all_of(piece.cost))
+        rows.append(all_of(piece.rows))
+        gradient.add(all_of(piece.gradient), at, np.zeros_like(at))
+        row, column = piece.jacobian
+        own = begin + piece.size * np.arange(count)[:, None]
+        jacobian.add(all_of(piece.slopes), own + row, at[:, column])
+        both = np.sort(at[:, piece.hessian], axis=1)  # the upper triangle of the program's
+        hessian.add(all_of(piece.curvature, *weights), both[:, 0], both[:, 1])
+    # nlpsol's own functions give the values, too; they are not asked for them.
+    none = ca.MX(1, 1)
+    derivatives = {
+        'grad_f': ca.Function('grad_f', [z, p], [none, ca.densify(gradient.matrix())]),
+        'jac_g': ca.Function('jac_g', [z, p], [none, jacobian.matrix()]),
+        'hess_lag': ca.Function('hess_lag', [z, p, of_cost, of_rows], [hessian.matrix()]),
+    }
+    return {'x': z, 'p': p, 'f': cost, 'g': ca.vertcat(*rows)}, derivatives
+
+
+class _Entries:
+    """Entries of a sparse matrix; those at one place are added."""
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self._shape = rows, columns
+        self._values: list[Any] = []
+        self._places: list[Integers] = []
+
+    def add(self, values: Any, rows: Integers, columns: Integers) -> None:
+        """Add entries in the order of `rows` and `columns` (count, e)."""
+        self._values.append(values)
+        self._places.append((columns * self._shape[0] + rows).ravel())
+
+    def matrix(self) -> Any:
+        """Return the matrix."""
+        places, which = np.unique(np.concatenate(self._places), return_inverse=True)
+        column, row = np.divmod(places, self._shape[0])
+        pattern = ca.Sparsity.triplet(*self._shape, row.tolist(), column.tolist())
+        order = list(range(which.size))
+        added = ca.Sparsity.triplet(places.size, which.size, which.tolist(), order)
+        return ca.MX(pattern, ca.mtimes(ca.DM(added, 1.0), ca.vertcat(*self._values)))
