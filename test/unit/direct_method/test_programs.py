@@ -3,6 +3,7 @@
 
 """Nonlinear programs: made of a stated problem, and minimised; compiled replays."""
 
+import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -14,6 +15,7 @@ from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated,
 from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation_program import CollocationProgram
 from tdm_planner.direct_method.integrator import ReplayedMotion
 from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
 from tdm_planner.direct_method.tracing import Trace
@@ -78,6 +80,40 @@ def test_derivatives_agree_with_differences(form):
     np.testing.assert_array_equal(at.gradient, jacobian[0])
     np.testing.assert_array_equal(at.inequality_jacobian, jacobian[2:][at.tags])
     assert (np.linalg.eigvalsh(at.hessian) > 0).all()
+
+
+def test_a_program_of_pieces_has_the_derivatives_that_casadi_finds_for_the_whole():
+    form = changed(
+        PENDULUM,
+        margins=lambda s, t, x, u: {
+            'force': 1.0 - (u[0] / 5.0) ** 2,
+            'track': 2.0 - x[0],
+            'stop': 3.0 + 2.0 * x[0] - t,
+            'fast': 4.0 - np.abs(x[1]),
+        },
+    )
+    program = CollocationProgram(Trace.of(CheckedFormulation(form())), 5)
+    z, p, f, g = (program.nlp[name] for name in 'xpfg')
+    rng = np.random.default_rng(4)
+    at, numbers = (rng.uniform(0.5, 1.5, size=part.numel()) for part in (z, p))
+    weights = rng.normal(size=g.numel())
+    lagrangian = 0.7 * f + ca.dot(weights, g)
+    whole = {
+        'grad_f': ca.gradient(f, z),
+        'jac_g': ca.jacobian(g, z),
+        'hess_lag': ca.triu(ca.hessian(lagrangian, z)[0]),
+    }
+    given = {'hess_lag': (at, numbers, 0.7, weights)}
+    for name, matrix in whole.items():
+        expected = np.array(ca.Function(name, [z, p], [matrix])(at, numbers))
+        *_, found = program.derivatives[name].call(given.get(name, (at, numbers)))
+        np.testing.assert_allclose(np.array(found), expected, rtol=1e-9, atol=1e-9)
+    assert program.pieces.simple.size == 3  # 'track', and both halves of 'fast'
+    kept = np.full((6, 5), 0.5)
+    low, high = program.bounds(kept, np.zeros(0), np.zeros(0))
+    assert (high[0][:, 0] == 1.5).all() and (high[1][:, 0] == 1.5).all()
+    assert (low[0][:, 1] == -3.5).all() and (high[0][:, 1] == 3.5).all()
+    assert np.isinf(low[0][:, 0]).all() and np.isinf(low[2]).all()
 
 
 def test_a_first_guess_is_fitted():
