@@ -65,6 +65,7 @@ class Settings:
 
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
+PATIENT = replace(COLD, iterations=200)
 WARM = Settings(iterations=100, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
@@ -207,7 +208,9 @@ class Collocation:
         self._kinks = [Call(one.sizes, n + 1) for one in rounded]
         ipopt = _IPOPT | {'max_iter': settings.iterations, 'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
-        ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
+        ipopt['bound_mult_init_method'] = (
+            'mu-based' if settings.barrier < COLD.barrier else 'constant'
+        )
         nlp = self._program.nlp
         self._clock = Clock(*(nlp[name].numel() for name in 'xgp'))
         options: dict[str, Any] = {

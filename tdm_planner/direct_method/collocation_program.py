@@ -22,7 +22,6 @@ from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
-
 COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 

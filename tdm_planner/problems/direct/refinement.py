@@ -23,6 +23,7 @@ from tdm_planner.direct_method.collocation import (
     Collocation,
     Ends,
     LIMITS_ROUNDING,
+    PATIENT,
     Settings,
     WARM,
 )
@@ -139,18 +140,20 @@ class Refinement:
         return found
 
     def first(
-        self, guess: CollocatedMotion, until: Budget, *, eased: bool
+        self, guess: CollocatedMotion, until: Budget, *, eased: bool, patient: bool
     ) -> CollocatedMotion | None:
         """
         Return the optimum on the first intervals near an initial guess.
 
-        Where it is `eased` and one of two limits will do, the kink between them is round at first.
+        Where it is `eased` and one of two limits will do, the kink between them is round at first;
+        where it is `patient` Ipopt is given more iterations.
         """
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
+        settings = PATIENT if patient else COLD
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
             begun = found and replace(found, multipliers=())
-            found = begun and self.solve(FIRST, begun, until=until, alternatives=share)
+            found = begun and self.solve(FIRST, begun, settings, until, alternatives=share)
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:

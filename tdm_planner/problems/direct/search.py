@@ -44,6 +44,7 @@ from tdm_planner.verification import verify
 _MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
 # No further guess once so many solutions are alike in cost, within a share, or so many are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
+_HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -187,7 +188,8 @@ class DirectSearch(Search[Candidate]):
             if until.spent:
                 break
             # Eased kinks show the way more often, and more often the same one.
-            motion = self._refinement.first(guess, until, eased=attempt % 2 == 0)
+            eased, patient = attempt % 2 == 0, attempt >= _HASTY and not solved
+            motion = self._refinement.first(guess, until, eased=eased, patient=patient)
             if motion is None:
                 continue
             if motion.cost > self._leapt:
