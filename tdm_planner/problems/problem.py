@@ -69,8 +69,8 @@ class Search(ABC, Generic[C]):
     def failure(self) -> Infeasible:
         """Return the reason why there is no plan."""
 
-    def is_worth_checking(self, candidate: C, than: C) -> bool:
-        """Whether a candidate is worth a check though another has given a plan."""
+    def is_worth_checking(self, candidate: C, plan: Solution) -> bool:
+        """Whether a candidate is worth a check though there is a plan."""
         return True
 
     def accept(self, plan: Solution) -> bool:
@@ -88,18 +88,18 @@ class Search(ABC, Generic[C]):
         Raise Infeasible if there is none; its subclass says why.
         """
         while True:
-            best: tuple[C, Solution] | None = None
+            best: Solution | None = None
             for candidate in self.candidates():
-                if best is None or self.is_worth_checking(candidate, best[0]):
+                if best is None or self.is_worth_checking(candidate, best):
                     plan = self._verified(candidate)
                     if plan is not None and self.accept(plan):
                         return plan
-                    if plan is not None and (best is None or plan.cost < best[1].cost):
-                        best = candidate, plan
+                    if plan is not None and (best is None or plan.cost < best.cost):
+                        best = plan
                 if self.budget.spent:
                     break
             if best is not None:
-                return best[1]
+                return best
             if self.budget.spent or not self.widen():
                 raise self.failure()
 

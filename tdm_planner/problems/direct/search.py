@@ -96,8 +96,7 @@ class DirectSearch(Search[Candidate]):
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
-        self._best: Candidate | None = None  # what the plan is made of,
-        self._least = np.inf  # and its J
+        self._best: Candidate | None = None  # what the plan is made of
         self._closest, self._nearest_miss = np.inf, ''
         self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
@@ -114,24 +113,23 @@ class DirectSearch(Search[Candidate]):
         if self._best is None:
             yield from self._aside
 
-    def is_worth_checking(self, candidate: Candidate, than: Candidate) -> bool:
+    def is_worth_checking(self, candidate: Candidate, plan: Solution) -> bool:
         """Whether its cost is lower by more than rounding."""
         if isinstance(candidate, CollocatedMotion):
             cost = candidate.cost
         else:
             cost = candidate.point.cost * self._minima.program.cost_scale
-        return cost < self._least - _WORTHWHILE * abs(self._least)
+        return cost < plan.cost - _WORTHWHILE * abs(plan.cost)
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
-        if plan.cost < self._least:
-            self._best, self._least = self._checked, plan.cost
+        self._best = self._checked
         return self._warm
 
     def widen(self) -> bool:
         """Without refinement, try a few more rounds while none leads to a feasible motion."""
         rounds = 1 if self._refines else _GUESS_ROUNDS
-        return not (self._found or self._late) and self._rounds < rounds
+        return not (self._found or self._until_check.spent) and self._rounds < rounds
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -139,12 +137,12 @@ class DirectSearch(Search[Candidate]):
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
         elif miss := self._nearest_miss:
             reason = f'no initial guess led to a feasible motion; the nearest violated {miss}'
-        elif self._late:
+        elif self._until_check.spent:
             reason = 'no initial guess could be followed'
         else:
             reason = 'no initial guess gives a motion that is finite everywhere'
         reason = '; '.join([reason, *short_of_reserve(self._stated, self._left)])
-        if self._late:
+        if self._until_check.spent:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return (VerificationFailed if self.rejected else Infeasible)(reason)
 
@@ -183,17 +181,15 @@ class DirectSearch(Search[Candidate]):
                 yield motion
             self._warm = False
         solved = list[CollocatedMotion]()
-        until = self.budget.part(self._latest - self.budget.elapsed)
+        until = self._until_check
         for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break
             # Eased kinks show the way more often, and more often the same one.
             eased, patient = attempt % 2 == 0, attempt >= _HASTY and not solved
             motion = self._refinement.first(guess, until, eased=eased, patient=patient)
-            if motion is None:
-                continue
-            if motion.cost > self._leapt:
-                self._aside.append(motion)  # it leaps, too
+            if motion is None or motion.cost > self._leapt:
+                self._aside += [motion] if motion else []  # it leaps, too
                 continue
             solved.append(motion)
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
@@ -282,7 +278,7 @@ class DirectSearch(Search[Candidate]):
         """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
-        until = self.budget.part(self._latest - self.budget.elapsed)
+        until = self._until_check
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self._past(_SEARCH_SHARE)):
@@ -309,8 +305,8 @@ class DirectSearch(Search[Candidate]):
         return minima
 
     @property
-    def _late(self) -> bool:
-        return self.budget.elapsed > self._latest
+    def _until_check(self) -> Budget:
+        return self.budget.part(self._latest - self.budget.elapsed)
 
     def _past(self, share: float) -> bool:
         return self.budget.elapsed > share * self.budget.seconds
@@ -336,9 +332,11 @@ class DirectSearch(Search[Candidate]):
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
             program = program.refine(chebyshev_nodes(nodes), reserve)
-            again = None if self.budget.spent else minima.tight(program, xi, self.budget)
+            again = (
+                None if self._until_check.spent else minima.tight(program, xi, self._until_check)
+            )
             if again is None or not minima.feasible(again):
-                if self.budget.spent:
+                if self._until_check.spent:
                     self.rejected += '; it was not refined further: the time was up'
                 return
             minimum = again

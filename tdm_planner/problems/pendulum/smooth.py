@@ -202,9 +202,9 @@ class ContinuousTorqueSearch(Search[Solution]):
         (motion,) = candidate.trajectories.values()
         yield self._task.plan(motion, candidate.parameters, candidate.penalty)
 
-    def is_worth_checking(self, candidate: Solution, than: Solution) -> bool:
+    def is_worth_checking(self, candidate: Solution, plan: Solution) -> bool:
         """Whether it is quicker."""
-        return candidate.cost < than.cost
+        return candidate.cost < plan.cost
 
     def accept(self, plan: Solution) -> bool:
         """Whether it goes on from another one."""

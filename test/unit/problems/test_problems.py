@@ -53,7 +53,7 @@ class Scripted(Search[float]):
         return Infeasible(self.rejected or 'nothing found')
 
 
-Ordered = changed(Scripted, is_worth_checking=lambda search, candidate, than: candidate < than)
+Ordered = changed(Scripted, is_worth_checking=lambda search, cost, plan: cost < plan.cost)
 PATIENT = {'solver.deadline': 60.0}
 
 
