@@ -80,6 +80,19 @@ class Car(DirectProblem, Validated):
         return t
 
 
+@dataclass(frozen=True)
+class Quickest(DirectProblem):
+    """In least time."""
+
+    guess = 3.0
+
+    def duration(self):
+        return Duration(guess=self.guess)
+
+    def final_cost(self, t, x):
+        return t
+
+
 def changed(of: type, **change: Any) -> Any:
     """Return the class `Changed`, whose functions and names are those of another or given."""
     return type('Changed', (of,), change)
