@@ -115,6 +115,8 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     space.set('planner', start__source='measured')
     assert space.refusal()[0] == 'NO_STATE'
     pending = ros.request(f'{space.space}/plan')
+    ros.spin_for(0.3)
+    assert not pending.done()
     state = JointState(name=['x', 'v'], position=[-2.0, 0.0])
     space.publisher('joint_states').publish(state)
     assert ros.spin_until(pending.done)

@@ -158,12 +158,14 @@ def test_a_drifting_robot_and_its_actuators(ros):
     assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
 
 
-def test_push_reset_and_a_command_that_names_no_wheel(ros):
+def test_push_reset_and_a_command_that_names_no_wheel_to_a_robot_with_a_name_of_its_own(ros):
     given = {'disturbance.impulse': 2.1, 'disturbance.direction': 0.0, 'rate': 100}
+    given['robot_name'] = 'ball'
     robot = Plant(ros, 'robot_plant', 'arena/robot9', given)
-    assert robot.trigger('push') == 'pushed robot9 with 2.1 N s towards 0.000 rad'
+    assert robot.trigger('push') == 'pushed ball with 2.1 N s towards 0.000 rad'
     robot.listen(0.1)
     assert len(robot.odom) == len(robot.states) == pytest.approx(10, abs=1)
+    assert robot.odom[0].child_frame_id == 'ball'
     np.testing.assert_allclose(velocity_in_arena(robot.odom[-1]), [0.2, 0.0], atol=1e-9)
     robot.trigger('reset')
     robot.command(['thruster'], [1.0], velocity=[0.0])
@@ -171,12 +173,6 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros):
     words = 'joint_command ignored: joint(s) reaction_wheel must be named once'
     assert words in robot.process.output
     assert robot.states[-1].effort[0] == 0.0
-
-
-def test_a_robot_may_be_named_otherwise_than_its_namespace(ros):
-    robot = Plant(ros, 'robot_plant', 'arena/runner', {'robot_name': 'ball'})
-    robot.listen(0.1)
-    assert robot.odom[0].child_frame_id == 'ball'
     robot.set('robot_plant', arena__robot_radius=0.2)
 
 

@@ -22,12 +22,6 @@ from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverPa
 from tdm_planner.problems.registry import load_problem
 
 
-def along_the_path(self, y, z):
-    (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
-    push = (vx * ax + vy * ay) / np.hypot(vx, vy)
-    return (x, y_, vx, vy), (push, ay)
-
-
 def limits(**pairs):
     return {'control_limits': lambda self: pairs}
 
@@ -62,7 +56,6 @@ BAD = [
         {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
         ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
     ),
-    ({'invert': along_the_path}, ["invert gives control 'ax' = nan at node 0"]),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
     JUMP,

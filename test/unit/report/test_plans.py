@@ -112,7 +112,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     'content',
     [
         *(b'', b'\xff\xfe\x00', b'[1, 2]', b'{"a": 1}', b'{"problem": "x"}', b'[' * 100_000),
-        *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3})),
+        *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3}, {})),
         *(b'{', {'problem': 'x', 'times': [1]}),
         *(HALF | wrong for wrong in ({'times': 'abc'}, {'units': [1]})),
         *(HALF | wrong for wrong in ({'states': {'a': [1, 'x']}}, {'interpolation': ['linear']})),
@@ -120,6 +120,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> None:
+    """By the reader of reports, as by `load_plan`, which it calls."""
     path = tmp_path / 'plan.json'
     path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     assert refused(lambda: read_mission(path))

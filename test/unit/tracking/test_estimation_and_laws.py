@@ -116,17 +116,6 @@ def test_the_delay_found_stays_near_the_guess() -> None:
     assert delay_found(0.018, 0.014, 1) == pytest.approx(0.018, abs=1e-3)
 
 
-def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
-    state = np.array([3.0, 0.0, 10.0, 0.0])
-    estimator.observe(state, 0.0)
-    for k in range(1, 20):
-        state = integrate(PLANT, state, np.zeros(1), TICK)
-        seen = np.array([math.remainder(state[0], math.tau), *state[1:]])
-        estimator.observe(seen, TICK * k)
-    assert state[0] > 3.8
-    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
-
-
 def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(estimator):
     for k in range(50):
         estimator.observe(HANGING, TICK * k)
