@@ -25,8 +25,7 @@ from tdm_planner.nodes.markers import LONGEST_PATH, Picture, plan_markers
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
-from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems.formation.parameters import Arena
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory

@@ -17,15 +17,13 @@ import pytest
 from replays import replayed
 from scipy.linalg import expm
 from stated import Car, Cart, changed, LONG, Quickest
-from tdm_planner.direct_method import Integrated, Output
+from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter
-from tdm_planner.problems import DirectSolverParameters
+from tdm_planner.problems import DirectSolverParameters, Solution
 from tdm_planner.problems.direct.plant import _exponentials, DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
-from tdm_planner.problems.solution import Solution
 from tdm_sim.study.flights import tracked, tracker_of
 
 POSTS = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))

@@ -11,11 +11,10 @@ import casadi as ca
 import numpy as np
 import pytest
 from stated import Cart, changed, LONG, Quickest
-from tdm_planner.direct_method import Integrated, Output
+from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.plant import DirectPlant
