@@ -126,13 +126,9 @@ def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> 
     assert refused(lambda: read_mission(path))
 
 
-@pytest.fixture
-def plan(robots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def test_the_command(robots, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    return str(robots[0])
-
-
-def test_the_command(plan: str, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = str(robots[0])
     assert main(['report', plan]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith(f'reading {plan}')
@@ -147,27 +143,6 @@ def test_the_command(plan: str, capsys, monkeypatch: pytest.MonkeyPatch) -> None
     assert capsys.readouterr() == ('', '')
     assert file.read_text() == page
     assert opened == [file.absolute().as_uri()]
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (['absent'], ["'absent'"]),
-        (['.'], ["'.'", 'no recording']),
-        (['text.json'], ['text.json', 'not JSON']),
-        (['PLAN', '--namespace', 'x'], ['plan.json', 'has no namespaces']),
-        (['PLAN', '-o', 'page.pdf'], ['page.pdf', '.html']),
-        (['PLAN', '-o', 'missing/page.html'], ['missing', 'does not exist']),
-    ],
-)
-def test_mistakes_get_one_sentence(plan, capsys, arguments, words):
-    Path('text.json').write_text('not json')
-    assert main(['report', *[plan if a == 'PLAN' else a for a in arguments]]) == 2
-    said = capsys.readouterr().err
-    assert len(said.strip().splitlines()) == 1
-    assert 'INVALID_PROBLEM' not in said
-    assert all(word in said for word in words), said
-    assert [path.name for path in Path().iterdir()] == ['text.json']
 
 
 LENGTH = 2.0  # s

@@ -333,17 +333,3 @@ def test_processes_find_the_same_to_the_last_bit_and_go_on(tmp_path, monkeypatch
     assert 'holds another study' in capsys.readouterr().err
     asked = json.loads(Path('out/study.json').read_text())
     assert asked['over'] == {'limits.torque': [1e-7, 0.09], 'start.psi': [0.0, 0.1]}
-
-
-@pytest.mark.parametrize(
-    ('words', 'told'),
-    [
-        (['--over', 'start.psi=0', '--seeds', '3'], '--closed-loop'),
-        (['--over', 'start.psi=0', '--closed-loop', '--seeds', '0'], "'seeds' = 0"),
-        (['--over', 'start.psi=0', '--scheduler', 'localhost'], "'localhost' does not answer"),
-    ],
-)
-def test_mistakes_get_one_sentence(words, told, tmp_path, capsys):
-    assert main(['study', 'pendulum', *words, '-o', str(tmp_path / 'out'), '-q']) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert told in line
