@@ -53,11 +53,25 @@ class Cart(DirectProblem, Validated):
 
 
 @dataclass(frozen=True)
-class Car(DirectProblem, Validated):
+class Quickest(DirectProblem):
+    """In least time."""
+
+    guess = 3.0
+
+    def duration(self):
+        return Duration(guess=self.guess)
+
+    def final_cost(self, t, x):
+        return t
+
+
+@dataclass(frozen=True)
+class Car(Quickest, Validated):
     """A car with drag, past a pole, in minimum time."""
 
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
     control_names, control_units = ('ax', 'ay'), ('m/s^2', 'm/s^2')
+    guess = 4.0
     drag: float = parameter(0.1, 'drag', unit='1/m')
     limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2')
     start: float = parameter(-2.0, 'where it starts', unit='m')
@@ -65,9 +79,6 @@ class Car(DirectProblem, Validated):
     def outputs(self):
         x, y = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))
         return {'x': Output(*x, free=4), 'y': Output(*y, free=4)}
-
-    def duration(self):
-        return Duration(guess=4.0)
 
     def invert(self, y, z):
         (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
@@ -81,22 +92,6 @@ class Car(DirectProblem, Validated):
 
     def control_limits(self):
         return {'ax': (-self.limit, self.limit), 'ay': (-self.limit, self.limit)}
-
-    def final_cost(self, t, x):
-        return t
-
-
-@dataclass(frozen=True)
-class Quickest(DirectProblem):
-    """In least time."""
-
-    guess = 3.0
-
-    def duration(self):
-        return Duration(guess=self.guess)
-
-    def final_cost(self, t, x):
-        return t
 
 
 def changed(of: type, **change: Any) -> Any:

@@ -123,9 +123,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     assert pending.result().success, pending.result().message
     ros.settle()
     assert plans[-1].points[0].positions[0] == -2.0
-
-
-def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
+    # Where there is nothing to measure, parameters say enough.
     start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
 
 

@@ -5,7 +5,6 @@
 
 from collections.abc import Iterator
 from importlib.util import find_spec
-import time
 from typing import Any, ClassVar
 
 from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
@@ -19,6 +18,7 @@ from replays import pendulum_points
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
 from tools.browser import chromium, logged, MISSING, open_browser, open_report, PATIENCE
@@ -44,11 +44,8 @@ class Page:
         return self.run(f'{every}.map(e => {script})', selector)
 
     def wait(self, script: str, *arguments: Any) -> Any:
-        end = time.monotonic() + PATIENCE
-        while not (found := self.run(script, *arguments)):
-            assert time.monotonic() < end, f'not within {PATIENCE:g} s: {script}'
-            time.sleep(0.05)
-        return found
+        seen = WebDriverWait(self.driver, PATIENCE, poll_frequency=0.05)
+        return seen.until(lambda _: self.run(script, *arguments), script)
 
     def find(self, selector: str) -> Any:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
