@@ -17,7 +17,6 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 import pytest
@@ -200,12 +199,6 @@ def joint_state(at: int, names: Sequence[str], **values: Any) -> JointState:
     message = JointState(name=list(names), **values)
     message.header.stamp = to_stamp(at)
     return message
-
-
-def goal(start: int, code: int) -> GoalStatusArray:
-    told = GoalStatus(status=code)
-    told.goal_info.stamp = to_stamp(start)
-    return GoalStatusArray(status_list=[told])
 
 
 def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
