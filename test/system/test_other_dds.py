@@ -16,6 +16,7 @@ from functools import cache, partial
 from importlib import import_module
 import json
 import math
+from pathlib import Path
 import time
 
 from cyclonedds.domain import Domain, DomainParticipant
@@ -32,18 +33,7 @@ from tdm_planner.nodes.reading import nanoseconds_of
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
-CONFIGURATION = """<CycloneDDS><Domain>
-  <General>
-    <Interfaces><NetworkInterface name="lo"/></Interfaces>
-    <AllowMulticast>false</AllowMulticast>
-  </General>
-  <Discovery>
-    <ParticipantIndex>auto</ParticipantIndex>
-    <MaxAutoParticipantIndex>31</MaxAutoParticipantIndex>
-    <SPDPInterval>300ms</SPDPInterval>
-    <Peers><Peer address="127.0.0.1"/></Peers>
-  </Discovery>
-</Domain></CycloneDDS>"""
+CONFIGURATION = Path(__file__).with_name('cyclonedds.xml').as_uri()
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
