@@ -66,12 +66,11 @@ class Quickest(DirectProblem):
 
 
 @dataclass(frozen=True)
-class Car(Quickest, Validated):
+class Car(DirectProblem, Validated):
     """A car with drag, past a pole, in minimum time."""
 
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')
     control_names, control_units = ('ax', 'ay'), ('m/s^2', 'm/s^2')
-    guess = 4.0
     drag: float = parameter(0.1, 'drag', unit='1/m')
     limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2')
     start: float = parameter(-2.0, 'where it starts', unit='m')
@@ -79,6 +78,9 @@ class Car(Quickest, Validated):
     def outputs(self):
         x, y = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))
         return {'x': Output(*x, free=4), 'y': Output(*y, free=4)}
+
+    def duration(self):
+        return Duration(guess=4.0)
 
     def invert(self, y, z):
         (x, vx, ax), (y_, vy, ay) = y['x'], y['y']
@@ -92,6 +94,9 @@ class Car(Quickest, Validated):
 
     def control_limits(self):
         return {'ax': (-self.limit, self.limit), 'ay': (-self.limit, self.limit)}
+
+    def final_cost(self, t, x):
+        return t
 
 
 def changed(of: type, **change: Any) -> Any:

@@ -74,7 +74,6 @@ def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, client):
     ('own', 'error', 'says'),
     [
         ({'limits.torque': -1}, InvalidProblem, "'limits.torque' = -1 is not allowed"),
-        ({'limits.torqe': 1}, InvalidProblem, 'did you mean limits.torque'),
         ({'start.source': 'measured', 'start.max_age': 0.1}, NoState, 'no state was received'),
         ({'limits.torque': 1e-4, 'solver.deadline': 0.3}, Infeasible, '.'),
     ],

@@ -131,7 +131,7 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     assert abs(planner.made().points[-1].positions[0]) < 7.0
 
 
-def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros):
+def test_a_plan_begins_where_the_pendulum_has_coasted_to_or_been_taken(ros):
     measuring = Planner(ros, start__delay=0.2)
     state, measured = [3.0, 0.2, 0.5, -0.4], ros.now
     measuring.measure(measuring.state(state))
@@ -145,10 +145,7 @@ def test_a_plan_begins_where_the_pendulum_has_coasted_to(ros):
         x = x + step * pendulum.derivative(half, np.zeros(1))
     point = trajectory.points[0]
     assert [*point.positions, *point.velocities] == pytest.approx(x.tolist(), abs=1e-6)
-
-
-def test_a_plan_that_no_tracker_has_accepted_is_not_planned_on(ros):
-    measuring = Planner(ros, start__delay=0.2)
+    # A plan that no tracker has accepted is not planned on.
     measuring.measure(measuring.state([math.pi, 0.0, 0.0, 0.0]))
     for told, at_rest in ((None, True), (GoalStatus.STATUS_EXECUTING, False)):
         made = measuring.made()

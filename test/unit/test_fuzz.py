@@ -3,11 +3,13 @@
 
 """Bad input, sabotaged solvers: some of every kind, and every case that ever escaped."""
 
+import re
+
 from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out
 import pytest
 from saboteurs import replayed_faults
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameter_files import _Loader, read_parameters
+from tdm_planner.parameter_files import _Loader
 from tdm_planner.problems import PendulumSwingUp
 
 
@@ -56,12 +58,10 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(DOUBLED)
 )  # fmt: skip
 def test_endless_documents_and_foreign_objects_are_refused(tmp_path, text, says, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / 'parameters.yaml'
-    path.write_text(text)
-    with pytest.raises(InvalidProblem, match=says) as refusal:
-        read_parameters(path)
-    assert '\n' not in str(refusal.value)
-    assert list(tmp_path.iterdir()) == [path]
+    refusal = read_file(text)
+    assert isinstance(refusal, InvalidProblem)
+    assert re.search(says, str(refusal))
+    assert not list(tmp_path.iterdir())
     assert not any('python' in str(tag) for tag in _Loader.yaml_constructors)
 
 

@@ -236,24 +236,25 @@ def test_what_collocation_does_not_find_the_direct_method_does(free: int) -> Non
     assert problem.solve().cost == pytest.approx(best, rel=1e-4)
 
 
-@pytest.mark.parametrize('fastest', [0.1, 0.3, 0.7, 1.1])
-@pytest.mark.parametrize('beyond', [0.0, 1e-9])
-def test_a_given_end_on_a_limit_but_for_rounding_is_collocated(fastest, beyond) -> None:
+def on_the_limit(fastest: float, beyond: float):
     ends = {'x': Output((0.0, (1.0 + beyond) * fastest), (fastest, 0.0), free=3)}
     limit = {'margins': lambda s, t, x, u: {'speed': fastest - x[1]}}
-    plan = changed(Cart, outputs=lambda s: ends, **limit)(solver=LONG).solve()
+    return changed(Cart, outputs=lambda s: ends, **limit)
+
+
+def cone_at_the_goal(self, t, x, u):
+    """Rounded its kink would be violated at the goal, where nothing can be changed."""
+    cone = 4.0 * (30.0 - x[0]) - np.hypot(x[0] - 30.0, x[1] - 10.0)
+    return Boat.margins(self, t, x, u) | {'cone': cone}
+
+
+ON_LIMITS = [on_the_limit(most, off) for most in (0.1, 0.3, 0.7, 1.1) for off in (0.0, 1e-9)]
+
+
+@pytest.mark.parametrize('made', [*ON_LIMITS, changed(Boat, margins=cone_at_the_goal)])
+def test_an_end_on_a_limit_but_for_rounding_or_on_its_kink_is_collocated(made) -> None:
+    plan = made(solver=LONG).solve()
     assert plan.trajectory.interpolation == 'linear'  # else the direct method's own
-
-
-def test_a_kink_of_a_limit_at_the_goal_is_collocated() -> None:
-    """Rounded it would be violated at the goal, where nothing can be changed."""
-
-    def limits(self, t, x, u):
-        cone = 4.0 * (30.0 - x[0]) - np.hypot(x[0] - 30.0, x[1] - 10.0)
-        return Boat.margins(self, t, x, u) | {'cone': cone}
-
-    plan = changed(Boat, margins=limits)(solver=LONG).solve()
-    assert plan.trajectory.interpolation == 'linear'
 
 
 def test_conditions_at_the_end_are_corrected_as_a_given_end_is() -> None:
