@@ -22,8 +22,6 @@ from tdm_planner.drawing import arena_drawing, Drawn, DrawnPath, PendulumDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
 from tdm_planner.nodes.markers import LONGEST_PATH, Picture, plan_markers
-from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems.formation.parameters import Arena
@@ -32,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 START = 1_700_000_000_123_456_789
-STAMP = to_stamp(START)
+STAMP = messages.to_stamp(START)
 PLANT = RotaryPendulum()
 CRANE = named_kind(
     ('x', 'v', 'sway', 'rope', 'reel'),
@@ -104,7 +102,7 @@ def test_a_robots_plan_is_one_message() -> None:
     np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
     path = messages.path_message(ROBOT, plan, START)
     assert path.header.frame_id == 'arena'
-    stamps = [nanoseconds_of(p.header.stamp) - START for p in path.poses]
+    stamps = [reading.nanoseconds_of(p.header.stamp) - START for p in path.poses]
     assert stamps == np.round(plan.times * 1e9).astype(int).tolist()
 
 
@@ -160,7 +158,7 @@ def test_malformed_plans_are_refused(made, point, changes, says):
 @settings(max_examples=50)
 @given(INSTANTS, st.floats(-1e5, 1e5), st.floats(-math.pi, math.pi))
 def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw):
-    assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
+    assert reading.nanoseconds_of(messages.to_stamp(nanoseconds)) == nanoseconds
     again = reading.seconds_of(messages.to_duration(seconds))
     assert abs(again - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
     turned = reading.yaw_of(messages.to_quaternion(yaw))

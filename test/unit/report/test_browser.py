@@ -5,6 +5,7 @@
 
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, ClassVar
 
 from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
@@ -111,17 +112,7 @@ class ReadableReport(Report):
         width, _ = self.size
         assert page.run('return document.documentElement.scrollWidth') <= width
         assert page.run('return window.innerWidth') == width
-        texts = page.run("""
-            const found = [];
-            for (const e of document.querySelectorAll('body *')) {
-              const own = [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim());
-              const box = e.getBoundingClientRect();
-              if (!own || !box.width || /^(SCRIPT|STYLE|OPTION)$/.test(e.tagName)) continue;
-              if (!e.checkVisibility({visibilityProperty: true, opacityProperty: true})) continue;
-              found.push([e.textContent.trim().slice(0, 40),
-                parseFloat(getComputedStyle(e).fontSize), box.left, box.right]);
-            }
-            return found;""")
+        texts = page.run(Path(__file__).with_name('readable.js').read_text(encoding='utf-8'))
         assert len(texts) > 60
         assert [t for t in texts if t[1] < 11] == []
         assert [t for t in texts if t[2] < -0.5 or t[3] > width + 0.5] == []

@@ -6,8 +6,7 @@
 from dataclasses import replace
 import math
 
-import closed_loop
-from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, WEAK
+from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, swing_up, WEAK
 import numpy as np
 import pytest
 from tdm_planner.arrays import wrapped
@@ -48,7 +47,7 @@ def seeing(state: np.ndarray = HANGING, at: float = 0.0, **values) -> PendulumTr
 @pytest.mark.parametrize('limit', [WEAK, STRONG])
 def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None:
     if limit == WEAK:
-        plan = closed_loop.swing_up().solution.trajectory
+        plan = swing_up().solution.trajectory
     loop = Loop(pendulum(pendulum_tracker(limit)))
     loop.begin(plan)
     while loop.now < 0.1 + plan.duration - loop.tick:
