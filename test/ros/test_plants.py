@@ -54,19 +54,16 @@ def times(messages: list) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
-def test_unknown_parameters_and_malformed_commands_are_told_of(ros):
-    rig = Plant(ros, 'pendulum_plant', 'wrong', {'plant.colour': 'red', 'initial.psi': 2.0})
+def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_told_of(ros):
+    given = {'plant.colour': 'red', 'initial.psi': 2.0, 'command_timeout': 0.2}
+    rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for name, *effort in (('arm', 0.01), ('disk', math.nan), ('disk',)):
         rig.command([name], effort)
         assert not any(rig.efforts(1))
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    assert rig.told('commands ignored', 'commands accepted')[2] == [3, 0]
-
-
-def test_no_command_for_the_time_out_switches_the_torque_off(ros):
-    rig = Plant(ros, 'pendulum_plant', 'hasty', {'command_timeout': 0.2})
+    assert rig.told('commands ignored', 'commands accepted', 'command time-outs')[2] == [3, 0, 0]
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)
     efforts = rig.efforts(1)
