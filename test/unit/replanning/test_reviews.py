@@ -178,7 +178,7 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: Activ
     assert problem.cost_to_go(solution, half) == pytest.approx(half + used, rel=1e-6)
 
 
-def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
+def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: ActivePlan) -> None:
     made = reviewer(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
@@ -187,6 +187,10 @@ def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
     at = plan.end + 0.1
     review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)
+    solver = DirectSolverParameters(deadline=1.0, seed=3)
+    other = replace(CART, start=CartStart(x=3.0), solver=solver)
+    assert reviewing.same_question(plan.problem, other)
+    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
@@ -225,13 +229,6 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     review = made.review(asked, measured(lazy, at), at)
     assert review.necessary
     assert review.reason == 'the problem has changed'
-
-
-def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
-    solver = DirectSolverParameters(deadline=1.0, seed=3)
-    other = replace(CART, start=CartStart(x=3.0), solver=solver)
-    assert reviewing.same_question(plan.problem, other)
-    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):
