@@ -12,7 +12,6 @@ import re
 import numpy as np
 import pytest
 import rclpy
-from rclpy.node import Node
 from ros_harness import SOURCE, Space
 from std_msgs.msg import String
 from stepped_ros import Stepped
@@ -44,30 +43,26 @@ def user(ros: Stepped):
     node.destroy_node()
 
 
-@pytest.fixture(params=['own', 'served', 'not served'])
-def client(ros: Stepped, space: str, user: Node, request):
-    """With a node of its own, one that the test's executor serves, and one that nobody serves."""
-    node = {'own': None, 'served': ros.node, 'not served': user}[request.param]
-    with PlanClient(space, node=node) as made:
-        ros.do(made.wait, still=True)
-        yield made
-
-
-def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, client):
-    plan: PlanResult = ros.do(client.plan, still=True)
-    assert plan.start == ros.now + 1_000_000_000
-    trajectory = plan.trajectory
-    assert list(plan.trajectories) == ['pendulum']
-    assert trajectory.state_names == RotaryPendulum.state_names
-    assert (trajectory.units['torque'], trajectory.interpolation) == ('N m', 'zero_order_hold')
-    assert trajectory.duration == pytest.approx(plan.duration)
-    assert PendulumSwingUp.from_parameters(plan.parameters).limits.torque == 0.09
-    other = ros.do(client.plan_with, {'goal.turns': np.int64(2), 'start.theta': 3})
-    assert (other.plan_id, other.trajectory.states[0, 0]) == (plan.plan_id + 1, 3.0)
-    assert other.trajectory.states[-1, 0] == pytest.approx(4 * math.pi, abs=1e-4)
-    smooth = ros.do(partial(client.plan_with, method='smooth'))
-    assert smooth.trajectory.interpolation != 'zero_order_hold'
-    assert ros.do(client.plan).trajectory.states[-1, 0] == trajectory.states[-1, 0]
+@pytest.mark.parametrize('served', [None, True, False])
+def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, space, user, served):
+    """To a node of its own, one that the test's executor serves, and one that nobody serves."""
+    node = {None: None, True: ros.node, False: user}[served]
+    with PlanClient(space, node=node) as client:
+        ros.do(client.wait, still=True)
+        plan: PlanResult = ros.do(client.plan, still=True)
+        assert plan.start == ros.now + 1_000_000_000
+        trajectory = plan.trajectory
+        assert list(plan.trajectories) == ['pendulum']
+        assert trajectory.state_names == RotaryPendulum.state_names
+        assert (trajectory.units['torque'], trajectory.interpolation) == ('N m', 'zero_order_hold')
+        assert trajectory.duration == pytest.approx(plan.duration)
+        assert PendulumSwingUp.from_parameters(plan.parameters).limits.torque == 0.09
+        other = ros.do(client.plan_with, {'goal.turns': np.int64(2), 'start.theta': 3})
+        assert (other.plan_id, other.trajectory.states[0, 0]) == (plan.plan_id + 1, 3.0)
+        assert other.trajectory.states[-1, 0] == pytest.approx(4 * math.pi, abs=1e-4)
+        smooth = ros.do(partial(client.plan_with, method='smooth'))
+        assert smooth.trajectory.interpolation != 'zero_order_hold'
+        assert ros.do(client.plan).trajectory.states[-1, 0] == trajectory.states[-1, 0]
 
 
 @pytest.mark.parametrize(
