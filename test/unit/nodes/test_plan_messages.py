@@ -57,11 +57,6 @@ def switched(kind: PlantKind, count: int = 20) -> Trajectory:
     return Trajectory(times, states, controls, kind.state_names, kind.control_names)
 
 
-@pytest.fixture
-def made() -> JointTrajectory:
-    return messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
-
-
 @pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
 def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> None:
     """But for the last controls, which are held for no time; joints may come in any order."""
@@ -126,7 +121,8 @@ def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
     assert list(made.points[4].effort) == [0.0, 0.02, 0.0, 0.02]
 
 
-def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory) -> None:
+def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
+    made = messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
     held = 'zero_order_hold'
     assert reading.read_plan(PENDULUM, made).interpolation == held
     for number, point in enumerate(made.points):
@@ -149,7 +145,8 @@ def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory)
         (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),
     ],
 )
-def test_malformed_plans_are_refused(made, point, changes, says):
+def test_malformed_plans_are_refused(point, changes, says):
+    made = messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
     for name, value in changes.items():
         setattr(made if point is None else made.points[point], name, value)
     assert says in refused(lambda: reading.read_plan(PENDULUM, made))

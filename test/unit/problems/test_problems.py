@@ -5,7 +5,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 import sys
 from unittest.mock import Mock
 
@@ -99,14 +98,10 @@ def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monk
         assert caught.value.__cause__ is error
 
 
-@pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])
-def planned(request):
-    problem = request.param.from_parameters(PATIENT)
-    return problem, problem.solve()
-
-
-def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
-    problem, solution = planned
+@pytest.mark.parametrize('kind', [PendulumSwingUp, RobotFormation])
+def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(kind):
+    problem = kind.from_parameters(PATIENT)
+    solution = problem.solve()
     found = problem.recovered(solution.trajectories)
     assert (found.cost, found.cost_terms) == (solution.cost, solution.cost_terms)
     assert found.summary == solution.summary
@@ -121,6 +116,14 @@ def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
         weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
         with pytest.raises(VerificationFailed, match='torque'):
             weaker.recovered(solution.trajectories)
+    # What does not reach the goal, or cannot be assessed, is not recognised.
+    motions = solution.trajectories.items()
+    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
+    with pytest.raises(VerificationFailed):
+        problem.recovered(spoilt)
+    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
+    with pytest.raises(VerificationFailed, match='cannot assess'):
+        silent.recovered(solution.trajectories)
 
 
 def test_a_recognised_plan_that_does_nothing_has_no_arcs():
@@ -129,17 +132,6 @@ def test_a_recognised_plan_that_does_nothing_has_no_arcs():
     assert not found.parameters.size
     moved = PendulumSwingUp.from_parameters({'start.theta': 0.3, **PATIENT})
     assert moved.solve(warm_start=found).verification.ok
-
-
-def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(planned):
-    problem, solution = planned
-    motions = solution.trajectories.items()
-    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
-    with pytest.raises(VerificationFailed):
-        problem.recovered(spoilt)
-    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
-    with pytest.raises(VerificationFailed, match='cannot assess'):
-        silent.recovered(solution.trajectories)
 
 
 def test_a_goal_that_fails_late_leaves_what_is_left_to_the_next(monkeypatch) -> None:
@@ -161,8 +153,7 @@ def test_processes_and_the_order_of_sets_change_nothing() -> None:
     assert planned_apart(PYTHONHASHSEED='0') == planned_apart(PYTHONHASHSEED='1')
 
 
-@pytest.fixture
-def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, monkeypatch):
     metadata = tmp_path / 'another-1.0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: another\nVersion: 1.0\n')
@@ -177,26 +168,16 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     (tmp_path / 'broken_package.py').write_text('1 / 0\n')
     monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
-    return tmp_path
-
-
-def test_the_packages_own_and_another_packages(registered: Path) -> None:
     assert load_problem('pendulum_swing_up') is PendulumSwingUp
     assert problem_names()[:2] == ['pendulum_swing_up', 'robot_formation']
     assert load_problem('another').name == 'another'
     assert {'another', 'broken'} <= set(problem_names())
-
-
-@pytest.mark.parametrize(
-    ('name', 'says'),
-    [
+    for name, says in (
         ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another or nothing\?\)"),
         ('zzz', "'zzz' is not allowed: must be one of pendulum_swing_up, .*my_module:MyP"),
         ('a_function', 'another_package:solve is not a subclass'),
         ('nothing', 'AttributeError'),
         ('broken', 'ZeroDivisionError: division by zero'),
-    ],
-)
-def test_what_cannot_be_loaded(registered: Path, name: str, says: str) -> None:
-    with pytest.raises(InvalidProblem, match=says):
-        load_problem(name)
+    ):
+        with pytest.raises(InvalidProblem, match=says):
+            load_problem(name)
