@@ -18,19 +18,19 @@ def test_bad_input_is_met_with_a_result_or_a_reason(name: str) -> None:
     try_out(name)
 
 
-@pytest.mark.parametrize('case', corpus('parameters') + corpus('trackers'))
-def test_parameters_and_histories_that_once_escaped_do_so_no_more(case: dict) -> None:
-    if 'problem' in case:
+CORPUS = corpus('parameters') + corpus('trackers') + corpus('yaml')
+
+
+@pytest.mark.parametrize('case', CORPUS)
+def test_parameters_histories_and_files_that_once_escaped_do_so_no_more(case: dict | str) -> None:
+    if isinstance(case, str):
+        assert isinstance(read_file(case), InvalidProblem)
+        assert isinstance(read_setting(case), InvalidProblem)
+    elif 'problem' in case:
         planned(case['problem'], case['parameters'])
     else:
         pytest.importorskip('rclpy')
         survived(case)
-
-
-@pytest.mark.parametrize('text', corpus('yaml'))
-def test_files_that_once_escaped_do_so_no_more(text: str) -> None:
-    assert isinstance(read_file(text), InvalidProblem)
-    assert isinstance(read_setting(text), InvalidProblem)
 
 
 @pytest.mark.parametrize('name', ['deadline', 'seed'])

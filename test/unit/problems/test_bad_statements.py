@@ -235,14 +235,6 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
         near.solve()
 
 
-def test_nothing_to_vary_is_said():
-    console = Console(width=120)
-    with console.capture() as shown:
-        fixed = {'x': Output((1.0, 0.0), (0.0, 0.0))}
-        assert check_problem(changed(Cart, outputs=lambda s: fixed)(), console) == []
-    assert 'nothing is varied: no output has' in shown.get()
-
-
 def test_rates_that_differ_by_rounding_or_at_a_kink_agree():
     stiff = changed(
         Cart,
@@ -267,10 +259,13 @@ Rolling = changed(
 )
 
 
-def test_integrated_states_their_rates_are_not_compared_and_a_missed_end_has_its_unit():
+def test_nothing_to_vary_is_said_rates_of_integrated_states_are_not_compared_ends_have_units():
     console = Console(width=120)
     with console.capture() as shown:
         assert check_problem(Rolling(), console) == []
+        fixed = {'x': Output((1.0, 0.0), (0.0, 0.0))}
+        assert check_problem(changed(Cart, outputs=lambda s: fixed)(), console) == []
+    assert 'nothing is varied: no output has' in shown.get()
     rows = [line.split()[1] for line in shown.get().splitlines() if 'not compared' in line]
     assert rows == ['y']
     far = changed(

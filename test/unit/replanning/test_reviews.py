@@ -81,15 +81,12 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
     assert 'INVALID_PROBLEM' in review.reason
 
 
-def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
+def test_the_plan_that_trackers_name_is_followed_one_that_all_refuse_forgotten(swing, replanner):
+    """Once it has begun for a while."""
     later = replace(swing, start=0.5)
     assert reviewing.keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
     assert not reviewing.keeping(swing, later, following(later, 0.9))
     assert not reviewing.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
-
-
-def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing, replanner):
-    later = replace(swing, start=0.5)
     replanner.adopt(later)
     early = replanner.review(SWING, following(swing, 0.51), 0.52)
     assert (early.plan, early.rejected, replanner.plan) == (None, (), later)

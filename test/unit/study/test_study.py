@@ -124,7 +124,8 @@ class Hop(DirectProblem):
         return (u[0] - 1.0) ** 2 + u[1] ** 2
 
 
-def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
+def test_a_plant_flies_where_states_rest_or_its_rates_have_no_slope() -> None:
+    """Throughout the plan; where its controls vanish."""
     flown(Hop, seeds=2, mismatch=0.02)
     tracker = StatedTracker(Hop(), TrackerParameters())
     tracker.prepare(Hop().solve().trajectory)
@@ -132,8 +133,6 @@ def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
     assert rises == pytest.approx(3.0, rel=1e-3)
     assert 0.0 < aside < rises
 
-
-def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> None:
     def derivative(self, x, u):
         rates = Hop.derivative(self, x, u)
         return (*rates[:5], rates[5] + 1e-9 * np.sqrt(u[0] ** 2 + u[1] ** 2))
