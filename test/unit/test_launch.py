@@ -10,7 +10,8 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
-from launch_stand_ins import described, ExecuteProcess, LaunchContext, Node, stand_ins  # noqa: F401
+import launch_stand_ins
+from launch_stand_ins import described, ExecuteProcess, Node, stand_ins  # noqa: F401
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.exceptions import InvalidProblem
@@ -151,7 +152,7 @@ def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: 
 def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
     def ends(item: Any, code: int, shutdown: bool = False) -> bool:
         try:
-            context = LaunchContext({}, shutdown)
+            context = launch_stand_ins.LaunchContext({}, shutdown)
             item.on_exit(SimpleNamespace(returncode=code), context)
         except RuntimeError as error:
             assert f'ended with code {code}: the launch ends' in str(error)

@@ -55,15 +55,13 @@ Ordered = changed(Scripted, is_worth_checking=lambda search, candidate, than: ca
 PATIENT = {'solver.deadline': 60.0}
 
 
-def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
+def test_the_first_satisfying_plan_ends_the_search_or_the_cheapest_of_a_round() -> None:
     search = Scripted([[1.0, 2.0]], {1.0: 1, 2.0: 0})
     assert (search.run().cost, search.checked) == (1.0, [(1.0, 0), (1.0, 1)])
     assert search.rejected == 'plan 0 of 1 fails'
     search = Scripted([[], [5.0], [4.0]], {4.0: 0, 6.0: 0})
     assert (search.run().cost, search.round) == (4.0, 2)
-
-
-def test_cheapest_of_a_round_where_none_satisfies_without_checking_what_promises_no_more() -> None:
+    # Where none satisfies it is the cheapest; what promises no more is not checked.
     for kind, checked in ((Scripted, {2.0, 3.0, 1.0}), (Ordered, {2.0, 1.0})):
         search = kind([[2.0, 3.0, 1.0]], {1.0: 2, 2.0: 0, 3.0: 0}, satisfying=set())
         assert (search.run().cost, {c for c, _ in search.checked}) == (1.0, checked)

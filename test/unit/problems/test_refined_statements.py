@@ -243,7 +243,6 @@ def on_the_limit(fastest: float, beyond: float):
 
 
 def cone_at_the_goal(self, t, x, u):
-    """Rounded its kink would be violated at the goal, where nothing can be changed."""
     cone = 4.0 * (30.0 - x[0]) - np.hypot(x[0] - 30.0, x[1] - 10.0)
     return Boat.margins(self, t, x, u) | {'cone': cone}
 
@@ -253,6 +252,7 @@ ON_LIMITS = [on_the_limit(most, off) for most in (0.1, 0.3, 0.7, 1.1) for off in
 
 @pytest.mark.parametrize('made', [*ON_LIMITS, changed(Boat, margins=cone_at_the_goal)])
 def test_an_end_on_a_limit_but_for_rounding_or_on_its_kink_is_collocated(made) -> None:
+    """The kink rounded would be violated at the goal, where nothing can be changed."""
     plan = made(solver=LONG).solve()
     assert plan.trajectory.interpolation == 'linear'  # else the direct method's own
 
