@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
-from tdm_sim import bag_writer
-from tdm_sim.bag_writer import BagWriter
+from tdm_sim.bag_writer import BagWriter, RESERVE
 import yaml
 
 
@@ -51,7 +50,7 @@ class FullFile:
         return getattr(self._file, name)
 
     def write(self, data: bytes) -> int:
-        room = self._room + (0 if self._reserve.exists() else bag_writer.RESERVE)
+        room = self._room + (0 if self._reserve.exists() else RESERVE)
         if len(data) > room:
             self._file.write(data[:room])
             self._room -= room

@@ -30,15 +30,7 @@ CLOCK_STEP = 0.005  # s, the period of tracker and plant
 STALL = 8.0  # s of real time for which a busy computer may hold up one of them
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
-DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <participant profile_name="quick_discovery" is_default_profile="true">
-    <rtps><builtin><discovery_config>
-      <leaseAnnouncement><sec>0</sec><nanosec>300000000</nanosec></leaseAnnouncement>
-    </discovery_config></builtin></rtps>
-  </participant>
-</profiles>
-"""
+DISCOVERY_PROFILE = Path(__file__).with_name('quick_discovery.xml')
 
 
 @contextmanager
@@ -63,13 +55,11 @@ def ros_environment(domain: int, folder: Path) -> dict[str, str]:
     Messages go by UDP: shared memory of a process that was killed may swallow those for its
     successor.
     """
-    profile = folder / 'discovery.xml'
-    profile.write_text(DISCOVERY_PROFILE)
     places = filter(None, (str(SOURCE), os.environ.get('PYTHONPATH')))
     return {
         'ROS_DOMAIN_ID': str(domain),
         'ROS_LOG_DIR': str(folder / 'log'),
-        'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(DISCOVERY_PROFILE),
         'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'PYTHONPATH': os.pathsep.join(places),
     }

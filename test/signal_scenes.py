@@ -39,14 +39,15 @@ WAYS: dict[str, list[tuple[signal.Signals, float]]] = {
 }
 
 
-def survivors(variable: str) -> list[int]:
-    """Return the processes with a variable in their environment, as `NAME=value`."""
+def survivors(variable: str, command: str = '') -> list[int]:
+    """Return the processes with a variable, `NAME=value`, in their environment and a command."""
     found = []
     for folder in Path('/proc').glob('[0-9]*'):
         with suppress(OSError):
             state = (folder / 'stat').read_text().rpartition(')')[2].split()[0]
             variables = (folder / 'environ').read_bytes().split(b'\0')
-            if state != 'Z' and variable.encode() in variables:
+            known = command in (folder / 'cmdline').read_text()
+            if state != 'Z' and variable.encode() in variables and known:
                 found.append(int(folder.name))
     return found
 

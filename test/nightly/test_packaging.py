@@ -100,22 +100,18 @@ def run_sourced(installed: Path, command: str) -> str:
     return run('sh', '-c', script, cwd=prefix)
 
 
-@pytest.fixture(scope='module')
-def wheel(copy: Path) -> zipfile.ZipFile:
+def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(copy):
+    if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
+        pytest.skip('setuptools 70.1 or newer is not installed')
     folder = copy.parents[1] / 'wheel'
     code = (
         'import os, sys; from setuptools import build_meta; '
         f'os.chdir({str(copy)!r}); build_meta.build_wheel({str(folder)!r})'
     )
-    if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
-        pytest.skip('setuptools 70.1 or newer is not installed')
     folder.mkdir()
     run(sys.executable, '-c', code, cwd=copy)
     (path,) = folder.glob('*.whl')
-    return zipfile.ZipFile(path)
-
-
-def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(wheel):
+    wheel = zipfile.ZipFile(path)
     names, assets = set(wheel.namelist()), files('tdm_sim/report/assets', '*.*')
     assert 'tdm_sim/report/assets/page.html' in assets
     assert assets | files('tdm_planner', '*.py') | files('tdm_sim', '*.py') <= names

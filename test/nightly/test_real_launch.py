@@ -4,7 +4,6 @@
 """The launch files under the real ``ros2 launch``, where it is installed: nothing is left."""
 
 from collections.abc import Callable
-from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -21,12 +20,6 @@ pytest.importorskip('launch_ros')
 pytest.importorskip('ros2launch')
 
 
-def command_of(pid: int) -> str:
-    with suppress(OSError):  # it has ended
-        return Path(f'/proc/{pid}/cmdline').read_text()
-    return ''
-
-
 class Launched:
     """A ``ros2 launch`` in the domain, which all that it starts are in as well."""
 
@@ -36,8 +29,7 @@ class Launched:
 
     def running(self, name: str = '') -> list[int]:
         """Return the processes of the domain, or those of an executable of ours."""
-        found = survivors(f'ROS_DOMAIN_ID={self.ros.domain}')
-        return [pid for pid in found if not name or f'/{name}\0' in command_of(pid)]
+        return survivors(f'ROS_DOMAIN_ID={self.ros.domain}', name and f'/{name}\0')
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         assert self.ros.spin_until(condition, 120.0), self.launch.output

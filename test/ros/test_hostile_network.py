@@ -7,17 +7,10 @@ import os
 from xml.etree import ElementTree
 
 from node_fuzzing import NODES, SixNodes
-import pytest
 from ros_harness import SOURCE
-from stepped_ros import Stepped
 from tools.security_policy import OPERATOR, Rights
 
 POLICY = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
-
-
-@pytest.fixture(scope='module')
-def nodes(ros: Stepped) -> SixNodes:
-    return SixNodes(ros)
 
 
 def granted(path: str) -> Rights:
@@ -28,7 +21,10 @@ def granted(path: str) -> Rights:
     return Rights(*(frozenset(item.text for item in items if item.text) for items in found))
 
 
-def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
+def test_nodes_use_what_the_policy_allows_and_survive_whatever_comes(ros, tmp_path, monkeypatch):
+    """They use all of it and nothing else, and write nothing but logs."""
+    nodes = SixNodes(ros)
+
     def used(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
         kinds = 'publisher', 'subscriber', 'service', 'client'
@@ -52,9 +48,6 @@ def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros, nodes):
     assert published == {'goal_pose', 'rosout', 'parameter_events'}
     assert {'/pendulum/plan', '/robots/plan'} <= operator.calls
     assert not operator.serves
-
-
-def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(nodes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ('HOME', 'TMPDIR', 'XDG_CACHE_HOME', 'XDG_CONFIG_HOME'):
         monkeypatch.setenv(name, str(tmp_path))

@@ -85,7 +85,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
 
 
-def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
+def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros, monkeypatch):
     space = Space(ros, 'wrong')
     process = space.start('tracker', {**WAITING, 'plant.mass': 1e9})
     manager = Manager(ros, '/wrong/tracker')
@@ -101,18 +101,14 @@ def test_wrong_transitions_and_parameters_leave_a_node_unconfigured(ros):
     manager.do('configure', 'activate')
     # One without a manager starts by itself then.
     other = Space(ros, 'odd')
-    other.start('tracker', {'plant.mass': 1e9})
+    process = other.start('tracker', {'plant.mass': 1e9})
     manager = Manager(ros, '/odd/tracker')
     assert manager.state == 'unconfigured'
     assert manager.says(said)
     other.set('tracker', plant__mass=0.024)
     assert manager.state == 'active'
     assert manager.says('no state has been received')
-
-
-def test_a_node_that_cannot_recover_is_finalized_and_says_so(ros, monkeypatch):
-    process = Space(ros, 'broken').start('tracker')
-    manager = Manager(ros, '/broken/tracker')
+    # One that cannot recover is finalized and says so.
     manager.do('deactivate')
     monkeypatch.setattr(process.node, 'cleanup', Mock(side_effect=InvalidProblem('no way out')))
     assert not ros.change(manager.node, 'cleanup')

@@ -115,15 +115,15 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     space.set('planner', start__source='measured')
     assert space.refusal()[0] == 'NO_STATE'
     pending = ros.request(f'{space.space}/plan')
+    ros.spin_for(0.3)
+    assert not pending.done()
     state = JointState(name=['x', 'v'], position=[-2.0, 0.0])
     space.publisher('joint_states').publish(state)
     assert ros.spin_until(pending.done)
     assert pending.result().success, pending.result().message
     ros.settle()
     assert plans[-1].points[0].positions[0] == -2.0
-
-
-def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(ros):
+    # Where there is nothing to measure, parameters say enough.
     start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
 
 

@@ -54,19 +54,16 @@ def times(messages: list) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
-def test_unknown_parameters_and_malformed_commands_are_told_of(ros):
-    rig = Plant(ros, 'pendulum_plant', 'wrong', {'plant.colour': 'red', 'initial.psi': 2.0})
+def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_told_of(ros):
+    given = {'plant.colour': 'red', 'initial.psi': 2.0, 'command_timeout': 0.2}
+    rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for name, *effort in (('arm', 0.01), ('disk', math.nan), ('disk',)):
         rig.command([name], effort)
         assert not any(rig.efforts(1))
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    assert rig.told('commands ignored', 'commands accepted')[2] == [3, 0]
-
-
-def test_no_command_for_the_time_out_switches_the_torque_off(ros):
-    rig = Plant(ros, 'pendulum_plant', 'hasty', {'command_timeout': 0.2})
+    assert rig.told('commands ignored', 'commands accepted', 'command time-outs')[2] == [3, 0, 0]
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)
     efforts = rig.efforts(1)
@@ -158,12 +155,14 @@ def test_a_drifting_robot_and_its_actuators(ros):
     assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
 
 
-def test_push_reset_and_a_command_that_names_no_wheel(ros):
+def test_push_reset_and_a_command_that_names_no_wheel_to_a_robot_with_a_name_of_its_own(ros):
     given = {'disturbance.impulse': 2.1, 'disturbance.direction': 0.0, 'rate': 100}
+    given['robot_name'] = 'ball'
     robot = Plant(ros, 'robot_plant', 'arena/robot9', given)
-    assert robot.trigger('push') == 'pushed robot9 with 2.1 N s towards 0.000 rad'
+    assert robot.trigger('push') == 'pushed ball with 2.1 N s towards 0.000 rad'
     robot.listen(0.1)
     assert len(robot.odom) == len(robot.states) == pytest.approx(10, abs=1)
+    assert robot.odom[0].child_frame_id == 'ball'
     np.testing.assert_allclose(velocity_in_arena(robot.odom[-1]), [0.2, 0.0], atol=1e-9)
     robot.trigger('reset')
     robot.command(['thruster'], [1.0], velocity=[0.0])
@@ -171,12 +170,6 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros):
     words = 'joint_command ignored: joint(s) reaction_wheel must be named once'
     assert words in robot.process.output
     assert robot.states[-1].effort[0] == 0.0
-
-
-def test_a_robot_may_be_named_otherwise_than_its_namespace(ros):
-    robot = Plant(ros, 'robot_plant', 'arena/runner', {'robot_name': 'ball'})
-    robot.listen(0.1)
-    assert robot.odom[0].child_frame_id == 'ball'
     robot.set('robot_plant', arena__robot_radius=0.2)
 
 

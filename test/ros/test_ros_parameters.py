@@ -138,19 +138,14 @@ def test_parameters_describe_themselves(ros, example):
     assert not descriptor(ParameterSpec('angle', float, 0.0, 'an angle')).floating_point_range
 
 
-def test_values_given_at_the_start_may_be_text(ros):
-    given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
-    process = start(ros, 'given', given)
-    taken = {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
-    assert process.node.parameter_values == {**DEFAULTS, **taken}
-
-
 def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros, tmp_path):
-    """Both of `ros2 param`, as rclpy has them; every parameter is in the file."""
-    given = {'mass': 1e-8, 'weights': [1e-8, 2.0], 'names': [], 'switch': True, 'fixed': 'there'}
-    process = start(ros, 'dumped', given)
+    """Both of `ros2 param`, as rclpy has them; every parameter is in the file, some were texts."""
+    given = {'names': [], 'switch': True, 'fixed': 'there'}
+    texts = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
+    taken = {**given, 'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
+    process = start(ros, 'dumped', {**given, **texts})
     before = process.node.parameter_values
-    assert before == {**DEFAULTS, **given}
+    assert before == {**DEFAULTS, **taken}
     names = ros.call('dumped/list_parameters', ListParameters).result.names
     answer = ros.call('dumped/get_parameters', GetParameters, GetParameters.Request(names=names))
     dump = dict(zip(names, map(parameter_value_to_python, answer.values), strict=True))

@@ -142,13 +142,6 @@ def swing_up_from(start: int) -> JointTrajectory:
     return plan_message(PENDULUM, swing_up().solution.trajectory, to_stamp(start))
 
 
-def test_a_planner_without_time_makes_no_plan(ros):
-    ros.start('planner', {'start.source': 'parameters'}, 'timeless', OWN)
-    _, answer = ros.trigger('/timeless/plan')
-    assert answer['code'] == 'NO_STATE'
-    assert '/clock' in answer['reason']
-
-
 def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     tracker = ros.start('tracker', {'rate': 100.0}, 'early', OWN)
     followed, commands = map(ros.subscribe, ('/early/active_trajectory', '/early/joint_command'))

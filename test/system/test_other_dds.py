@@ -16,6 +16,7 @@ from functools import cache, partial
 from importlib import import_module
 import json
 import math
+from pathlib import Path
 import time
 
 from cyclonedds.domain import Domain, DomainParticipant
@@ -26,24 +27,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 import pytest
-from ros_harness import ENOUGH, PATIENCE, Ros
+from ros_harness import ENOUGH, PATIENCE
 from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
-CONFIGURATION = """<CycloneDDS><Domain>
-  <General>
-    <Interfaces><NetworkInterface name="lo"/></Interfaces>
-    <AllowMulticast>false</AllowMulticast>
-  </General>
-  <Discovery>
-    <ParticipantIndex>auto</ParticipantIndex>
-    <MaxAutoParticipantIndex>31</MaxAutoParticipantIndex>
-    <SPDPInterval>300ms</SPDPInterval>
-    <Peers><Peer address="127.0.0.1"/></Peers>
-  </Discovery>
-</Domain></CycloneDDS>"""
+CONFIGURATION = Path(__file__).with_name('cyclonedds.xml').as_uri()
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -134,18 +124,10 @@ class Client:
         return self.reply()
 
 
-@pytest.fixture(scope='module')
-def outsider(ros: Ros) -> Outsider:
+def test_an_outsider_asks_for_plans_reads_them_and_brings_a_rig(ros):
     ros.start('planner', STRONG, 'pendulum')
-    return Outsider(ros.domain)
-
-
-@pytest.fixture(scope='module')
-def client(outsider: Outsider) -> Client:
-    return Client(outsider, '/pendulum/plan')
-
-
-def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
+    outsider = Outsider(ros.domain)
+    client = Client(outsider, '/pendulum/plan')
     success, answer = client.call()
     assert not success
     assert answer['code'] == 'NO_STATE'
@@ -174,10 +156,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros, outsider, client):
     done, answer = ros.trigger('/pendulum/plan')
     assert done, answer
     assert client.reply() == (True, answer)
-
-
-def test_a_rig_of_another_make_is_planned_for_and_commanded(ros, outsider, client):
-    """Its driver publishes joint_states by another DDS; the plan starts from there."""
+    # Its driver publishes joint_states by another DDS; the plan starts from there.
     assert ros.set_parameters('/pendulum/planner', start__source='measured') == ['']
     writer = outsider.writer('rt/pendulum/joint_states', STATE)
     stamp, header = dds_type('builtin_interfaces/msg/Time'), dds_type('std_msgs/msg/Header')

@@ -36,6 +36,11 @@ def one(found: list[Any], name: str) -> Any:
     return node
 
 
+def refused(name: str, words: str, pushed: str | None = None, **arguments: str) -> None:
+    with pytest.raises(InvalidProblem, match=words):
+        described(name).started(pushed, **arguments)
+
+
 def description(found: list[Any]) -> Any:
     return one(found, 'robot_state_publisher').parameters[0]['robot_description']
 
@@ -72,11 +77,10 @@ def test_only_sections_count_that_the_planner_takes(name: str, pushed: str | Non
         assert '<mass value="0.05"' in description(found).value
     else:
         assert {node.namespace for node in found} == {'hall', 'hall/mine'}
-    with pytest.raises(InvalidProblem, match=r"cellar/planner', only for .*hall/planner, .*attic"):
-        nodes(name, pushed, params_file=path, namespace='cellar')
+    words = r"cellar/planner', only for .*hall/planner, .*attic"
+    refused(name, words, pushed, params_file=path, namespace='cellar')
     if pushed:
-        with pytest.raises(InvalidProblem, match="'/hall/planner'"):
-            nodes(name, params_file=path, namespace='hall')
+        refused(name, "'/hall/planner'", params_file=path, namespace='hall')
 
 
 @BOTH
@@ -134,18 +138,14 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
 
 @BOTH
 def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: Path):
-    def refused(words: str, **arguments: str) -> None:
-        with pytest.raises(InvalidProblem, match=words):
-            described(name).started(**arguments)
-
-    refused("file '/nowhere.yaml' cannot be read: No such file", params_file='/nowhere.yaml')
-    refused("namespace = 'a b': Invalid namespace: namespace must not", namespace='a b')
-    refused('is there already: name another folder', record='true', bag=str(tmp_path))
+    refused(name, "file '/nowhere.yaml' cannot be read: No such", params_file='/nowhere.yaml')
+    refused(name, "namespace = 'a b': Invalid namespace: namespace must not", namespace='a b')
+    refused(name, 'is there already: name another folder', record='true', bag=str(tmp_path))
     programs = Path(os.environ['AMENT_PREFIX_PATH'], 'lib')
     shutil.rmtree(programs / 'rviz2')
-    refused("'rviz2' .* not installed.*, or launch with rviz:=false", rviz='true')
+    refused(name, "'rviz2' .* not installed.*, or launch with rviz:=false", rviz='true')
     (programs / 'tdm_planner/tracker').unlink()
-    refused("'tracker'")
+    refused(name, "'tracker'")
 
 
 @BOTH
@@ -209,9 +209,7 @@ def test_more_robots_than_the_file_names_have_places_of_their_own():
 
 def test_robots_that_cannot_be_are_refused(tmp_path: Path):
     for number in ('0', '-1', 'two', '99'):
-        with pytest.raises(InvalidProblem, match='number_of_robots'):
-            nodes('robots', number_of_robots=number)
+        refused('robots', 'number_of_robots', number_of_robots=number)
     for robots in ([], ['left', 'left'], ['le ft'], 'left'):
         path = written(tmp_path, {'/**/planner': {'robots': robots}})
-        with pytest.raises(InvalidProblem, match="'robots'"):
-            nodes('robots', params_file=path)
+        refused('robots', "'robots'", params_file=path)

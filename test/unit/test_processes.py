@@ -218,30 +218,52 @@ def test_a_plan_as_users_ask_for_it_is_written_and_drawn_and_reaches_the_goal(fo
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'code', 'words'),
+    ('command', 'code', 'words'),
     [
-        (['--set', 'limits.torque=-1'], 2, ['limits.torque', '-1', '[1e-12, 1e+12] N m']),
-        (['--set', 'limits.torque=.nan'], 2, ['limits.torque', 'nan']),
-        (['--set', 'plant.mas=1'], 2, ['plant.mas', 'unknown', 'plant.mass']),
-        (['--set', 'nonsense'], 2, ['nonsense', 'name=value']),
-        (['--set', 'start.psi=2.5'], 2, ['start.psi', '2.5', '[-2, 2]']),
-        (['--params', 'absent.yaml'], 2, ['absent.yaml', 'cannot be read']),
-        (['--params', '../wrong.yaml'], 2, ['not YAML']),
-        (['--set', 'limits.torque=1e-4', '--set', 'solver.deadline=.3'], 3, []),
-        (['-o', 'plan.txt'], 2, ['plan.txt', '.json, .csv, .npz']),
-        (['-o', 'missing/plan.json'], 2, ['missing']),
-        (['--plot', 'plan.bmp'], 2, ['plan.bmp']),
+        *(
+            (f'plan pendulum -o plan.json {options}', code, words)
+            for options, code, *words in (
+                ('--set limits.torque=-1', 2, 'limits.torque', '-1', '[1e-12, 1e+12] N m'),
+                ('--set limits.torque=.nan', 2, 'limits.torque', 'nan'),
+                ('--set plant.mas=1', 2, 'plant.mas', 'unknown', 'plant.mass'),
+                ('--set nonsense', 2, 'nonsense', 'name=value'),
+                ('--set start.psi=2.5', 2, 'start.psi', '2.5', '[-2, 2]'),
+                ('--params absent.yaml', 2, 'absent.yaml', 'cannot be read'),
+                ('--params ../wrong.json', 2, 'not YAML'),
+                ('--set limits.torque=1e-4 --set solver.deadline=.3', 3),
+                ('-o plan.txt', 2, 'plan.txt', '.json, .csv, .npz'),
+                ('-o missing/plan.json', 2, 'missing'),
+                ('--plot plan.bmp', 2, 'plan.bmp'),
+            )
+        ),
+        ('report absent', 2, ["'absent'"]),
+        ('report .', 2, ["'.'", 'no recording']),
+        ('report ../wrong.json', 2, ['wrong.json', 'not JSON']),
+        ('report ../plan.json --namespace x', 2, ['plan.json', 'has no namespaces']),
+        ('report ../plan.json -o page.pdf', 2, ['page.pdf', '.html']),
+        ('report ../plan.json -o missing/page.html', 2, ['missing', 'does not exist']),
+        *(
+            (f'study pendulum --over start.psi=0 -o ../out -q {options}', 2, [told])
+            for options, told in (
+                ('--seeds 3', '--closed-loop'),
+                ('--closed-loop --seeds 0', "'seeds' = 0"),
+                ('--scheduler localhost', "'localhost' does not answer"),
+            )
+        ),
     ],
 )
-def test_mistakes_get_a_sentence_and_a_code(arguments, code, words, tmp_path, monkeypatch, capsys):
-    (tmp_path / 'wrong.yaml').write_text('a: [1, 2\nb: }')
-    (tmp_path / 'folder').mkdir()
-    monkeypatch.chdir(tmp_path / 'folder')
-    output = [] if '-o' in arguments else ['-o', 'plan.json']
-    assert main(['plan', 'pendulum', *output, *arguments]) == code
+def test_mistakes_get_a_sentence_and_a_code(command, code, words, folder, monkeypatch, capsys):
+    if command.startswith('study'):
+        pytest.importorskip('distributed')
+    (folder / 'wrong.json').write_text('a: [1, 2\nb: }')
+    (folder / 'plan.json').write_text('{"problem": "x", "times": [0, 1], "states": {}}')
+    (folder / 'folder').mkdir()
+    monkeypatch.chdir(folder / 'folder')
+    assert main(command.split()) == code
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert all(word in line for word in words), line
-    assert not list((tmp_path / 'folder').iterdir())
+    assert not (command.startswith('report') and 'INVALID_PROBLEM' in line)
+    assert not list((folder / 'folder').iterdir())
 
 
 def test_usage_version_and_without_a_package_the_way_out_are_told(monkeypatch, capsys):

@@ -38,20 +38,15 @@ def held(ros: Ros) -> PendulumRig:
     return held_rig(ros)
 
 
-@pytest.fixture
-def rig(held: PendulumRig):
-    """Whatever happens, no command acts for longer than `command_timeout`."""
-    held.held_since(held.now)
-    yield held
-    assert held.longest_torque() < COMMAND_TIMEOUT + ON_THE_WAY
-
-
 @again
 @pytest.mark.parametrize('scenario', SCENARIOS)
-def test_a_node_is_killed_and_restarted(rig, scenario, repetition):
-    figures = SCENARIOS[scenario](rig)
+def test_a_node_is_killed_and_restarted(held, scenario, repetition):
+    """Whatever happens, no command acts for longer than `command_timeout`."""
+    held.held_since(held.now)
+    figures = SCENARIOS[scenario](held)
     note(scenario, **figures)
     assert figures['safe'] < STATE_TIMEOUT + ON_THE_WAY
+    assert held.longest_torque() < COMMAND_TIMEOUT + ON_THE_WAY
 
 
 @pytest.mark.parametrize('fault', FAULTS)

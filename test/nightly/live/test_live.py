@@ -242,8 +242,7 @@ def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_pa
     (report,) = other.folder.glob('*.html')
     assert '"kind":"box"' in report.read_text(encoding='utf-8')  # of its drawing
     assert other.complaints() == []
-    command = lambda pid: Path(f'/proc/{pid}/cmdline').read_text()  # noqa: E731
-    (tracker,) = (pid for pid in survivors(page.mark) if 'nodes.tracker' in command(pid))
+    (tracker,) = survivors(page.mark, 'nodes.tracker')
     os.kill(tracker, signal.SIGSTOP)
     other.wait_for('.tdm-fault', f'no sign of life from {space}/tracker')
     page.driver.switch_to.window(page.driver.window_handles[0])

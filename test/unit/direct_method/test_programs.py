@@ -17,7 +17,6 @@ from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation_program import CollocationProgram
 from tdm_planner.direct_method.integrator import ReplayedMotion
-from tdm_planner.direct_method.nonlinear_program import Linearisation, Point
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import (
@@ -261,7 +260,7 @@ class Smooth(programs.NonlinearProgram):
     def evaluate(self, xi):
         self.evaluations += 1
         worst = np.abs(self.eq(xi)).max(initial=0)
-        return Point(xi, float(self.functions[0](xi)), np.array([worst]))
+        return programs.Point(xi, float(self.functions[0](xi)), np.array([worst]))
 
     def linearise(self, point, multipliers):
         x = point.xi
@@ -271,7 +270,7 @@ class Smooth(programs.NonlinearProgram):
         values, vectors = np.linalg.eigh(hessian)
         hessian = (vectors * np.maximum(np.abs(values), 1e-3)) @ vectors.T
         rows = self.eq(x), self.eq_jac(x), np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=int)
-        return Linearisation(self.functions[1](x), hessian, *rows)
+        return programs.Linearisation(self.functions[1](x), hessian, *rows)
 
     def correction_rows(self, point, at, active):
         return self.eq(point.xi)
@@ -343,11 +342,11 @@ def test_absolute_terms_are_minimised_exactly():
         lower, upper = np.full(1, -9.0), np.full(1, 9.0)
 
         def evaluate(self, xi):
-            return Point(xi, float(xi[0] ** 2 / 2 + 3 * abs(xi[0] - 1)), np.zeros(1))
+            return programs.Point(xi, float(xi[0] ** 2 / 2 + 3 * abs(xi[0] - 1)), np.zeros(1))
 
         def linearise(self, point, multipliers):
             empty = np.zeros((0, 1))
-            return Linearisation(
+            return programs.Linearisation(
                 point.xi.copy(), np.eye(1), np.zeros(0), empty, np.zeros(0), empty,
                 np.zeros(0, dtype=int), point.xi - 1, np.eye(1), np.array([3.0]),
             )  # fmt: skip

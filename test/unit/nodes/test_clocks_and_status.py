@@ -18,7 +18,6 @@ from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.nodes.tracker_plans import TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
 from tdm_planner.trajectory import SECOND
@@ -141,7 +140,7 @@ class Bench:
         self.followed = []
         told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
         made = lambda _, topic, *__: SimpleNamespace(publish=told[topic])  # noqa: E731
-        self.status = TrackerStatus(SimpleNamespace(create_publisher=made))
+        self.status = tracker_plans.TrackerStatus(SimpleNamespace(create_publisher=made))
         self.plans, self.reached = {}, None
         self.status.begin()
 

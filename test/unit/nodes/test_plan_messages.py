@@ -22,18 +22,15 @@ from tdm_planner.drawing import arena_drawing, Drawn, DrawnPath, PendulumDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
 from tdm_planner.nodes.markers import LONGEST_PATH, Picture, plan_markers
-from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
-from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems.formation.parameters import Arena
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 START = 1_700_000_000_123_456_789
-STAMP = to_stamp(START)
+STAMP = messages.to_stamp(START)
 PLANT = RotaryPendulum()
 CRANE = named_kind(
     ('x', 'v', 'sway', 'rope', 'reel'),
@@ -58,11 +55,6 @@ def switched(kind: PlantKind, count: int = 20) -> Trajectory:
     later = np.arange(count)[:, None] >= count // 2
     controls = np.where(later, 0.01 * np.arange(1, len(kind.control_names) + 1), 0.02)
     return Trajectory(times, states, controls, kind.state_names, kind.control_names)
-
-
-@pytest.fixture
-def made() -> JointTrajectory:
-    return messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
 
 
 @pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
@@ -105,7 +97,7 @@ def test_a_robots_plan_is_one_message() -> None:
     np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
     path = messages.path_message(ROBOT, plan, START)
     assert path.header.frame_id == 'arena'
-    stamps = [nanoseconds_of(p.header.stamp) - START for p in path.poses]
+    stamps = [reading.nanoseconds_of(p.header.stamp) - START for p in path.poses]
     assert stamps == np.round(plan.times * 1e9).astype(int).tolist()
 
 
@@ -129,7 +121,8 @@ def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
     assert list(made.points[4].effort) == [0.0, 0.02, 0.0, 0.02]
 
 
-def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory) -> None:
+def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
+    made = messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
     held = 'zero_order_hold'
     assert reading.read_plan(PENDULUM, made).interpolation == held
     for number, point in enumerate(made.points):
@@ -152,7 +145,8 @@ def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory)
         (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),
     ],
 )
-def test_malformed_plans_are_refused(made, point, changes, says):
+def test_malformed_plans_are_refused(point, changes, says):
+    made = messages.plan_message(PENDULUM, switched(PENDULUM), STAMP)
     for name, value in changes.items():
         setattr(made if point is None else made.points[point], name, value)
     assert says in refused(lambda: reading.read_plan(PENDULUM, made))
@@ -161,7 +155,7 @@ def test_malformed_plans_are_refused(made, point, changes, says):
 @settings(max_examples=50)
 @given(INSTANTS, st.floats(-1e5, 1e5), st.floats(-math.pi, math.pi))
 def test_instants_durations_and_yaw_keep_their_values(nanoseconds, seconds, yaw):
-    assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
+    assert reading.nanoseconds_of(messages.to_stamp(nanoseconds)) == nanoseconds
     again = reading.seconds_of(messages.to_duration(seconds))
     assert abs(again - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
     turned = reading.yaw_of(messages.to_quaternion(yaw))

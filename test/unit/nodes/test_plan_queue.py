@@ -154,12 +154,8 @@ class Restarted:
             self.taken.append((list(found[0].values()), found[1] // 10**9))  # type: ignore
 
 
-@pytest.fixture
-def restarted(monkeypatch: pytest.MonkeyPatch) -> Restarted:
-    return Restarted(monkeypatch)
-
-
-def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> None:
+def test_what_is_followed_when_it_starts_is_taken_over(monkeypatch) -> None:
+    restarted = Restarted(monkeypatch)
     restarted.active = True
     restarted.told('A', 1, 1)
     assert restarted.taken == []
@@ -172,7 +168,8 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
 
 
 @pytest.mark.parametrize(('delay', 'starts'), [(0.0, (1, 2)), (0.0, (1, 0)), (11.0, (1, 1))])
-def test_what_not_all_follow_or_begins_long_after_it_started_is_not(restarted, delay, starts):
+def test_what_not_all_follow_or_begins_long_after_it_started_is_not(monkeypatch, delay, starts):
+    restarted = Restarted(monkeypatch)
     restarted.active = True
     restarted.now += delay
     restarted.told('A', *starts)
@@ -181,7 +178,8 @@ def test_what_not_all_follow_or_begins_long_after_it_started_is_not(restarted, d
 
 
 @pytest.mark.parametrize(('start', 'taken'), [(0, []), (2, [(['B', 'B'], 2)])])
-def test_what_was_given_up_before_it_was_activated_is_forgotten(restarted, start, taken):
+def test_what_was_given_up_before_it_was_activated_is_forgotten(monkeypatch, start, taken):
+    restarted = Restarted(monkeypatch)
     restarted.told('A', 1, 1)
     restarted.later(30.0)
     restarted.told('B', start, start)

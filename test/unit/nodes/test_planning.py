@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
-from tdm_planner.nodes.planning import make_plan
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer
 
@@ -115,7 +114,7 @@ def late(error: type[Exception], never: bool = False):
 def plan(kind=Problem, there=None, source: str = 'measured', **start):
     asked = {'source': source, 'delay': 0.4, 'max_age': 0.5} | start
     values = {f'start.{name}': value for name, value in asked.items()} | {'solver.deadline': 0.3}
-    return make_plan(kind, values, there or adapter(), Problem.clock)
+    return planning.make_plan(kind, values, there or adapter(), Problem.clock)
 
 
 def failure(kind, there=None, **start) -> Failure:

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from replays import central, faults
 from scipy.optimize import minimize
-from tdm_planner.direct_method import nonlinear_program
-from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method import Budget, nonlinear_program
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document

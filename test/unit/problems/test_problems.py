@@ -5,7 +5,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 import sys
 from unittest.mock import Mock
 
@@ -15,9 +14,8 @@ import pytest
 from stated import changed
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Search, Solution
 from tdm_planner.problems.pendulum.smooth import StatedSwingUp
-from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.verification import Verification
 
@@ -57,15 +55,13 @@ Ordered = changed(Scripted, is_worth_checking=lambda search, cost, plan: cost < 
 PATIENT = {'solver.deadline': 60.0}
 
 
-def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
+def test_the_first_satisfying_plan_ends_the_search_or_the_cheapest_of_a_round() -> None:
     search = Scripted([[1.0, 2.0]], {1.0: 1, 2.0: 0})
     assert (search.run().cost, search.checked) == (1.0, [(1.0, 0), (1.0, 1)])
     assert search.rejected == 'plan 0 of 1 fails'
     search = Scripted([[], [5.0], [4.0]], {4.0: 0, 6.0: 0})
     assert (search.run().cost, search.round) == (4.0, 2)
-
-
-def test_cheapest_of_a_round_where_none_satisfies_without_checking_what_promises_no_more() -> None:
+    # Where none satisfies it is the cheapest; what promises no more is not checked.
     for kind, checked in ((Scripted, {2.0, 3.0, 1.0}), (Ordered, {2.0, 1.0})):
         search = kind([[2.0, 3.0, 1.0]], {1.0: 2, 2.0: 0, 3.0: 0}, satisfying=set())
         assert (search.run().cost, {c for c, _ in search.checked}) == (1.0, checked)
@@ -100,14 +96,10 @@ def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged(monk
         assert caught.value.__cause__ is error
 
 
-@pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])
-def planned(request):
-    problem = request.param.from_parameters(PATIENT)
-    return problem, problem.solve()
-
-
-def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
-    problem, solution = planned
+@pytest.mark.parametrize('kind', [PendulumSwingUp, RobotFormation])
+def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(kind):
+    problem = kind.from_parameters(PATIENT)
+    solution = problem.solve()
     found = problem.recovered(solution.trajectories)
     assert (found.cost, found.cost_terms) == (solution.cost, solution.cost_terms)
     assert found.summary == solution.summary
@@ -122,6 +114,14 @@ def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
         weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
         with pytest.raises(VerificationFailed, match='torque'):
             weaker.recovered(solution.trajectories)
+    # What does not reach the goal, or cannot be assessed, is not recognised.
+    motions = solution.trajectories.items()
+    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
+    with pytest.raises(VerificationFailed):
+        problem.recovered(spoilt)
+    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
+    with pytest.raises(VerificationFailed, match='cannot assess'):
+        silent.recovered(solution.trajectories)
 
 
 def test_a_recognised_plan_that_does_nothing_has_no_arcs():
@@ -130,17 +130,6 @@ def test_a_recognised_plan_that_does_nothing_has_no_arcs():
     assert not found.parameters.size
     moved = PendulumSwingUp.from_parameters({'start.theta': 0.3, **PATIENT})
     assert moved.solve(warm_start=found).verification.ok
-
-
-def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(planned):
-    problem, solution = planned
-    motions = solution.trajectories.items()
-    spoilt = {name: replace(plan, controls=0.9 * plan.controls) for name, plan in motions}
-    with pytest.raises(VerificationFailed):
-        problem.recovered(spoilt)
-    silent = changed(type(problem), assess=Problem.assess).from_parameters({})
-    with pytest.raises(VerificationFailed, match='cannot assess'):
-        silent.recovered(solution.trajectories)
 
 
 def test_a_goal_that_fails_late_leaves_what_is_left_to_the_next(monkeypatch) -> None:
@@ -162,8 +151,7 @@ def test_processes_and_the_order_of_sets_change_nothing() -> None:
     assert planned_apart(PYTHONHASHSEED='0') == planned_apart(PYTHONHASHSEED='1')
 
 
-@pytest.fixture
-def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, monkeypatch):
     metadata = tmp_path / 'another-1.0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: another\nVersion: 1.0\n')
@@ -178,26 +166,16 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     (tmp_path / 'broken_package.py').write_text('1 / 0\n')
     monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
-    return tmp_path
-
-
-def test_the_packages_own_and_another_packages(registered: Path) -> None:
     assert load_problem('pendulum_swing_up') is PendulumSwingUp
     assert problem_names()[:2] == ['pendulum_swing_up', 'robot_formation']
     assert load_problem('another').name == 'another'
     assert {'another', 'broken'} <= set(problem_names())
-
-
-@pytest.mark.parametrize(
-    ('name', 'says'),
-    [
+    for name, says in (
         ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another or nothing\?\)"),
         ('zzz', "'zzz' is not allowed: must be one of pendulum_swing_up, .*my_module:MyP"),
         ('a_function', 'another_package:solve is not a subclass'),
         ('nothing', 'AttributeError'),
         ('broken', 'ZeroDivisionError: division by zero'),
-    ],
-)
-def test_what_cannot_be_loaded(registered: Path, name: str, says: str) -> None:
-    with pytest.raises(InvalidProblem, match=says):
-        load_problem(name)
+    ):
+        with pytest.raises(InvalidProblem, match=says):
+            load_problem(name)

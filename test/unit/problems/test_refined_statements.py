@@ -16,70 +16,47 @@ import numpy as np
 import pytest
 from replays import replayed
 from scipy.linalg import expm
-from stated import Car, Cart, changed, LONG
-from tdm_planner.direct_method import Duration, Integrated, Output
+from stated import Car, Cart, changed, LONG, Quickest
+from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectSolverParameters, Solution
 from tdm_planner.problems.direct.plant import _exponentials, DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
-from tdm_planner.problems.solution import Solution
 from tdm_sim.study.flights import tracked, tracker_of
 
-
-@dataclass(frozen=True)
-class Quickest(DirectProblem):
-    """In least time."""
-
-    guess = 3.0
-
-    def duration(self):
-        return Duration(guess=self.guess)
-
-    def final_cost(self, t, x):
-        return t
+POSTS = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))
+FREE, KEPT = ({'free': n, 'derivatives': 1} for n in (9, 6))
 
 
-@dataclass(frozen=True)
-class Slalom(Quickest):
-    state_names, state_units = ('x', 'y', 'yaw', 'v'), ('m', 'm', 'rad', 'm/s')
-    control_names, control_units = ('a', 'omega'), ('m/s^2', 'rad/s')
-    guess = 6.0
-    folded: bool = parameter(True, 'whether the limit is stated by an absolute value')
+def margins_of_slalom(self, t, x, u):
+    sideways = x[3] * u[1]
+    grip = {'left': 3.0 - sideways, 'right': 3.0 + sideways}
+    if self.folded:
+        grip = {'grip': 3.0 - np.abs(sideways)}
+    return grip | {f'{px:g}': np.hypot(x[0] - px, x[1] - py) - 1.5 for px, py in POSTS}
 
-    def outputs(self):
-        return {
-            'yaw': Output(start=(0.0,), end=(0.0,), free=9, derivatives=1),
-            'v': Output(start=(0.5,), end=(0.5,), free=6, derivatives=1),
-        }
 
-    def integrated(self):
-        return {'x': Integrated(0.0, 14.0), 'y': Integrated(0.0, 0.0)}
-
-    def invert(self, y, z):
-        (yaw, omega), (v, a) = y['yaw'], y['v']
-        return (z['x'], z['y'], yaw, v), (a, omega)
-
-    def derivative(self, x, u):
-        return x[3] * np.cos(x[2]), x[3] * np.sin(x[2]), u[1], u[0]
-
-    def control_limits(self):
-        return {'a': (-1.5, 1.5), 'omega': (-1.5, 1.5)}
-
-    def margins(self, t, x, u):
-        sideways = x[3] * u[1]
-        grip = {'left': 3.0 - sideways, 'right': 3.0 + sideways}
-        if self.folded:
-            grip = {'grip': 3.0 - np.abs(sideways)}
-        posts = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))
-        return grip | {f'{px:g}': np.hypot(x[0] - px, x[1] - py) - 1.5 for px, py in posts}
+SLALOM = changed(
+    Quickest,
+    state_names=('x', 'y', 'yaw', 'v'),
+    state_units=('m', 'm', 'rad', 'm/s'),
+    control_names=('a', 'omega'),
+    control_units=('m/s^2', 'rad/s'),
+    guess=6.0,
+    outputs=lambda s: {'yaw': Output((0.0,), (0.0,), **FREE), 'v': Output((0.5,), (0.5,), **KEPT)},
+    integrated=lambda s: {'x': Integrated(0.0, 14.0), 'y': Integrated(0.0, 0.0)},
+    invert=lambda s, y, z: ((z['x'], z['y'], y['yaw'][0], y['v'][0]), (y['v'][1], y['yaw'][1])),
+    derivative=lambda s, x, u: (x[3] * np.cos(x[2]), x[3] * np.sin(x[2]), u[1], u[0]),
+    control_limits=lambda s: {'a': (-1.5, 1.5), 'omega': (-1.5, 1.5)},
+    margins=margins_of_slalom,
+)
 
 
 def test_an_absolute_value_in_a_limit_costs_nothing() -> None:
     """Collocation that meets the kink at every turn ended 16 % above this, or nowhere."""
-    folded, smooth = (Slalom(folded=how).solve() for how in (True, False))
+    folded, smooth = (changed(SLALOM, folded=how)().solve() for how in (True, False))
     assert folded.cost == pytest.approx(smooth.cost, rel=1e-3)
     assert folded.cost < 5.61
 
@@ -259,24 +236,25 @@ def test_what_collocation_does_not_find_the_direct_method_does(free: int) -> Non
     assert problem.solve().cost == pytest.approx(best, rel=1e-4)
 
 
-@pytest.mark.parametrize('fastest', [0.1, 0.3, 0.7, 1.1])
-@pytest.mark.parametrize('beyond', [0.0, 1e-9])
-def test_a_given_end_on_a_limit_but_for_rounding_is_collocated(fastest, beyond) -> None:
+def on_the_limit(fastest: float, beyond: float):
     ends = {'x': Output((0.0, (1.0 + beyond) * fastest), (fastest, 0.0), free=3)}
     limit = {'margins': lambda s, t, x, u: {'speed': fastest - x[1]}}
-    plan = changed(Cart, outputs=lambda s: ends, **limit)(solver=LONG).solve()
+    return changed(Cart, outputs=lambda s: ends, **limit)
+
+
+def cone_at_the_goal(self, t, x, u):
+    cone = 4.0 * (30.0 - x[0]) - np.hypot(x[0] - 30.0, x[1] - 10.0)
+    return Boat.margins(self, t, x, u) | {'cone': cone}
+
+
+ON_LIMITS = [on_the_limit(most, off) for most in (0.1, 0.3, 0.7, 1.1) for off in (0.0, 1e-9)]
+
+
+@pytest.mark.parametrize('made', [*ON_LIMITS, changed(Boat, margins=cone_at_the_goal)])
+def test_an_end_on_a_limit_but_for_rounding_or_on_its_kink_is_collocated(made) -> None:
+    """The kink rounded would be violated at the goal, where nothing can be changed."""
+    plan = made(solver=LONG).solve()
     assert plan.trajectory.interpolation == 'linear'  # else the direct method's own
-
-
-def test_a_kink_of_a_limit_at_the_goal_is_collocated() -> None:
-    """Rounded it would be violated at the goal, where nothing can be changed."""
-
-    def limits(self, t, x, u):
-        cone = 4.0 * (30.0 - x[0]) - np.hypot(x[0] - 30.0, x[1] - 10.0)
-        return Boat.margins(self, t, x, u) | {'cone': cone}
-
-    plan = changed(Boat, margins=limits)(solver=LONG).solve()
-    assert plan.trajectory.interpolation == 'linear'
 
 
 def test_conditions_at_the_end_are_corrected_as_a_given_end_is() -> None:
@@ -325,37 +303,33 @@ def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) ->
     assert plan.verification.ok
 
 
-@dataclass(frozen=True)
-class Landing(DirectProblem):
-    """Least propellant to a point on the limit: the tip of a cone to stay in."""
+def thrust_and_mass(self, x, u):
+    thrust = np.sqrt(u[0] ** 2 + u[1] ** 2 + 1e-4)
+    return x[2], x[3], u[0] / x[4], u[1] / x[4] - 1.6, -thrust / 500.0
 
-    state_names, state_units = ('x', 'z', 'vx', 'vz', 'm'), ('m', 'm', 'm/s', 'm/s', 'kg')
-    control_names, control_units = ('fx', 'fz'), ('N', 'N')
 
-    def outputs(self):
-        starts = {'x': (380.0, -20.0), 'z': (400.0, -30.0)}
-        return {name: Output(start, end=(0.0, 0.0), free=6) for name, start in starts.items()}
-
-    def integrated(self):
-        return {'m': Integrated(1.0, scale=1.0)}
-
-    def duration(self):
-        return Duration(guess=20.0)
-
-    def invert(self, y, z):
-        (x, vx, ax), (h, vz, az) = y['x'], y['z']
-        return (x, h, vx, vz, z['m']), (ax * z['m'], (az + 1.6) * z['m'])
-
-    def derivative(self, x, u):
-        thrust = np.sqrt(u[0] ** 2 + u[1] ** 2 + 1e-4)
-        return x[2], x[3], u[0] / x[4], u[1] / x[4] - 1.6, -thrust / 500.0
-
-    def margins(self, t, x, u):
-        cone = (x[1] - np.sqrt(x[0] ** 2 + 1e-12)) / 1000.0
-        return {'cone': cone, 'thrust': 1.0 - (u[0] ** 2 + u[1] ** 2) / 25.0}
-
-    def final_cost(self, t, x):
-        return -x[4]
+FALLING = {'x': (380.0, -20.0), 'z': (400.0, -30.0)}
+LANDING = changed(
+    Quickest,
+    __doc__='Least propellant to a point on the limit: the tip of a cone to stay in.',
+    state_names=('x', 'z', 'vx', 'vz', 'm'),
+    state_units=('m', 'm', 'm/s', 'm/s', 'kg'),
+    control_names=('fx', 'fz'),
+    control_units=('N', 'N'),
+    guess=20.0,
+    outputs=lambda s: {n: Output(start, (0.0, 0.0), free=6) for n, start in FALLING.items()},
+    integrated=lambda s: {'m': Integrated(1.0, scale=1.0)},
+    invert=lambda s, y, z: (
+        (y['x'][0], y['z'][0], y['x'][1], y['z'][1], z['m']),
+        (y['x'][2] * z['m'], (y['z'][2] + 1.6) * z['m']),
+    ),
+    derivative=thrust_and_mass,
+    margins=lambda s, t, x, u: {
+        'cone': (x[1] - np.sqrt(x[0] ** 2 + 1e-12)) / 1000.0,
+        'thrust': 1.0 - (u[0] ** 2 + u[1] ** 2) / 25.0,
+    },
+    final_cost=lambda s, t, x: -x[4],
+)
 
 
 def test_a_goal_on_a_limit_is_met_as_closely_as_the_limit_asks(monkeypatch) -> None:
@@ -367,7 +341,7 @@ def test_a_goal_on_a_limit_is_met_as_closely_as_the_limit_asks(monkeypatch) -> N
         return solve(self, *given, reserve=reserve, **options)
 
     monkeypatch.setattr(Refinement, 'solve', watched)
-    assert Landing(solver=LONG).solve().verification.ok
+    assert LANDING(solver=LONG).solve().verification.ok
     assert max(reserves) == 0.0
 
 

@@ -15,9 +15,8 @@ from replays import central, faults
 from tdm_planner.direct_method.bases import bernstein_basis, reciprocal, time_derivatives
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.plan_files import plan_document
-from tdm_planner.problems import RobotFormation
+from tdm_planner.problems import RobotFormation, RobotStart
 from tdm_planner.problems.formation import thrust_arcs_program
-from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.polynomial_kernels import unpacked
 from tdm_planner.problems.formation.polynomial_plan import ThrustDirection
 from tdm_planner.problems.formation.polynomial_search import guesses, PolynomialProgram

@@ -5,63 +5,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
-from stated import LONG
-from tdm_planner.direct_method import Duration, Integrated, Output
+from stated import Cart, changed, LONG, Quickest
+from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FIRST, Refinement
 
 
-@dataclass(frozen=True)
-class Window(DirectProblem):
-    """A planar quadrotor through a gap in a thin wall: beside the wall, or within the gap."""
+def upright(self, y, z):
+    (x, vx, ax, jx), (h, vz, az, jz) = y['x'], y['z']
+    up = az + 9.81
+    square = ax**2 + up**2
+    return (x, h, vx, vz, np.arctan2(ax, up)), (np.sqrt(square), (jx * up - ax * jz) / square)
 
-    state_names, state_units = ('x', 'z', 'vx', 'vz', 'pitch'), ('m', 'm', 'm/s', 'm/s', 'rad')
-    control_names, control_units = ('thrust', 'rate'), ('m/s^2', 'rad/s')
-    wall: float = parameter(2.5, 'place of the wall', unit='m')
-    half: float = parameter(0.4, 'half its thickness', unit='m')
-    gap: float = parameter(-1.5, 'height of the middle of the gap', unit='m')
-    width: float = parameter(0.4, 'half the height of the gap', unit='m')
 
-    def outputs(self):
-        rest, there = (0.0, 0.0, 0.0), (6.0, 0.0, 0.0)
-        return {
-            'x': Output(start=rest, end=there, free=8, scale=3.0, derivatives=3),
-            'z': Output(start=rest, end=rest, free=8, scale=2.0, derivatives=3),
-        }
+def beside_or_within(self, t, x, u):
+    beside, within = np.abs(x[0] - self.wall) - self.half, self.width - np.abs(x[1] - self.gap)
+    return {'wall': np.maximum(beside, within)}
 
-    def duration(self):
-        return Duration(guess=3.0)
 
-    def invert(self, y, z):
-        (x, vx, ax, jx), (h, vz, az, jz) = y['x'], y['z']
-        up = az + 9.81
-        square = ax**2 + up**2
-        return (x, h, vx, vz, np.arctan2(ax, up)), (np.sqrt(square), (jx * up - ax * jz) / square)
-
-    def derivative(self, x, u):
-        return x[2], x[3], u[0] * np.sin(x[4]), u[0] * np.cos(x[4]) - 9.81, u[1]
-
-    def control_limits(self):
-        return {'thrust': (3.0, 18.0), 'rate': (-6.0, 6.0)}
-
-    def margins(self, t, x, u):
-        beside, within = np.abs(x[0] - self.wall) - self.half, self.width - np.abs(x[1] - self.gap)
-        return {'wall': np.maximum(beside, within)}
-
-    def final_cost(self, t, x):
-        return t
+REST, SHAPE = (0.0, 0.0, 0.0), {'free': 8, 'derivatives': 3}
+WINDOW = changed(
+    Quickest,
+    __doc__='A planar quadrotor through a gap in a thin wall: beside the wall, or within the gap.',
+    state_names=('x', 'z', 'vx', 'vz', 'pitch'),
+    state_units=('m', 'm', 'm/s', 'm/s', 'rad'),
+    control_names=('thrust', 'rate'),
+    control_units=('m/s^2', 'rad/s'),
+    outputs=lambda s: {
+        'x': Output(start=REST, end=(6.0, 0.0, 0.0), scale=3.0, **SHAPE),
+        'z': Output(start=REST, end=REST, scale=2.0, **SHAPE),
+    },
+    invert=upright,
+    derivative=lambda s, x, u: (*x[2:4], u[0] * np.sin(x[4]), u[0] * np.cos(x[4]) - 9.81, u[1]),
+    control_limits=lambda s: {'thrust': (3.0, 18.0), 'rate': (-6.0, 6.0)},
+    margins=beside_or_within,
+    **{'wall': 2.5, 'half': 0.4, 'gap': -1.5, 'width': 0.4},  # [m]
+)
 
 
 @pytest.mark.parametrize(
@@ -70,11 +59,11 @@ class Window(DirectProblem):
 )
 def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width, best) -> None:
     """The line leads through the wall: with a sharp kink there is no slope towards the gap."""
-    problem = Window(wall=wall, half=half, gap=gap, width=width)
+    problem = changed(WINDOW, wall=wall, half=half, gap=gap, width=width)()
     budget = Budget(60.0)
     refinement = Refinement(DirectPlant(problem), budget)
     line = refinement.straight(FIRST, 0.0, np.random.default_rng(0))
-    eased = refinement.first(line, budget, eased=True)
+    eased = refinement.first(line, budget, eased=True, patient=False)
     assert eased is not None
     finer = refinement.finer(eased, COARSE)
     assert finer is not None
@@ -88,8 +77,8 @@ def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
     """It leaps over an obstacle between two nodes, or has no solution near: it was the plan."""
     first, finer, tried = Refinement.first, Refinement.finer, []
 
-    def dear(self, guess, until, eased):
-        found = first(self, guess, until, eased=eased)
+    def dear(self, guess, until, **how):
+        found = first(self, guess, until, **how)
         return replace(found, cost=3.0 * found.cost) if leaps and not tried else found
 
     def unconfirmed(self, motion, intervals):
@@ -101,7 +90,7 @@ def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
 
     monkeypatch.setattr(Refinement, 'first', dear)
     monkeypatch.setattr(Refinement, 'finer', unconfirmed)
-    plan = Window(solver=LONG).solve()
+    plan = WINDOW(solver=LONG).solve()
     assert plan.verification.ok
     assert tried[:3] == [20, 40, 20] if leaps else [20, 20, 40]  # another motion, at once
 
@@ -113,7 +102,7 @@ def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> Non
     limits = ca.vertcat(ca.fmax(sides[0], sides[1]), ca.fmin(-sides[0], -sides[1]), 2.0 - x[0])
     margins = ca.Function('margins', [t, x, u, p], [limits])
     assert bent(margins, np.zeros(0), 'x').tolist() == [True, False, False]
-    assert Trace.of(CheckedFormulation(Window())).obstacles
+    assert Trace.of(CheckedFormulation(WINDOW())).obstacles
 
 
 def test_only_kinks_between_two_limits_are_eased() -> None:
@@ -135,76 +124,56 @@ def test_a_motion_on_more_intervals_keeps_to_its_range() -> None:
     assert finer.states[-1] == states[-1]
 
 
-@dataclass(frozen=True)
-class Stiff(DirectProblem):
-    """A fast lag that the steps between the nodes are too long for."""
-
-    state_names, state_units = ('y', 'lag'), ('m', 'm')
-    control_names, control_units = ('v',), ('m/s',)
-
-    def outputs(self):
-        return {'y': Output(start=(0.0,), end=(1.0,), free=4, derivatives=1)}
-
-    def integrated(self):
-        return {'lag': Integrated(0.0)}
-
-    def duration(self):
-        return Duration(guess=2.0, fixed=True)
-
-    def invert(self, y, z):
-        return (y['y'][0], z['lag']), (y['y'][1],)
-
-    def derivative(self, x, u):
-        return u[0], 60.0 * (x[0] - x[1])
-
-    def margins(self, t, x, u):
-        return {'speed': 4.0 - u[0] ** 2}
-
-    def final_cost(self, t, x):
-        return -x[1]
+STIFF = changed(
+    Cart,
+    __doc__='A fast lag that the steps between the nodes are too long for.',
+    state_names=('y', 'lag'),
+    outputs=lambda s: {'y': Output(start=(0.0,), end=(1.0,), free=4, derivatives=1)},
+    integrated=lambda s: {'lag': Integrated(0.0)},
+    invert=lambda s, y, z: ((y['y'][0], z['lag']), (y['y'][1],)),
+    derivative=lambda s, x, u: (u[0], 60.0 * (x[0] - x[1])),
+    margins=lambda s, t, x, u: {'speed': 4.0 - u[0] ** 2},
+    running_cost=DirectProblem.running_cost,
+    final_cost=lambda s, t, x: -x[1],
+)
 
 
 def test_the_cost_is_that_of_the_plan_not_that_of_a_coarse_integration() -> None:
     """J of -1e137 was told of a verified plan whose own states gave -23."""
-    plan = Stiff(solver=DirectSolverParameters(deadline=20.0, refine=False)).solve()
+    plan = STIFF(solver=DirectSolverParameters(deadline=20.0, refine=False)).solve()
     assert plan.cost == pytest.approx(-plan.trajectory.states[-1, 1], rel=1e-9)
 
 
-@dataclass(frozen=True)
-class Tanks(DirectProblem):
-    """The lower of two tanks is emptied to a level, in least time, by the upper one's pump."""
+def pumped(self, y, z):
+    level, rate, change = y['lower']
+    flow = 60.0 * rate + 0.7 * np.sqrt(level)
+    slope = 60.0 * change + 0.35 * rate / np.sqrt(level)
+    upper = flow**2 / 0.64  # of a flow below zero, too, which is none of this plant
+    return (upper, level), (flow + 125.0 * flow * slope,)
 
-    state_names, state_units = ('upper', 'lower'), ('m', 'm')
-    control_names, control_units = ('pump',), ('L/s',)
 
-    def outputs(self):
-        return {'lower': Output(start=(0.3, 0.0), end=(0.12, 0.0), free=6)}
+def flowing(self, x, u):
+    down = 0.8 * np.sqrt(x[0])
+    return (u[0] - down) / 40.0, (down - 0.7 * np.sqrt(x[1])) / 60.0
 
-    def duration(self):
-        return Duration(guess=60.0)
 
-    def invert(self, y, z):
-        level, rate, change = y['lower']
-        flow = 60.0 * rate + 0.7 * np.sqrt(level)
-        slope = 60.0 * change + 0.35 * rate / np.sqrt(level)
-        upper = flow**2 / 0.64  # of a flow below zero, too, which is none of this plant
-        return (upper, level), (flow + 125.0 * flow * slope,)
-
-    def derivative(self, x, u):
-        down = 0.8 * np.sqrt(x[0])
-        return (u[0] - down) / 40.0, (down - 0.7 * np.sqrt(x[1])) / 60.0
-
-    def control_limits(self):
-        return {'pump': (0.0, 0.6)}
-
-    def margins(self, t, x, u):
-        return {'upper': 1.0 - x[0] / 0.45, 'dry': x[0] / 0.01 - 1.0}
-
-    def final_cost(self, t, x):
-        return t
+TANKS = changed(
+    Quickest,
+    __doc__="The lower of two tanks is emptied to a level, in least time, by the upper's pump.",
+    state_names=('upper', 'lower'),
+    state_units=('m', 'm'),
+    control_names=('pump',),
+    control_units=('L/s',),
+    guess=60.0,
+    outputs=lambda s: {'lower': Output(start=(0.3, 0.0), end=(0.12, 0.0), free=6)},
+    invert=pumped,
+    derivative=flowing,
+    control_limits=lambda s: {'pump': (0.0, 0.6)},
+    margins=lambda s, t, x, u: {'upper': 1.0 - x[0] / 0.45, 'dry': x[0] / 0.01 - 1.0},
+)
 
 
 @pytest.mark.parametrize('seed', [3, 5, 8, 13])
 def test_a_motion_beyond_the_plant_does_not_accuse_the_statement(seed) -> None:
     """Of a random flow below zero invert and derivative differ, and of no motion of the plant."""
-    assert Tanks(solver=LONG).solve(seed=seed).verification.ok
+    assert TANKS(solver=LONG).solve(seed=seed).verification.ok

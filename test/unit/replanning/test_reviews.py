@@ -81,15 +81,12 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
     assert 'INVALID_PROBLEM' in review.reason
 
 
-def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
+def test_the_plan_that_trackers_name_is_followed_one_that_all_refuse_forgotten(swing, replanner):
+    """Once it has begun for a while."""
     later = replace(swing, start=0.5)
     assert reviewing.keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
     assert not reviewing.keeping(swing, later, following(later, 0.9))
     assert not reviewing.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
-
-
-def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(swing, replanner):
-    later = replace(swing, start=0.5)
     replanner.adopt(later)
     early = replanner.review(SWING, following(swing, 0.51), 0.52)
     assert (early.plan, early.rejected, replanner.plan) == (None, (), later)
@@ -178,7 +175,7 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: Activ
     assert problem.cost_to_go(solution, half) == pytest.approx(half + used, rel=1e-6)
 
 
-def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
+def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: ActivePlan) -> None:
     made = reviewer(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
@@ -187,6 +184,10 @@ def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
     at = plan.end + 0.1
     review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)
+    solver = DirectSolverParameters(deadline=1.0, seed=3)
+    other = replace(CART, start=CartStart(x=3.0), solver=solver)
+    assert reviewing.same_question(plan.problem, other)
+    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
@@ -225,13 +226,6 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     review = made.review(asked, measured(lazy, at), at)
     assert review.necessary
     assert review.reason == 'the problem has changed'
-
-
-def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
-    solver = DirectSolverParameters(deadline=1.0, seed=3)
-    other = replace(CART, start=CartStart(x=3.0), solver=solver)
-    assert reviewing.same_question(plan.problem, other)
-    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):

@@ -17,7 +17,6 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes import messages
-from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.plant_kind import PENDULUM, QUANTITIES, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -198,20 +196,14 @@ class Item(NamedTuple):
 
 def joint_state(at: int, names: Sequence[str], **values: Any) -> JointState:
     message = JointState(name=list(names), **values)
-    message.header.stamp = to_stamp(at)
+    message.header.stamp = messages.to_stamp(at)
     return message
-
-
-def goal(start: int, code: int) -> GoalStatusArray:
-    told = GoalStatus(status=code)
-    told.goal_info.stamp = to_stamp(start)
-    return GoalStatusArray(status_list=[told])
 
 
 def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
     values = dict(zip(ROBOT.state_names, state, strict=False))
     exact = dict.fromkeys(values, 0.0)
-    message = messages.odometry(ROBOT, values, exact, to_stamp(at), name)
+    message = messages.odometry(ROBOT, values, exact, messages.to_stamp(at), name)
     message.header.frame_id = frame
     return message
 
@@ -231,12 +223,12 @@ def status(at: int, node: str, level: int, message: str, **values: Any) -> Diagn
     told.message = message
     told.values = [KeyValue(key=k.replace('_', ' '), value=str(v)) for k, v in values.items()]
     array = DiagnosticArray(status=[told])
-    array.header.stamp = to_stamp(at)
+    array.header.stamp = messages.to_stamp(at)
     return array
 
 
 def log(at: int, level: int, node: str, text: str) -> Log:
-    return Log(stamp=to_stamp(at), level=level, name=node, msg=text, line=1)
+    return Log(stamp=messages.to_stamp(at), level=level, name=node, msg=text, line=1)
 
 
 def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
@@ -248,7 +240,7 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         table = {j.name: {q: getattr(j, q) for q in QUANTITIES} for j in kind.joints}
         stated = {'interpolation': plan.interpolation, 'units': plan.units, 'joints': table}
         vehicles[vehicle.name] = stated
-        motion = messages.plan_message(kind, plan, to_stamp(START))
+        motion = messages.plan_message(kind, plan, messages.to_stamp(START))
         found.append(Item(f'{space}/trajectory', START - SECOND, motion))
         within = [joint for joint in kind.joints if joint.name not in kind.odometry]
         for name, joints, histories in (
@@ -259,7 +251,7 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
             for at, values in _moments(*histories):
                 known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
                 message = messages.joint_states(known, values)
-                message.header.stamp = to_stamp(at)
+                message.header.stamp = messages.to_stamp(at)
                 found.append(Item(f'{space}/{name}', at, message))
         for at, values in _moments(vehicle.states if kind.odometry else None):
             state = odometry(at, vehicle.name, list(values.values()))

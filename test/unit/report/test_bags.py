@@ -10,6 +10,7 @@ import shutil
 import sqlite3
 from typing import Any
 
+from action_msgs.msg import GoalStatusArray
 import missions
 from missions import after, EVIL, Item, pendulum_recording, robot_recording, START, told, without
 import numpy as np
@@ -18,6 +19,7 @@ from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
@@ -154,9 +156,10 @@ def test_replans_are_in_force_one_after_the_other(read: Any) -> None:
 
 @pytest.mark.parametrize(('codes', 'plans'), {'124': 2, '125': 2, '1': 2, '15': 1, '6': 1}.items())
 def test_plans_that_the_tracker_never_began_do_not_count(read, codes, plans):
-    answers = enumerate(missions.goal(after(0.5), int(code)) for code in codes)
-    told_of = [Item('/pendulum/tracker_status', START + k, answer) for k, answer in answers]
-    mission = read([*replanned(), *told_of])
+    answers = ([goal_status(after(0.5), int(code))] for code in codes)
+    told_of = [GoalStatusArray(status_list=answer) for answer in answers]
+    named = [Item('/pendulum/tracker_status', START + k, told) for k, told in enumerate(told_of)]
+    mission = read([*replanned(), *named])
     assert len(mission.vehicles[0].plans) == plans
     assert told(mission, 'rejected by the tracker') == (plans == 1)
 

@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator
 from importlib.util import find_spec
-import time
+from pathlib import Path
 from typing import Any, ClassVar
 
 from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
@@ -19,6 +19,7 @@ from replays import pendulum_points
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
 from tools.browser import chromium, logged, MISSING, open_browser, open_report, PATIENCE
@@ -44,11 +45,8 @@ class Page:
         return self.run(f'{every}.map(e => {script})', selector)
 
     def wait(self, script: str, *arguments: Any) -> Any:
-        end = time.monotonic() + PATIENCE
-        while not (found := self.run(script, *arguments)):
-            assert time.monotonic() < end, f'not within {PATIENCE:g} s: {script}'
-            time.sleep(0.05)
-        return found
+        seen = WebDriverWait(self.driver, PATIENCE, poll_frequency=0.05)
+        return seen.until(lambda _: self.run(script, *arguments), script)
 
     def find(self, selector: str) -> Any:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
@@ -114,17 +112,7 @@ class ReadableReport(Report):
         width, _ = self.size
         assert page.run('return document.documentElement.scrollWidth') <= width
         assert page.run('return window.innerWidth') == width
-        texts = page.run("""
-            const found = [];
-            for (const e of document.querySelectorAll('body *')) {
-              const own = [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim());
-              const box = e.getBoundingClientRect();
-              if (!own || !box.width || /^(SCRIPT|STYLE|OPTION)$/.test(e.tagName)) continue;
-              if (!e.checkVisibility({visibilityProperty: true, opacityProperty: true})) continue;
-              found.push([e.textContent.trim().slice(0, 40),
-                parseFloat(getComputedStyle(e).fontSize), box.left, box.right]);
-            }
-            return found;""")
+        texts = page.run(Path(__file__).with_name('readable.js').read_text(encoding='utf-8'))
         assert len(texts) > 60
         assert [t for t in texts if t[1] < 11] == []
         assert [t for t in texts if t[2] < -0.5 or t[3] > width + 0.5] == []

@@ -58,14 +58,9 @@ def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
     assert drawn.planned.column('torque').min() == pytest.approx(torque.worst)
 
 
-@pytest.fixture(scope='module')
-def robots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Solution]:
-    file = tmp_path_factory.mktemp('robots') / 'plan.json'
-    return file, saved(RobotFormation(), file)
-
-
-def test_a_plan_of_robots(robots: tuple[Path, Solution]) -> None:
-    file, solution = robots
+def test_a_plan_of_robots_and_the_command(tmp_path: Path, capsys, monkeypatch) -> None:
+    file = tmp_path / 'plan.json'
+    solution = saved(RobotFormation(), file)
     mission = read_mission(file)
     assert [v.name for v in mission.vehicles] == ['robot1', 'robot2', 'robot3']
     assert {v.view.place for v in mission.vehicles} == {('x', 'y')}
@@ -84,6 +79,22 @@ def test_a_plan_of_robots(robots: tuple[Path, Solution]) -> None:
     apart = min(v for n, v in worst.items() if n.startswith('separation'))
     assert smallest.planned == pytest.approx(0.4 + apart, abs=1e-3)
     assert smallest.achieved is None
+    monkeypatch.chdir(tmp_path)
+    plan = str(file)
+    assert main(['report', plan]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith(f'reading {plan}')
+    assert lines[-1] == 'written to report.html'
+    page = Path('report.html').read_text()
+    assert 'robots in formation after' in page
+    assert 'nothing is measured' in page
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, 'open', opened.append)
+    page_file = Path('a page.htm')
+    assert main(['report', plan, '-o', str(page_file), '--view', '--quiet']) == 0
+    assert capsys.readouterr() == ('', '')
+    assert page_file.read_text() == page
+    assert opened == [page_file.absolute().as_uri()]
 
 
 def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
@@ -112,7 +123,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     'content',
     [
         *(b'', b'\xff\xfe\x00', b'[1, 2]', b'{"a": 1}', b'{"problem": "x"}', b'[' * 100_000),
-        *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3})),
+        *({'problem': 'x', 'robots': robots} for robots in (3, {'a': 3}, {})),
         *(b'{', {'problem': 'x', 'times': [1]}),
         *(HALF | wrong for wrong in ({'times': 'abc'}, {'units': [1]})),
         *(HALF | wrong for wrong in ({'states': {'a': [1, 'x']}}, {'interpolation': ['linear']})),
@@ -120,53 +131,10 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> None:
+    """By the reader of reports, as by `load_plan`, which it calls."""
     path = tmp_path / 'plan.json'
     path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     assert refused(lambda: read_mission(path))
-
-
-@pytest.fixture
-def plan(robots, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.chdir(tmp_path)
-    return str(robots[0])
-
-
-def test_the_command(plan: str, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert main(['report', plan]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].endswith(f'reading {plan}')
-    assert lines[-1] == 'written to report.html'
-    page = Path('report.html').read_text()
-    assert 'robots in formation after' in page
-    assert 'nothing is measured' in page
-    opened: list[str] = []
-    monkeypatch.setattr(webbrowser, 'open', opened.append)
-    file = Path('a page.htm')
-    assert main(['report', plan, '-o', str(file), '--view', '--quiet']) == 0
-    assert capsys.readouterr() == ('', '')
-    assert file.read_text() == page
-    assert opened == [file.absolute().as_uri()]
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (['absent'], ["'absent'"]),
-        (['.'], ["'.'", 'no recording']),
-        (['text.json'], ['text.json', 'not JSON']),
-        (['PLAN', '--namespace', 'x'], ['plan.json', 'has no namespaces']),
-        (['PLAN', '-o', 'page.pdf'], ['page.pdf', '.html']),
-        (['PLAN', '-o', 'missing/page.html'], ['missing', 'does not exist']),
-    ],
-)
-def test_mistakes_get_one_sentence(plan, capsys, arguments, words):
-    Path('text.json').write_text('not json')
-    assert main(['report', *[plan if a == 'PLAN' else a for a in arguments]]) == 2
-    said = capsys.readouterr().err
-    assert len(said.strip().splitlines()) == 1
-    assert 'INVALID_PROBLEM' not in said
-    assert all(word in said for word in words), said
-    assert [path.name for path in Path().iterdir()] == ['text.json']
 
 
 LENGTH = 2.0  # s

@@ -14,9 +14,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from stated import Car
 from tdm_planner.parameters import to_mapping
+from tdm_planner.plants import FloatingRobot, RobotLimits, RotaryPendulum
 from tdm_planner.plants.base import integrate
-from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim import simulation as simulated
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
@@ -44,9 +43,7 @@ def test_the_integrator_agrees_with_an_independent_one_and_is_of_fourth_order() 
     ends = [integrate(PLANT, MOVING, TORQUE, 0.4, step) for step in (0.02, 0.01, 0.005)]
     errors = np.abs(np.array(ends) - exact).max(axis=1)
     assert np.log2(errors[:-1] / errors[1:]) == pytest.approx([4.0, 4.0], abs=0.5)
-
-
-def test_steps_are_equal_and_no_longer_than_allowed() -> None:
+    # Steps are equal and no longer than allowed.
     for duration, count in ((0.005, 5), (0.0051, 6)):
         watched = Mock(wraps=PLANT)
         integrate(watched, MOVING, TORQUE, duration, 1e-3)
