@@ -36,6 +36,7 @@ _IPOPT: dict[str, Any] = {
     'tol': 1e-5,
     'constr_viol_tol': 1e-7,
     'acceptable_iter': 0,
+    'max_iter': 10_000,  # the clock stops it before
     'mu_strategy': 'monotone',
     'barrier_tol_factor': 30.0,  # how roughly the first barrier problems are solved
     'min_refinement_steps': 0,  # of a linear solution that is good as it is
@@ -44,6 +45,7 @@ _IPOPT: dict[str, Any] = {
     'mumps_permuting_scaling': 0,
     'mumps_pivot_order': 0,
 }
+_PATIENCE = 2.5  # times the iterations of those who wait
 # From the solution of nearly the same program, with its multipliers.
 _AGAIN = dict.fromkeys(('mu_init', 'warm_start_bound_push', 'warm_start_slack_bound_push'), 1e-6)
 
@@ -65,7 +67,6 @@ class Settings:
 
 
 COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
-PATIENT = replace(COLD, iterations=200)
 WARM = Settings(iterations=100, barrier=1e-3, smoothing=1e-4, rounding=1e-3)
 
 
@@ -206,7 +207,7 @@ class Collocation:
         self._limits = Call(trace.unfolded.rows, n + 1)
         self._rounded_limits = Call(stated.value, n + 1)
         self._kinks = [Call(one.sizes, n + 1) for one in rounded]
-        ipopt = _IPOPT | {'max_iter': settings.iterations, 'mu_init': settings.barrier}
+        ipopt = _IPOPT | {'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = (
             'mu-based' if settings.barrier < COLD.barrier else 'constant'
@@ -215,6 +216,7 @@ class Collocation:
         self._clock = Clock(*(nlp[name].numel() for name in 'xgp'))
         options: dict[str, Any] = {
             'print_time': 0,
+            'inputs_check': False,  # nor a warning where limits leave no freedom
             'show_eval_warnings': False,
             'calc_lam_p': False,
             'no_nlp_grad': True,
@@ -242,6 +244,7 @@ class Collocation:
         budget: Budget,
         *,
         roughly: bool = False,
+        patient: bool = False,
         unfinished: bool = False,
         alternatives: float = LIMITS_ROUNDING,
     ) -> CollocatedMotion | None:
@@ -249,7 +252,8 @@ class Collocation:
         Return the optimum near `guess`; None if Ipopt does not converge, unless `unfinished` does.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
-        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first.
+        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first;
+        `patient`: with more iterations.
         `alternatives` is the share by which those between two limits of which one will do are.
         """
         n = self.intervals
@@ -281,8 +285,9 @@ class Collocation:
             x, u = _with_ends(x, ends.states), _with_ends(u, ends.controls)
             bounds.append(_joined(x / sx, m / sx, u / su, t / st))
         lower, upper = bounds
-        if (lower > upper).any():
+        if (lower > upper + _IPOPT['constr_viol_tol']).any():
             return None
+        upper = np.maximum(lower, upper)
         z = np.clip(_joined(states / sx, guess.middles / sx, controls / su, 1.0), lower, upper)
         least, most = program.rows(kept / sl)
         begun = replace(guess, states=states, controls=controls)
@@ -290,7 +295,7 @@ class Collocation:
         unit = size if 1e-9 < size < 1e9 else st
         given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, unit]])
         with self._lock:
-            self._clock.begin(budget)
+            self._clock.begin(budget, (_PATIENCE if patient else 1) * self._settings.iterations)
             solver = self._again if guess.multipliers else self._solver
             known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers, strict=False))
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
@@ -299,7 +304,7 @@ class Collocation:
         z, *multipliers = (np.array(found[name]).ravel() for name in ('x', 'lam_x', 'lam_g'))
         if not (solved and np.isfinite(z).all()):
             return None
-        states, middles, controls, last = program.parted(z)
+        states, middles, controls, last = program.split(z)
         solution = CollocatedMotion(
             _with_ends(states * sx, ends.states),
             middles * sx,

@@ -22,8 +22,8 @@ from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
-COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
-INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
+_COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
+_INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 
 
 class _Piece:
@@ -61,8 +61,9 @@ class _Pieces:
     begin and end, and the duration; of the `ends` the states at both, the last controls, and the
     duration. An interval's numbers are the share of the duration at its begin, and 1 / n.
 
-    Limits that are straight in one state or control alone are `simple`: they bound the variable
-    `simple_of` them. The `others` are rows. `inner` are those that are kept between nodes, too.
+    Limits c v + d of one state or control v alone are `simple`: they bound it. `simple_of` them
+    is its index among states, then controls; `lines` (p, e) gives c and d. The `others` are rows.
+    `inner` are those that are kept between nodes, too.
     """
 
     def __init__(self, trace: Trace) -> None:
@@ -79,7 +80,7 @@ class _Pieces:
         self.inner_others = np.intersect1d(self.inner, self.others)
 
         def kept(t: Any, x: Any, u: Any, rows: Integers) -> Any:
-            return _of(stated.value(t, x, u, p, e_limits) / sl, rows)
+            return _rows_at(stated.value(t, x, u, p, e_limits) / sl, rows)
 
         a_, m_, b_ = (ca.SX.sym(name, nx) for name in 'amb')
         ua_, ub_, t_, c = (
@@ -99,7 +100,7 @@ class _Pieces:
             kept(*nodes[0], self.others),
             kept(*nodes[1], self.inner_others),
         ]
-        for share in INNER:
+        for share in _INNER:
             w0, w1 = (1 - share) ** 2 * (1 + 2 * share), share * (1 - share) ** 2
             w2, w3 = share**2 * (3 - 2 * share), share**2 * (share - 1)
             state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb)
@@ -107,13 +108,13 @@ class _Pieces:
             rows.append(kept(duration * (c[0] + share * c[1]), state, control, self.inner))
         q = [running.value(*node, p, e_running) for node in nodes]
         mean = h / 6 * (q[0] + 4 * q[1] + q[2])
-        cost = COST * (mean / unit_j + charged * ca.sumsqr(ub_ - ua_))
+        cost = _COST * (mean / unit_j + charged * ca.sumsqr(ub_ - ua_))
         variables = ca.vertcat(a_, m_, b_, ua_, ub_, t_)
         self.interval = _Piece(variables, c, given, cost, ca.vertcat(*rows))
         conditions = trace.start_conditions(0.0, a, p), trace.end_conditions(duration, b, p)
         self.conditions = sum(part.numel() for part in conditions)
         rows = [*conditions, kept(duration, b, ub, self.others)]
-        cost = COST * trace.final(duration, b, p) / unit_j
+        cost = _COST * trace.final(duration, b, p) / unit_j
         variables = ca.vertcat(a_, b_, ub_, t_)
         self.ends = _Piece(variables, ca.SX(0, 1), given, cost, ca.vertcat(*rows))
 
@@ -132,11 +133,11 @@ class _Pieces:
         self.simple, self.simple_of = np.array([f[:2] for f in found], np.intp).reshape(-1, 2).T
         self.others = np.setdiff1d(np.arange(rows.numel()), self.simple)
         c = ca.vertcat(ca.SX(0, 1), *(slope for _, _, slope in found))
-        d = ca.substitute(_of(rows, self.simple), varied, ca.DM.zeros(varied.numel()))
+        d = ca.substitute(_rows_at(rows, self.simple), varied, ca.DM.zeros(varied.numel()))
         self.lines = ca.Function('lines', [p, e], [ca.densify(c), ca.densify(d)])
 
 
-def _of(rows: Any, indices: Integers) -> Any:
+def _rows_at(rows: Any, indices: Integers) -> Any:
     """Return some of the rows, (k, 1) even where k is 0."""
     return ca.vertcat(ca.SX(0, 1), *(rows[int(index)] for index in indices))
 
@@ -147,6 +148,13 @@ class _Repeated(NamedTuple):
     piece: _Piece
     variables: Integers
     numbers: Array
+
+    def all_of(self, function: Any, z: Any, p: Any, *weights: Any) -> Any:
+        """Return what a function of the piece gives for every repetition, one after the other."""
+        count, shared = len(self.variables), [2, 3] if weights else [2]  # arguments
+        x = ca.reshape(z[self.variables.ravel().tolist()], -1, count)
+        mapped = function.map(function.name(), 'serial', count, shared, [])
+        return ca.vec(mapped(x, ca.DM(self.numbers.T), p, *weights))
 
 
 class CollocationProgram:
@@ -162,22 +170,49 @@ class CollocationProgram:
         pieces = self.pieces = trace.once(_Pieces, lambda: _Pieces(trace))
         n, (nx, nu) = intervals, pieces.sizes
         self._shapes = (n + 1, nx), (n, nx), (n + 1, nu), (1, 1)
-        self.size = sum(rows * columns for rows, columns in self._shapes)
-        x, m, u, t = self.parted(np.arange(self.size))
+        self._size = sum(rows * columns for rows, columns in self._shapes)
+        x, m, u, t = self.split(np.arange(self._size))
         along = np.hstack([x[:-1], m, x[1:], u[:-1], u[1:], np.repeat(t, n, axis=0)])
         shares = np.stack([np.arange(n) / n, np.full(n, 1.0 / n)], axis=-1)
         ends = np.hstack([x[:1], x[-1:], u[-1:], t])
-        self.nlp, self.derivatives = _assembled(
+        self._assemble(
             (
                 _Repeated(pieces.interval, along, shares),
                 _Repeated(pieces.ends, ends, np.zeros((1, 0))),
-            ),
-            self.size,
-            pieces.parameters,
+            )
         )
 
-    def parted(self, z: Any) -> list[Any]:
-        """Return states, middles, controls and duration, (1, 1), of the variables (size,)."""
+    def _assemble(self, parts: Sequence[_Repeated]) -> None:
+        """Put program and derivatives together."""
+        z, p = ca.MX.sym('z', self._size), ca.MX.sym('p', self.pieces.parameters)
+        first = [0, *accumulate(len(part.variables) * part.piece.size for part in parts)]
+        of_cost, of_rows = ca.MX.sym('lf'), ca.MX.sym('lg', first[-1])
+        cost, rows = ca.MX(0.0), []
+        gradient, hessian = _Entries(self._size, 1), _Entries(self._size, self._size)
+        jacobian = _Entries(first[-1], self._size)
+        for part, begin, end in zip(parts, first, first[1:], strict=False):
+            piece, at, count = part.piece, part.variables, len(part.variables)
+            weights = of_cost, ca.reshape(of_rows[begin:end], -1, count)
+            cost += ca.sum1(part.all_of(piece.cost, z, p))
+            rows.append(part.all_of(piece.rows, z, p))
+            gradient.add(part.all_of(piece.gradient, z, p), at, np.zeros_like(at))
+            row, column = piece.jacobian
+            own = begin + piece.size * np.arange(count)[:, None]
+            jacobian.add(part.all_of(piece.slopes, z, p), own + row, at[:, column])
+            both = np.sort(at[:, piece.hessian], axis=1)  # the upper triangle of the program's
+            hessian.add(part.all_of(piece.curvature, z, p, *weights), both[:, 0], both[:, 1])
+        # A row that is zero in every piece would have no place.
+        self.nlp = {'x': z, 'p': p, 'f': cost, 'g': ca.densify(ca.vertcat(*rows))}
+        # nlpsol's own functions give the values, too; they are not asked for them there.
+        none, given = ca.MX(1, 1), [z, p]
+        self.derivatives = {
+            'grad_f': ca.Function('grad_f', given, [none, ca.densify(gradient.matrix())]),
+            'jac_g': ca.Function('jac_g', given, [none, jacobian.matrix()]),
+            'hess_lag': ca.Function('hess_lag', [*given, of_cost, of_rows], [hessian.matrix()]),
+        }
+
+    def split(self, z: Any) -> list[Any]:
+        """Return states, middles, controls and duration, (1, 1), of the variables."""
         each = np.split(z, list(accumulate(rows * columns for rows, columns in self._shapes))[:-1])
         return [part.reshape(shape) for part, shape in zip(each, self._shapes, strict=True)]
 
@@ -198,7 +233,7 @@ class CollocationProgram:
             (nodes, middles), tighter = (low, np.maximum) if c > 0.0 else (high, np.minimum)
             bound = (kept[:, row] - d) / c
             nodes[:, of] = tighter(nodes[:, of], bound)
-            if of < nx and row in pieces.inner:
+            if of < nx:
                 middles[:, of] = tighter(middles[:, of], 0.5 * (bound[:-1] + bound[1:]))
         return [[nodes[:, :nx], middles, nodes[:, nx:]] for nodes, middles in (low, high)]
 
@@ -206,7 +241,10 @@ class CollocationProgram:
         """Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled."""
         n, pieces = len(kept) - 1, self.pieces
         limits = [kept[:-1, pieces.others]]
-        for share, of in ((0.5, pieces.inner_others), *((share, pieces.inner) for share in INNER)):
+        for share, of in (
+            (0.5, pieces.inner_others),
+            *((share, pieces.inner) for share in _INNER),
+        ):
             limits.append((1.0 - share) * kept[:-1, of] + share * kept[1:, of])
         least, last = np.hstack(limits), kept[-1, pieces.others]
         defects, conditions = np.zeros((n, 2 * pieces.sizes[0])), np.zeros(pieces.conditions)
@@ -214,47 +252,6 @@ class CollocationProgram:
         most = np.hstack([defects, np.full(least.shape, np.inf)]).ravel()
         upper = most, conditions, np.full(last.shape, np.inf)
         return np.concatenate(lower), np.concatenate(upper)
-
-
-def _assembled(
-    parts: Sequence[_Repeated], size: int, parameters: int
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the program of pieces in `size` variables, and its derivatives by option's name."""
-    z, p, of_cost = ca.MX.sym('z', size), ca.MX.sym('p', parameters), ca.MX.sym('lf')
-    first = [0, *accumulate(len(part.variables) * part.piece.size for part in parts)]
-    of_rows = ca.MX.sym('lg', first[-1])
-    cost, rows = ca.MX(0.0), []
-    gradient, jacobian, hessian = (
-        _Entries(size, 1),
-        _Entries(first[-1], size),
-        _Entries(size, size),
-    )
-    for part, begin, end in zip(parts, first, first[1:], strict=False):
-        piece, at, count = part.piece, part.variables, len(part.variables)
-        given = ca.reshape(z[at.ravel().tolist()], -1, count), ca.DM(part.numbers.T), p
-        weights = of_cost, ca.reshape(of_rows[begin:end], -1, count)
-
-        def all_of(function: Any, *more: Any, given: Any = given, count: int = count) -> Any:
-            shared = [2, 3] if more else [2]  # arguments
-            mapped = function.map(function.name(), 'serial', count, shared, [])
-            return ca.vec(mapped(*given, *more))
-
-        cost += ca.sum1(all_of(piece.cost))
-        rows.append(all_of(piece.rows))
-        gradient.add(all_of(piece.gradient), at, np.zeros_like(at))
-        row, column = piece.jacobian
-        own = begin + piece.size * np.arange(count)[:, None]
-        jacobian.add(all_of(piece.slopes), own + row, at[:, column])
-        both = np.sort(at[:, piece.hessian], axis=1)  # the upper triangle of the program's
-        hessian.add(all_of(piece.curvature, *weights), both[:, 0], both[:, 1])
-    # nlpsol's own functions give the values, too; they are not asked for them.
-    none = ca.MX(1, 1)
-    derivatives = {
-        'grad_f': ca.Function('grad_f', [z, p], [none, ca.densify(gradient.matrix())]),
-        'jac_g': ca.Function('jac_g', [z, p], [none, jacobian.matrix()]),
-        'hess_lag': ca.Function('hess_lag', [z, p, of_cost, of_rows], [hessian.matrix()]),
-    }
-    return {'x': z, 'p': p, 'f': cost, 'g': ca.vertcat(*rows)}, derivatives
 
 
 class _Entries:

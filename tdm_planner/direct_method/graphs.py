@@ -223,7 +223,7 @@ def bent(margins: Any, numbers: Array, of: str) -> Mask:
 
 class Clock(ca.Callback):
     """
-    Stops Ipopt when the time is up, or its multipliers say that there is no solution.
+    Stops Ipopt when time or iterations are up, or its multipliers tell that there is no solution.
 
     They grow without end then, until a single factorisation takes a second.
     """
@@ -235,9 +235,9 @@ class Clock(ca.Callback):
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.construct('clock', {})
 
-    def begin(self, budget: Budget) -> None:
-        """Count the iterations of a run from here."""
-        self._budget, self._iterations = budget, 0
+    def begin(self, budget: Budget, iterations: float) -> None:
+        """Begin a run of at most so many iterations."""
+        self._budget, self._most, self._iterations = budget, iterations, 0
 
     def get_n_in(self) -> int:
         """Return the number of what Ipopt tells."""
@@ -258,4 +258,4 @@ class Clock(ca.Callback):
             size = 1.0 + abs(float(values[self._cost]))
             if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
                 return [1]
-        return [int(self._budget.spent)]
+        return [int(self._budget.spent or self._iterations > self._most)]

@@ -145,7 +145,6 @@ class Trace:
         self.between = self.of_states | bent(self.margins, values, 'u')
         self.obstacles = bool(bent(self.margins, values, 'x').any())
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
-        self.has_running_cost = not self.running(t, x, u, p).is_zero()
 
     def _flow(
         self, outputs: list[Any], integrated: list[str], names: Sequence[str], z: Any, p: Any

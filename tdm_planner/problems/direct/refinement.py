@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
@@ -23,7 +23,6 @@ from tdm_planner.direct_method.collocation import (
     Collocation,
     Ends,
     LIMITS_ROUNDING,
-    PATIENT,
     Settings,
     WARM,
 )
@@ -105,15 +104,13 @@ class Refinement:
         settings: Settings | None = None,
         until: Budget | None = None,
         reserve: Array | float = 0.0,
-        unfinished: bool = False,
-        alternatives: float = LIMITS_ROUNDING,
+        **how: Any,
     ) -> CollocatedMotion | None:
         """
         Return the optimum on so many intervals near a guess; None if there is none in time.
 
-        `reserve` (nm,) is kept of the limits beside what is stated; `alternatives` as of
-        `Collocation.solve`. Where it may be `unfinished` it is what the minimiser has reached, if
-        that is not finished in time.
+        `reserve` (nm,) is kept of the limits beside what is stated; `how` as of
+        `Collocation.solve`.
         """
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
@@ -124,9 +121,7 @@ class Refinement:
 
         def solved(roughly: bool) -> CollocatedMotion | None:
             began = self._budget.elapsed
-            found = program.solve(
-                *given, roughly=roughly, unfinished=unfinished, alternatives=alternatives
-            )
+            found = program.solve(*given, roughly=roughly, **how)
             self._took = (self._budget.elapsed - began) / intervals
             return found
 
@@ -149,11 +144,12 @@ class Refinement:
         where it is `patient` Ipopt is given more iterations.
         """
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
-        settings = PATIENT if patient else COLD
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
             begun = found and replace(found, multipliers=())
-            found = begun and self.solve(FIRST, begun, settings, until, alternatives=share)
+            found = begun and self.solve(
+                FIRST, begun, until=until, patient=patient, alternatives=share
+            )
         return found
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
@@ -230,10 +226,10 @@ class Refinement:
         good: tuple[CollocatedMotion, _Replay] | None = None
         most = FINEST
         for turn in range(_REPAIRS + 1):
-            expected, (motion, flown) = motion.cost, self._landed(motion)
+            motion, flown = self._landed(motion)
             more = 2 * motion.intervals
             refines = more <= most and self.affords(more)
-            near = abs(flown.cost - expected) <= _COST_AGREES * abs(flown.cost)
+            near = abs(flown.cost - motion.cost) <= _COST_AGREES * abs(flown.cost)
             landed = flown.gap <= _SHARE and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
             if flown.gap <= _SHARE and kept:
@@ -252,7 +248,7 @@ class Refinement:
                 break
             if again is None and landed:
                 break
-            motion = again or replace(motion, cost=expected)
+            motion = again or motion
         if good is not None:
             motion, flown = good
         return replace(motion, cost=flown.cost), flown.states[::_LOOKS], reserve
@@ -300,11 +296,7 @@ class Refinement:
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:
-        """
-        Whether there is time for a program on so many intervals, and for the check after it.
-
-        It is made, and solved so many times.
-        """
+        """Whether there is time for so many solutions on so many intervals, and a check."""
         work = _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > work * intervals

@@ -96,7 +96,8 @@ class DirectSearch(Search[Candidate]):
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
-        self._best: Candidate | None = None  # what the plan is made of
+        self._best: Candidate | None = None  # what the cheapest plan is made of,
+        self._least = np.inf  # and its J
         self._closest, self._nearest_miss = np.inf, ''
         self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
@@ -123,7 +124,8 @@ class DirectSearch(Search[Candidate]):
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
-        self._best = self._checked
+        if plan.cost < self._least:
+            self._best, self._least = self._checked, plan.cost
         return self._warm
 
     def widen(self) -> bool:
@@ -331,12 +333,10 @@ class DirectSearch(Search[Candidate]):
             for name, excess in violated.items():
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
-            program = program.refine(chebyshev_nodes(nodes), reserve)
-            again = (
-                None if self._until_check.spent else minima.tight(program, xi, self._until_check)
-            )
+            program, until = program.refine(chebyshev_nodes(nodes), reserve), self._until_check
+            again = None if until.spent else minima.tight(program, xi, until)
             if again is None or not minima.feasible(again):
-                if self._until_check.spent:
+                if until.spent:
                     self.rejected += '; it was not refined further: the time was up'
                 return
             minimum = again

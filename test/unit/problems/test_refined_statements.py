@@ -352,3 +352,16 @@ def test_exponentials_of_many_matrices(seed, size) -> None:
     exact = expm(matrices)
     np.testing.assert_allclose(_exponentials(matrices), exact, atol=1e-12 * np.abs(exact).max())
     np.testing.assert_array_equal(_exponentials(0.0 * matrices), np.tile(np.eye(5), (3, 1, 1)))
+
+
+def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None:
+    """A row that is zero had no place in the program, bounds that cross by rounding none left."""
+    fixed = changed(
+        Cart,
+        control_names=('u', 'spare'),
+        control_units=('m/s^2', 'm'),
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2], 0.0 * y['x'][0])),
+        end_conditions=lambda s, t, x: [0.0 * x[0]],
+        margins=lambda s, t, x, u: {'up': u[1], 'down': -1e-17 - u[1]},
+    )(solver=LONG)
+    assert fixed.solve().cost == pytest.approx(12.0 / fixed.time**3, rel=1e-3)
