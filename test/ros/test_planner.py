@@ -278,7 +278,7 @@ class Fleet(Space):
 
 @pytest.fixture(scope='module')
 def fleet(ros: Stepped) -> Fleet:
-    return Fleet(ros, 'robots', robots='[robot1, robot2, robot3]')  # as a text
+    return Fleet(ros, 'robots')
 
 
 def test_a_plan_for_every_robot_is_published_and_told_of(ros, fleet):
@@ -322,6 +322,14 @@ def test_the_measured_state_of_every_robot_is_needed(fleet):
     assert "'robot2.start.x' has no effect" in refused.reason
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     fleet.set('planner', start__source='parameters')
+
+
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
+    space, bob = Space(ros), {'robots': '[alice, bob]', 'formation.bob': '[-0.4, 0.0, 0.0]'}
+    space.start('planner', {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0], **bob})
+    code, reason = space.refusal()
+    assert code == 'NO_STATE'
+    assert all(f"robot '{name}'" in reason for name in ('alice', 'bob'))
 
 
 def test_robots_are_planned_for_anew_when_the_formation_moves(ros):
