@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from node_fuzzing import SixNodes
 import numpy as np
 import pytest
+from random_statements import outcome_of, STATEMENTS
 from saboteurs import blind_verification, PROBLEMS, replayed_faults
-from stated import outcome_of, STATEMENTS
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.solution import Solution
 

@@ -9,8 +9,9 @@ import math
 from fuzzing import tried
 import numpy as np
 import pytest
+from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
-from stated import Car, Cart, changed, LONG, outcome_of, refused, solve, STATEMENTS
+from stated import Car, Cart, changed, LONG, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
