@@ -108,13 +108,13 @@ class CollocatedMotion:
 
     def cost_by(self, trace: Trace, numbers: Array) -> float:
         """Return J by Simpson's rule."""
-        n = self.intervals
-        times = np.linspace(0.0, self.duration, 2 * n + 1)
-        states = np.empty((2 * n + 1, self.states.shape[1]))
-        states[::2], states[1::2] = self.states, self.middles
-        s, at = (np.linspace(0.0, 1.0, k + 1) for k in (n, 2 * n))
-        controls = np.stack([np.interp(at, s, u) for u in self.controls.T], axis=-1)
-        return trace.cost_through(numbers, times, states, controls)
+        t, u = np.linspace(0.0, self.duration, self.intervals + 1), self.controls
+        nodes, middles = (
+            (t, self.states, u),
+            (0.5 * (t[:-1] + t[1:]), self.middles, 0.5 * (u[:-1] + u[1:])),
+        )
+        along = (np.stack([a[:-1], m, a[1:]], axis=1) for a, m in zip(nodes, middles, strict=True))
+        return trace.cost_along(numbers, *along)
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:
         """
@@ -209,9 +209,7 @@ class Collocation:
         self._kinks = [Call(one.sizes, n + 1) for one in rounded]
         ipopt = _IPOPT | {'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
-        ipopt['bound_mult_init_method'] = (
-            'mu-based' if settings.barrier < COLD.barrier else 'constant'
-        )
+        ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
         nlp = self._program.nlp
         self._clock = Clock(*(nlp[name].numel() for name in 'xgp'))
         options: dict[str, Any] = {
