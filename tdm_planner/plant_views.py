@@ -36,7 +36,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking import TrackerParameters
-from tdm_planner.tracking.pendulum_tracking import settling, UPRIGHT
+from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
 from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
 from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker
 from tdm_planner.trajectory import Trajectory
@@ -61,14 +61,14 @@ class PlantView(Drawn):
 
     This one is a plant of which only the names are known: nothing is judged or drawn.
 
-    `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
-    by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`
-    the deviations within which the goal counts as reached, where they do not depend on the plan;
-    `place` the states that are its place in the plane, where several of a kind keep a distance,
-    `separation` [m] if it is known; `bounds` the levels that limit a state or a control, by name.
+    `name` is that of a vehicle that has no other. `enforced` are the limits that the plant keeps
+    by itself; `near` the deviations within which the goal counts as reached, where they do not
+    depend on the plan; `place` the states that are its place in the plane, where several of a kind
+    keep a distance, `separation` [m] if it is known; `bounds` the levels that limit a state or a
+    control, by name.
     """
 
-    settling: float = 0.0
+    _settling: float = 0.0  # s
     separation: float | None = None
     enforced: ClassVar[frozenset[str]] = frozenset()
     place: ClassVar[tuple[str, ...]] = ()
@@ -94,6 +94,10 @@ class PlantView(Drawn):
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Return the state (nx,) that a plan leads to, and what it may be missed by."""
         return plan.states[-1], self.near
+
+    def settling(self, duration: float) -> float:
+        """Return the time [s] after the end of a plan by which its goal must be reached."""
+        return self._settling
 
     def is_held(self, plan: Trajectory) -> bool:
         """Whether the goal is held after the end of the plan."""
@@ -136,7 +140,7 @@ class PendulumView(PlantView):
 
     name = 'pendulum'
     title = 'Swing-up of the rotary pendulum'
-    settling = 3.0
+    _settling = 3.0
     near = (Tolerance(('theta',), UPRIGHT),)
     labels: ClassVar[Mapping[str, str]] = {
         'theta': 'pendulum from upright',
@@ -152,9 +156,13 @@ class PendulumView(PlantView):
         if problem is not None:
             torque, angle = problem.limits.torque, problem.limits.disk_angle
             drawn = PendulumDrawing(problem.plant, torque, angle)
-            self.settling = settling(problem.plant)
+            self._settling = settling(problem.plant)
             self.bounds = {'torque': (-torque, torque), 'psi': (-angle, angle)}
         super().__init__(PENDULUM, problem, drawn)
+
+    def settling(self, duration: float) -> float:
+        """Return the same, and what a rig takes longer whose swings are slower than planned."""
+        return self._settling + (1.0 / PACES[0] - 1.0) * duration
 
     def allowed(self, limit: str) -> float:
         """Return room for the feedback beyond the disk's angle, none beyond the torque."""
@@ -167,7 +175,7 @@ class RobotView(PlantView):
     """A robot of a formation, in its place at the end."""
 
     title = 'Formation of floating robots'
-    settling = RobotTracker.settling
+    _settling = RobotTracker.settling
     near = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
@@ -216,7 +224,7 @@ class RobotView(PlantView):
 class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
-    settling = StatedTracker.settling
+    _settling = StatedTracker.settling
     problem: DirectProblem
 
     def __init__(self, problem: DirectProblem) -> None:

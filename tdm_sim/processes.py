@@ -156,8 +156,7 @@ class Scene:
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
-        # s from the planned end until it is over
-        self._after = view_of(problem).settling + HOLD_TIME + _AFTER
+        self._view = view_of(problem)
         self._plan: dict[str, Any] = {}
         self._figures: dict[str, dict[str, str]] = {}  # by node
 
@@ -237,7 +236,10 @@ class Scene:
     @property
     def over(self) -> bool:
         """Whether there was time to reach the goal and to hold it."""
-        return self.planned and self._since > self._plan['duration'] + self._after
+        if not self.planned:
+            return False
+        duration = float(self._plan['duration'])
+        return self._since > duration + self._view.settling(duration) + HOLD_TIME + _AFTER
 
     def status(self) -> str:
         """Return the live line."""

@@ -178,7 +178,11 @@ class StateEstimator:
         self._finds_delay = finds
 
     def observe(self, state: Array, stamp: float) -> None:
-        """Take a measured state (nx,) of the instant `stamp` [s]; older ones are ignored."""
+        """
+        Take a measured state (nx,) of the instant `stamp` [s]; older ones are ignored.
+
+        Raise ArithmeticError or numpy.linalg.LinAlgError if the estimate breaks down.
+        """
         if self.stamp is not None and stamp <= self.stamp:
             return
         known = self.stamp is not None and stamp - self.stamp <= self._longest_gap
@@ -191,13 +195,19 @@ class StateEstimator:
         else:
             self._state, self._covariance = state.copy(), self._prior_covariance
         self.stamp = stamp
+        _check_finite(self._state)
 
     def predict(self, time: float) -> Array:
-        """State (nx,) at `time` [s], not before the newest sample's stamp."""
+        """
+        State (nx,) at `time` [s], not before the newest sample's stamp.
+
+        Raise FloatingPointError if it is not finite.
+        """
         assert self.stamp is not None
         state = self._state
         for duration, control in self.acting(self.stamp, time):
             state = self.move(state, control, duration)
+        _check_finite(state)
         return state
 
     def move(self, state: Array, control: Array, duration: float) -> Array:
@@ -247,6 +257,11 @@ class StateEstimator:
         covariance = self._covariance - gain @ self._covariance[:size]
         covariance[size] = covariance[:, size]  # also where the delay is not corrected
         self._covariance = 0.5 * (covariance + covariance.T)
+
+
+def _check_finite(state: Array) -> None:
+    if not np.isfinite(state).all():
+        raise FloatingPointError('the estimated state is not finite')
 
 
 STUCK: Final = (

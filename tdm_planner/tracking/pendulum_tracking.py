@@ -60,7 +60,7 @@ _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
-_PACES = 0.85, 1.15  # at which a plan may be played
+PACES = 0.85, 1.15  # at which a plan may be played
 UPRIGHT = 0.05  # rad from upright that counts as reached
 _TOLD_APART = 3.0  # standard deviations of measured angles
 
@@ -114,7 +114,9 @@ class EstimatedPendulum(PlantWithGains):
     The pendulum with five more states: its constants over those of the model.
 
     The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
-    the coupling and of what the disk feels of a tilted pendulum hardly differ.
+    the coupling and of what the disk feels of a tilted pendulum hardly differ. `disk_gain` is that
+    of the inertia that the disk has beyond the least at which a rig with that arm is physical, so
+    that whatever is estimated the mass matrix stays positive definite.
     """
 
     state_names = (*RotaryPendulum.state_names, *GAINS)
@@ -128,10 +130,11 @@ class EstimatedPendulum(PlantWithGains):
     ) -> tuple[Any, ...]:
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
         *motion, gravity, arm, disk, coupling, motor = state
+        least = k.arm**2 / k.pendulum
         true = k._replace(
             gravity=gravity * k.gravity,
             arm=arm * k.arm,
-            disk=disk * k.disk,
+            disk=arm**2 * least + disk * (k.disk - least),
             coupling=coupling * k.coupling,
             disk_sine=coupling * k.disk_sine,
         )
@@ -258,7 +261,7 @@ class PendulumTracker(TrajectoryTracker):
         step = plant.natural_frequency * self.parameters.interval
         most = _AHEAD / plant.natural_frequency
         ahead = min(max(law.ahead(elapsed, rates, error), -most), most)
-        pace = float(np.clip(math.sqrt(max(state[4], 0.0)), *_PACES))
+        pace = float(np.clip(math.sqrt(max(state[4], 0.0)), *PACES))
         return motion.played(time, elapsed + min(_SHIFT * step, 1.0) * ahead, pace)
 
     @staticmethod

@@ -130,7 +130,8 @@ def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
     first, last = vehicle.plans[0], vehicle.plans[-1]
     reached, due = arrival(vehicle), _due(vehicle)
     if reached == math.inf and vehicle.states is not None:
-        early = vehicle.states.times[-1] <= last.end + vehicle.view.settling
+        latest = last.end + vehicle.view.settling(last.trajectory.duration)
+        early = vehicle.states.times[-1] <= latest
         note = 'the recording ends before' if early else 'the goal was not held to the end'
         reached = None
     return Entry(

@@ -125,10 +125,11 @@ def _reached(vehicle: RecordedVehicle) -> tuple[list[str], float | None]:
         return found, None
     since = arrival(vehicle)
     since = plan.end if since is None else since
-    if since > plan.end + view.settling:
-        if end <= plan.end + view.settling:
+    settling = view.settling(plan.trajectory.duration)
+    if since > plan.end + settling:
+        if end <= plan.end + settling:
             return [], end
-        when = f' within {view.settling:g} s of the planned end'
+        when = f' within {settling:.3g} s of the planned end'
         return [f'{late}{when}{_worst(vehicle, plan, states.at(np.array([end])))}'], None
     if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
         return [], end
@@ -193,7 +194,8 @@ def _criterion(vehicles: list[RecordedVehicle]) -> str:
     goal = '; '.join(within) or 'no state is given'
     if not view.is_held(plan.trajectory):
         return f'At the planned end: {goal}; limits kept.'
+    settling = view.settling(plan.trajectory.duration)
     return (
-        f'At the latest {view.settling:g} s after the planned end, for {HOLD_TIME:g} s or more: '
+        f'At the latest {settling:.3g} s after the planned end, for {HOLD_TIME:g} s or more: '
         f'{goal}; limits kept.'
     )

@@ -81,7 +81,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
     plans, vehicles = solution.trajectories, []
     view = view_of(problem, solution.trajectory)
     held = any(map(view.is_held, plans.values()))
-    after = view.settling + HOLD_TIME + _AFTER if held else 0.0
+    after = view.settling(solution.duration) + HOLD_TIME + _AFTER if held else 0.0
     ticks = math.ceil((solution.duration + after) * how.rate)
     for number, (name, plan) in enumerate(plans.items()):
         tracker, own_seed = tracker_of(problem, rate=how.rate), len(plans) * seed + number

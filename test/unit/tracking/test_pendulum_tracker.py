@@ -6,7 +6,10 @@
 from dataclasses import replace
 import math
 
+from benchmark.rigs import rig
 from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, swing_up, WEAK
+from hypothesis import example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.arrays import wrapped
@@ -14,6 +17,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, Phase, TrajectoryRejected
+from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
 from tdm_planner.trajectory import Trajectory
 
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
@@ -201,6 +205,30 @@ def test_a_state_that_cannot_be_estimated_is_told(monkeypatch: pytest.MonkeyPatc
         tracker.observe(HANGING, at)
         assert tracker.command(at + 0.001 * (at < later)).problem == problem
     assert tracker.phase is Phase.IDLE
+
+
+def test_a_state_that_is_not_finite_is_not_followed(loop: Loop, monkeypatch) -> None:
+    loop.run(0.2)
+    monkeypatch.setattr(loop.tracker.estimator, 'move', lambda *_: np.full(9, np.nan))
+    command = loop.tracker.command(loop.now)
+    assert (command.control, command.phase) == (0.0, Phase.STOPPED)
+    assert command.problem == 'the feedback broke down: the estimated state is not finite'
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    gains=st.tuples(*[st.floats(0.8, 1.2)] * 5),
+    theta=st.floats(-math.pi, math.pi),
+)
+@example(60017, (1.0, 1.05, 1.0, 1.0, 1.0), 0.0)  # the arm has all but 3 % of the disk's inertia
+def test_a_torque_turns_the_disk_its_way_whatever_is_estimated_of_the_rig(seed, gains, theta):
+    k = rig(seed).plant.coefficients
+    forward, backward = (
+        EstimatedPendulum.equations(k, (theta, 0.0, 0.0, 0.0, *gains), (torque,))[3]
+        for torque in (k.gravity, -k.gravity)
+    )
+    assert math.isfinite(forward)
+    assert forward > backward
 
 
 @pytest.mark.parametrize('to', [-50.0, 1e6])
