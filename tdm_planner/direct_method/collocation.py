@@ -29,6 +29,7 @@ from tdm_planner.trajectory import to_nanoseconds
 
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
+_NO_COST = 1e-20  # J along the guess below which it says nothing of what is usual
 LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
@@ -75,8 +76,9 @@ class CollocatedMotion:
     """
     A motion on n even intervals: `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
 
-    `duration` [s]; `cost` is its J. A solution near it on as many intervals begins with its
-    `multipliers`, of the variables and of the rows.
+    `duration` [s]; `cost` is its J, and `size` that of J without its constant part: decisions do
+    not depend on that, nor on the unit of J. A solution near it on as many intervals begins with
+    its `multipliers`, of the variables and of the rows.
     """
 
     states: Array
@@ -84,6 +86,7 @@ class CollocatedMotion:
     controls: Array
     duration: float
     cost: float = np.inf
+    size: float = np.inf
     multipliers: tuple[Array, ...] = ()
 
     @property
@@ -289,9 +292,10 @@ class Collocation:
         z = np.clip(_joined(states / sx, guess.middles / sx, controls / su, 1.0), lower, upper)
         least, most = program.rows(kept / sl)
         begun = replace(guess, states=states, controls=controls)
-        size = abs(begun.cost_by(self.trace, numbers))
-        unit = size if 1e-9 < size < 1e9 else st
-        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, unit]])
+        given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
+        free = upper > lower
+        unit = program.size_of_cost(begun.cost_by(self.trace, numbers), z, given, free)
+        given[-1] = unit if unit > _NO_COST else st
         with self._lock:
             self._clock.begin(budget, (_PATIENCE if patient else 1) * self._settings.iterations)
             solver = self._again if guess.multipliers else self._solver
@@ -311,7 +315,8 @@ class Collocation:
             multipliers=tuple(multipliers),
         )
         cost = solution.cost_by(self.trace, numbers)
-        return replace(solution, cost=cost) if np.isfinite(cost) else None
+        size = program.size_of_cost(cost, z, given, free)
+        return replace(solution, cost=cost, size=size) if np.isfinite(cost) else None
 
 
 def _joined(*parts: Array | float) -> Array:

@@ -22,7 +22,8 @@ from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
-_COST = 10.0  # what J is scaled to along the guess: a plan does not depend on the unit of J
+_COST = 10.0  # what J is scaled to along the guess
+_CONSTANT = 1e-9  # share of J below which nothing is known of how it varies
 _INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 
 
@@ -215,6 +216,22 @@ class CollocationProgram:
         """Return states, middles, controls and duration, (1, 1), of the variables."""
         each = np.split(z, list(accumulate(rows * columns for rows, columns in self._shapes))[:-1])
         return [part.reshape(shape) for part, shape in zip(each, self._shapes, strict=True)]
+
+    def size_of_cost(self, cost: float, z: Array, p: Array, free: Any) -> float:
+        """
+        Return the size of J without its constant part, at most |J|.
+
+        That is by how much J varies to first order if each of the variables that are `free` runs
+        through its range: states as along the motion, controls and duration from zero on.
+        """
+        x, m, u, t = self.split(z)
+        spans = np.ptp(np.vstack([x, m]), axis=0), np.abs(u).max(axis=0)
+        ranges = [np.broadcast_to(spans[k], v.shape) for k, v in ((0, x), (0, m), (1, u))]
+        every = np.concatenate([part.ravel() for part in (*ranges, t)])
+        p = np.append(p[:-2], [0.0, 1.0])  # J itself
+        slopes = np.array(self.derivatives['grad_f'](z, p)[1]).ravel() / _COST
+        varies = float(np.abs(slopes) @ (every * free))
+        return min(abs(cost), varies) if varies > _CONSTANT * abs(cost) else abs(cost)
 
     def bounds(self, kept: Array, numbers: Array, e: Array) -> list[list[Array]]:
         """

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
+import math
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ from tdm_planner.direct_method.nonlinear_program import (
 from tdm_planner.direct_method.tracing import Trace
 
 _NEAR = 1.0  # margin within which a node gets a row
+_NO_COST = 1e-20  # J at the first point below which it says nothing of what is usual
 _LEAST_CURVATURE = 1e-4
 
 
@@ -68,7 +70,7 @@ class Transcription(NonlinearProgram):
         self.formulation = formulation
         self.nodes = nodes
         self.evaluations = 0
-        self.cost_scale = 1.0
+        self.cost_scale, self._constant = 1.0, 0.0
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
         middles = 0.5 * (nodes[1:] + nodes[:-1])
@@ -136,14 +138,24 @@ class Transcription(NonlinearProgram):
             motion, z = self._motion(xi)
             check_finite(self._stated, motion, self.nodes)
             check_integrated(self._stated, motion, z, self.nodes)
-        self.cost_scale = 1.0
-        cost = abs(self.evaluate(xi).cost)
-        self.cost_scale = cost if cost > 1e-9 else 1.0
+        self.cost_scale, self._constant = 1.0, 0.0
+        point = self.evaluate(xi)
+        with np.errstate(all='ignore'):
+            varies = float(np.abs(self.derivatives(point, None)[0][0]).sum())
+        size = abs(point.cost)
+        scale = min(size, varies) if varies > 0.0 else size
+        if scale > _NO_COST:
+            # A plan depends neither on the unit of J nor on a constant in it.
+            self.cost_scale, self._constant = scale, math.copysign(size - scale, point.cost)
+
+    def cost(self, point: Point) -> float:
+        """Return J of a point."""
+        return self._constant + self.cost_scale * point.cost
 
     def refine(self, nodes: Array, reserve: Mapping[str, float]) -> Transcription:
         """Return the program on other nodes, scaled alike."""
         other = Transcription(self.formulation, nodes, reserve, self.trace)
-        other.cost_scale = self.cost_scale
+        other.cost_scale, other._constant = self.cost_scale, self._constant
         return other
 
     def motion(self, xi: Array) -> ArcMotion:
@@ -182,7 +194,7 @@ class Transcription(NonlinearProgram):
         rows = self._call('node', 'value', len(wz))(wz, self._numbers)[0]
         start = self._call('start', 'value')(wz[0], self._numbers)[0]
         end = self._call('end', 'value')(wz[-1], self._numbers)[0]
-        cost = (end[0] + self._weights @ rows[:, 0]) / self.cost_scale
+        cost = (end[0] + self._weights @ rows[:, 0] - self._constant) / self.cost_scale
         nw = self.basis.layout.size
         missed = [(wz[-1, nw + i] - value) / scale for i, value, scale in self._ended]
         margins = (rows[:, 1:] - self.kept).T.ravel()

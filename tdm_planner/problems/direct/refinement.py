@@ -229,7 +229,7 @@ class Refinement:
             motion, flown = self._landed(motion)
             more = 2 * motion.intervals
             refines = more <= most and self.affords(more)
-            near = abs(flown.cost - motion.cost) <= _COST_AGREES * abs(flown.cost)
+            near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
             landed = flown.gap <= _SHARE and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
             if flown.gap <= _SHARE and kept:

@@ -117,10 +117,11 @@ class DirectSearch(Search[Candidate]):
     def is_worth_checking(self, candidate: Candidate, plan: Solution) -> bool:
         """Whether its cost is lower by more than rounding."""
         if isinstance(candidate, CollocatedMotion):
-            cost = candidate.cost
+            cost, size = candidate.cost, candidate.size
         else:
-            cost = candidate.point.cost * self._minima.program.cost_scale
-        return cost < plan.cost - _WORTHWHILE * abs(plan.cost)
+            program = self._minima.program
+            cost, size = program.cost(candidate.point), program.cost_scale
+        return cost < plan.cost - _WORTHWHILE * size
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
@@ -203,14 +204,14 @@ class DirectSearch(Search[Candidate]):
                 yield settled
                 share = _SIDES if self._trace.obstacles else 0.0
                 sides = self.budget.part(share * self.budget.seconds)
-            least = min(found.cost for found in solved)
-            again = sum(found.cost <= least + _ALIKE * abs(least) for found in solved)
+            best = min(solved, key=lambda found: found.cost)
+            again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
             enough = again >= _AGREED or len(solved) >= _ENOUGH
             if self._past(_STARTS_SHARE) or (enough and sides.spent):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
-            if self._best and motion.cost >= before.cost - _WORTHWHILE * abs(before.cost):
+            if self._best and motion.cost >= before.cost - _WORTHWHILE * motion.size:
                 break
             if (settled := self._settled(motion)) is not None:
                 yield settled
@@ -262,10 +263,10 @@ class DirectSearch(Search[Candidate]):
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
-            if left <= _SETTLED * abs(motion.cost):
+            if left <= _SETTLED * motion.size:
                 return motion
         if leaps:
-            self._leapt = min(self._leapt, first.cost - _SIMILAR * abs(first.cost))
+            self._leapt = min(self._leapt, first.cost - _SIMILAR * first.size)
         if leaps or (failed and motion.intervals == FIRST):
             self._aside.append(motion)
             return None
@@ -274,7 +275,7 @@ class DirectSearch(Search[Candidate]):
 
     def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
         """Whether it leaps over an obstacle between two nodes: on more of them it costs more."""
-        return self._trace.obstacles and fine.cost - coarse.cost > _LEAP * abs(fine.cost)
+        return self._trace.obstacles and fine.cost - coarse.cost > _LEAP * fine.size
 
     def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of initial guesses while there is time."""
