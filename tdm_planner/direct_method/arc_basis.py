@@ -7,15 +7,15 @@ The virtual arc as matrices: everything at a node is linear in the varied parame
 At a point s of the unit interval let w = (mu, mu', ..., t, X, X', X'', ... of every output), with
 mu = dt/ds. Then w = table(s) (c, b, a): c the coefficients of mu, a the free parameters of the
 outputs, and b the boundary values by s, which alone are a nonlinear function, of c. What is stated
-is a graph of one w.
+is a graph of one w. The motion at the nodes is checked for numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,10 +29,12 @@ from tdm_planner.direct_method.bases import (
     time_derivatives,
 )
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.formulation import Duration, Output
+from tdm_planner.direct_method.formulation import components, Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
+
+_SAME = 1e-9  # share by which a state passed on may differ from itself
 
 
 @dataclass(frozen=True)
@@ -261,3 +263,87 @@ class NodeGraphs:
     def of(cls, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> NodeGraphs:
         """Return the graphs of this kind, made once."""
         return trace.once(layout, lambda: cls(trace, layout, stated))
+
+
+class ArcMotion(NamedTuple):
+    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu)."""
+
+    times: Array
+    states: Array
+    controls: Array
+
+
+def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
+    """
+    Raise NotFinite for the first node of a motion where something is not finite.
+
+    What is wrong there spoils the integration of all that follow. The message names function,
+    node and value.
+    """
+    last = nodes.size - 1
+    found = [
+        (last if at_end else int(np.argmin(np.isfinite(values))), what, values)
+        for what, values, at_end in _stated_values(stated, motion)
+        if not np.isfinite(values).all()
+    ]
+    if found:
+        node, what, values = min(found, key=lambda item: item[0])
+        remedy = 'or near it (`first_guess` gives another)'
+        if node == 0 or (node == last and not stated.integrated()):
+            remedy = 'but the boundary values fix it there: is it 0 / 0 at rest?'
+        raise NotFinite(
+            f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
+            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '
+            f'number along the initial guess, {remedy}'
+        )
+
+
+def check_integrated(
+    stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
+) -> None:
+    """
+    Raise InvalidProblem where `invert` gives other states than the `integrated` ones (K, nz).
+
+    The message names state, node and both values.
+    """
+    for name, expected in zip(stated.integrated(), integrated.T, strict=True):
+        given = motion.states[:, stated.state_names.index(name)]
+        size = float(np.abs(expected).max())
+        same = np.isclose(given, expected, rtol=_SAME, atol=_SAME * size, equal_nan=True)
+        if not same.all():
+            node = int(np.argmin(same))
+            raise InvalidProblem(
+                f"invert gives the state '{name}' = {given[node]:g} at node {node} of "
+                f'{nodes.size} (s = {nodes[node]:.3g}), but integrated gives {expected[node]:g}: '
+                f"it must be z['{name}'], or not be integrated"
+            )
+
+
+def _stated_values(
+    stated: CheckedFormulation, motion: ArcMotion
+) -> Iterator[tuple[str, Array, bool]]:
+    """Yield what every function gives along the motion, (K,), or (1,) and True at its end."""
+    times, states, controls = motion.times, motion.states, motion.controls
+    rates = stated.derivative(states, controls)
+    integrated = stated.integrated()  # these are wrong because their rates are
+    for what, names, values in (
+        ('invert gives state', stated.state_names, states),
+        ('invert gives control', stated.control_names, controls),
+        ('derivative gives the rate of', stated.state_names, rates),
+    ):
+        for name, value in zip(names, components(values), strict=True):
+            if what != 'invert gives state' or name not in integrated:
+                yield f"{what} '{name}'", value, False
+    for name, value in stated.margins(times, states, controls).items():
+        yield f"margins gives '{name}'", value, False
+    for function, at in (
+        ('running_cost', slice(None)),
+        ('final_cost', slice(-1, None)),
+        ('start_conditions', slice(0, 1)),
+        ('end_conditions', slice(-1, None)),
+    ):
+        given = [values[at] for values in (times, states, controls)]
+        count = 3 if function == 'running_cost' else 2
+        for index, value in enumerate(stated.parts(function, *given[:count])):
+            part = 'J' if function.endswith('_cost') else f'number {index}'
+            yield f'{function} gives {part}', value, at.start == -1

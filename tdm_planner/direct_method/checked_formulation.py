@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 import linecache
 import math
 from pathlib import Path
 import traceback
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,10 @@ from tdm_planner.direct_method.formulation import (
     Outputs,
     shown,
 )
-from tdm_planner.exceptions import InvalidProblem, NotFinite, one_line, TdmError
+from tdm_planner.exceptions import InvalidProblem, one_line, TdmError
 
 Values = NDArray[Any]
 
-_SAME = 1e-9  # share by which a state passed on may differ from itself
 HINTS = {
     'math.': "use numpy's functions, such as np.sqrt(x)",
     'float(': 'leave the conversion to float out',
@@ -63,6 +62,11 @@ class CheckedFormulation:
         self.formulation = formulation
         self.state_names = self._names('state')
         self.control_names = self._names('control')
+        if both := set(self.state_names) & set(self.control_names):
+            raise InvalidProblem(
+                f'control_names = {shown(self.control_names)} has the name of a state, '
+                f"'{min(both)}': messages and files tell the two apart by their names"
+            )
         self._margin_names: list[str] | None = None
 
     @property
@@ -99,9 +103,9 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        states = self._stacked(found[0], self.state_names, 'what invert returns as states', shape)
-        what = 'what invert returns as controls'
-        return states, self._stacked(found[1], self.control_names, what, shape)
+        what, names = 'of the pair (states, controls) that invert returns, the', self.state_names
+        states = self._stacked(found[0], names, f'{what} first', shape)
+        return states, self._stacked(found[1], self.control_names, f'{what} second', shape)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
@@ -114,8 +118,7 @@ class CheckedFormulation:
         found = self._mapping('margins', times, components(states), components(controls))
         names = list(found)
         if self._margin_names is None:
-            if not all(isinstance(name, str) for name in names):
-                raise InvalidProblem(f'margins has names {shown(names)}, which must be strings')
+            _check_strings('margins', names)
             self._margin_names = names
         if names != self._margin_names:
             raise InvalidProblem(
@@ -141,8 +144,8 @@ class CheckedFormulation:
                 low, high = math.nan, math.nan
             if not low < high:
                 raise InvalidProblem(
-                    f"control_limits gives '{name}' = {shown(pair)}, expected a pair (lowest, "
-                    'highest) of numbers'
+                    f"control_limits gives '{name}' = {shown(pair)}, expected a pair of numbers, "
+                    'the lowest below the highest: what cannot be varied is not a control'
                 )
             limits[name] = (low, high)
         return limits
@@ -195,12 +198,18 @@ class CheckedFormulation:
 
     def guess(self, s: Array) -> dict[str, Array]:
         """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
-        found = self._mapping('first_guess', s)
+        found, guesses = self._mapping('first_guess', s), {}
         _check_names('first_guess', found, 'outputs', self.outputs())
-        return {
-            name: np.asarray(self._shaped(f"first_guess gives '{name}'", v, s.shape), dtype=float)
-            for name, v in found.items()
-        }
+        for name, value in found.items():
+            what = f"first_guess gives '{name}'"
+            guesses[name] = guess = np.asarray(self._shaped(what, value, s.shape), dtype=float)
+            if not np.isfinite(guess).all():
+                node = int(np.argmin(np.isfinite(guess)))
+                raise InvalidProblem(
+                    f'{what} = {guess[node]} at s = {s[node]:.3g}: it must be a number from s = 0 '
+                    'to s = 1'
+                )
+        return guesses
 
     def symbolic(self, function: str, *arguments: Any) -> list[Any]:
         """Return the parts of what a function gives of symbols; what it raises passes."""
@@ -247,6 +256,7 @@ class CheckedFormulation:
 
     def _named(self, function: str, kind: type) -> dict[str, Any]:
         found = self._mapping(function)
+        _check_strings(function, found)
         for name, value in found.items():
             if not isinstance(value, kind):
                 raise InvalidProblem(
@@ -265,7 +275,8 @@ class CheckedFormulation:
                 'each a number or an array over the nodes'
             ) from None
         if len(parts) != len(names):
-            raise InvalidProblem(f'{what} has {len(parts)} components, expected {len(names)}')
+            expected = f'{len(names)}: {", ".join(names)}'
+            raise InvalidProblem(f'{what} has {len(parts)} components, expected {expected}')
         rows = zip(names, parts, strict=True)
         return np.stack([self._shaped(f"{what}: '{n}'", part, shape) for n, part in rows], axis=-1)
 
@@ -275,7 +286,12 @@ class CheckedFormulation:
             found = np.asarray(value)
         except ValueError:
             found = np.asarray(None)
-        if found.dtype.kind not in 'biuf':
+        if found.dtype.kind == 'b':
+            raise InvalidProblem(
+                f'{what} is a truth value, expected a number: what is left to the limit x < 3 is '
+                '3 - x'
+            )
+        if found.dtype.kind not in 'iuf':
             raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')
         try:
             return np.broadcast_to(found, shape)
@@ -283,6 +299,12 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'{what} of shape {found.shape}, expected {shape}: one number at every node'
             ) from None
+
+
+def _check_strings(function: str, names: Iterable[Any]) -> None:
+    for name in names:
+        if not isinstance(name, str):
+            raise InvalidProblem(f'{function} has the name {shown(name)}, which must be a string')
 
 
 def _check_names(function: str, found: Iterable[Any], kind: str, known: Iterable[str]) -> None:
@@ -313,87 +335,3 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
         hint = f'{error} is in neither outputs() nor integrated()'
     hint = hint or (HINT if traced else one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
-
-
-class ArcMotion(NamedTuple):
-    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu)."""
-
-    times: Array
-    states: Array
-    controls: Array
-
-
-def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
-    """
-    Raise NotFinite for the first node of a motion where something is not finite.
-
-    What is wrong there spoils the integration of all that follow. The message names function,
-    node and value.
-    """
-    last = nodes.size - 1
-    found = [
-        (last if at_end else int(np.argmin(np.isfinite(values))), what, values)
-        for what, values, at_end in _stated_values(stated, motion)
-        if not np.isfinite(values).all()
-    ]
-    if found:
-        node, what, values = min(found, key=lambda item: item[0])
-        remedy = 'or near it (`first_guess` gives another)'
-        if node == 0 or (node == last and not stated.integrated()):
-            remedy = 'but the boundary values fix it there: is it 0 / 0 at rest?'
-        raise NotFinite(
-            f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
-            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '
-            f'number along the initial guess, {remedy}'
-        )
-
-
-def check_integrated(
-    stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
-) -> None:
-    """
-    Raise InvalidProblem where `invert` gives other states than the `integrated` ones (K, nz).
-
-    The message names state, node and both values.
-    """
-    for name, expected in zip(stated.integrated(), integrated.T, strict=True):
-        given = motion.states[:, stated.state_names.index(name)]
-        size = float(np.abs(expected).max())
-        same = np.isclose(given, expected, rtol=_SAME, atol=_SAME * size, equal_nan=True)
-        if not same.all():
-            node = int(np.argmin(same))
-            raise InvalidProblem(
-                f"invert gives the state '{name}' = {given[node]:g} at node {node} of "
-                f'{nodes.size} (s = {nodes[node]:.3g}), but integrated gives {expected[node]:g}: '
-                f"it must be z['{name}'], or not be integrated"
-            )
-
-
-def _stated_values(
-    stated: CheckedFormulation, motion: ArcMotion
-) -> Iterator[tuple[str, Array, bool]]:
-    """Yield what every function gives along the motion, (K,), or (1,) and True at its end."""
-    times, states, controls = motion.times, motion.states, motion.controls
-    rates = stated.derivative(states, controls)
-    integrated = stated.integrated()  # these are wrong because their rates are
-    for what, names, values in (
-        ('invert gives state', stated.state_names, states),
-        ('invert gives control', stated.control_names, controls),
-        ('derivative gives the rate of', stated.state_names, rates),
-    ):
-        for name, value in zip(names, components(values), strict=True):
-            if what != 'invert gives state' or name not in integrated:
-                yield f"{what} '{name}'", value, False
-    for name, value in stated.margins(times, states, controls).items():
-        yield f"margins gives '{name}'", value, False
-    for function, at in (
-        ('running_cost', slice(None)),
-        ('final_cost', slice(-1, None)),
-        ('start_conditions', slice(0, 1)),
-        ('end_conditions', slice(-1, None)),
-    ):
-        given = [values[at] for values in (times, states, controls)]
-        count = 3 if function == 'running_cost' else 2
-        for index, value in enumerate(stated.parts(function, *given[:count])):
-            part = 'J' if function.endswith('_cost') else f'number {index}'
-            yield f'{function} gives {part}', value, at.start == -1

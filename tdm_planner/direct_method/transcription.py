@@ -25,14 +25,15 @@ from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.arc_basis import ArcBasis, NodeGraphs
-from tdm_planner.direct_method.bases import quadrature_weights
-from tdm_planner.direct_method.checked_formulation import (
+from tdm_planner.direct_method.arc_basis import (
+    ArcBasis,
     ArcMotion,
     check_finite,
     check_integrated,
-    CheckedFormulation,
+    NodeGraphs,
 )
+from tdm_planner.direct_method.bases import quadrature_weights
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import (
@@ -140,9 +141,10 @@ class Transcription(NonlinearProgram):
             check_integrated(self._stated, motion, z, self.nodes)
         self.cost_scale, self._constant = 1.0, 0.0
         point = self.evaluate(xi)
-        with np.errstate(all='ignore'):
-            varies = float(np.abs(self.derivatives(point, None)[0][0]).sum())
-        size = abs(point.cost)
+        size, varies = abs(point.cost), 0.0
+        if self.size:
+            with np.errstate(all='ignore'):
+                varies = float(np.abs(self.derivatives(point, None)[0][0]).sum())
         scale = min(size, varies) if varies > 0.0 else size
         if scale > _NO_COST:
             # A plan depends neither on the unit of J nor on a constant in it.

@@ -22,6 +22,7 @@ from tdm_planner.problems.direct.refinement import FIRST
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics
 
 _GUESS_NODES = 25
+_STIFF = 1e9  # times its size, beyond which an integrated state is none of the plant's
 _PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers
 _TIGHT = TrustRegionOptions(
     penalties=(5.0, 5.0),
@@ -134,6 +135,10 @@ class DirectMinima:
             np.stack([np.interp(even, times, c) for c in values[:: self.parts].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
+        for name, state in self._stated.integrated().items():
+            column = states[:, self._stated.state_names.index(name)]
+            if not np.abs(column).max() < _STIFF * (state.scale + abs(state.start)):
+                column[:] = state.start  # too stiff for steps between nodes
         found = CollocatedMotion(states[::2], states[1::2], controls[::2], float(even[-1]))
         given = self._stated.duration()
         bounded = given.fixed or given.shortest is not None

@@ -19,8 +19,8 @@ from functools import cached_property
 
 import numpy as np
 from tdm_planner.arrays import Array
+from tdm_planner.direct_method.arc_basis import check_finite
 from tdm_planner.direct_method.bases import chebyshev_nodes
-from tdm_planner.direct_method.checked_formulation import check_finite
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -117,11 +117,9 @@ class DirectSearch(Search[Candidate]):
     def is_worth_checking(self, candidate: Candidate, plan: Solution) -> bool:
         """Whether its cost is lower by more than rounding."""
         if isinstance(candidate, CollocatedMotion):
-            cost, size = candidate.cost, candidate.size
-        else:
-            program = self._minima.program
-            cost, size = program.cost(candidate.point), program.cost_scale
-        return cost < plan.cost - _WORTHWHILE * size
+            return candidate.cost < plan.cost - _WORTHWHILE * candidate.size
+        program = self._minima.program
+        return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
         """Take it; after a warm start no other is tried."""
@@ -139,7 +137,10 @@ class DirectSearch(Search[Candidate]):
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
         elif miss := self._nearest_miss:
-            reason = f'no initial guess led to a feasible motion; the nearest violated {miss}'
+            span = f'of {self._stated.duration().allowed}'
+            reason = (
+                f'no initial guess led to a feasible motion {span}; the nearest violated {miss}'
+            )
         elif self._until_check.spent:
             reason = 'no initial guess could be followed'
         else:

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array, Mask
-from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
+from tdm_planner.direct_method.arc_basis import ArcMotion
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import checked_integer, Formulation, shown
 from tdm_planner.direct_method.graphs import Call

@@ -226,6 +226,7 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     'outputs': [
         ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
         ({}, 'at least one output'),
+        ({3: Output()}, 'outputs has the name 3, which must be a string'),
         ({'x': Output()}, "output 'x': a polynomial needs at least one boundary condition"),
     ],
     'integrated': [
@@ -234,11 +235,11 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     ],
     'invert': [
         (((0.0, 0.0, 0.0),), 'expected a pair'),
-        (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
-        (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
-        (((0.0, None, 0.0), (0.0,)), "states: 'v' = None, which is not a real number"),
+        (((0.0, 0.0), (0.0,)), 'the first has 2 components, expected 3: x, v, angle'),
+        (((0.0, 0.0, 0.0), (0.0, 0.0)), 'the second has 2 components, expected 1: u'),
+        (((0.0, None, 0.0), (0.0,)), "the first: 'v' = None, which is not a real number"),
         (((0.0, [1.0, [2.0]], 0.0), (0.0,)), "'v' = [1.0, [2.0]], which is not a real number"),
-        (((0.0, np.zeros(6), 0.0), (0.0,)), "states: 'v' of shape (6,), expected"),
+        (((0.0, np.zeros(6), 0.0), (0.0,)), "the first: 'v' of shape (6,), expected"),
         (((0.0, 1.0j, 0.0), (0.0,)), "'v' = 1j, which is not a real number"),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
         (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
@@ -252,7 +253,8 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     'margins': [
         ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
         ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
-        ({3: 1.0}, 'must be strings'),
+        ({3: 1.0}, 'margins has the name 3, which must be a string'),
+        (lambda s, t, x, u: {'force': x[1] < 2.0}, "gives 'force' is a truth value"),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),
         (lambda s, t, x, u: {f'force {next(NUMBER)}': 1.0 - u[0] ** 2}, 'must always be the same'),

@@ -58,6 +58,12 @@ BAD = [
     ),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
+    (
+        {'first_guess': lambda s, s_: {'x': np.log(s_)}},
+        ["first_guess gives 'x' = -inf at s = 0: it must be a number"],
+    ),
+    ({'control_names': ('ax', 'y')}, ["has the name of a state, 'y'"]),
+    (limits(ax=(0.0, 0.0)), ['what cannot be varied is not a control']),
     JUMP,
     (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
     (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),

@@ -239,6 +239,53 @@ def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
     assert iterations[1] < 0.7 * iterations[0]
 
 
+QUICKEST = {
+    'margins': DirectProblem.margins,
+    'control_limits': lambda s: {'u': (-1.0, 1.0)},
+    'duration': lambda s: Duration(3.0),
+    'running_cost': DirectProblem.running_cost,
+}
+
+
+@pytest.mark.parametrize(('refine', 'best'), [(True, 2.0), (False, 2.156)])
+@pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
+def test_neither_the_unit_of_the_cost_nor_a_constant_changes_the_plan(
+    unit, constant, refine, best
+):
+    def cost(s, t, x):
+        return unit * t + constant
+
+    solver = DirectSolverParameters(deadline=60.0, refine=refine)
+    plan = solve(solver, final_cost=cost, **QUICKEST)
+    assert plan.duration == pytest.approx(best, rel=1e-3)
+    assert plan.cost == pytest.approx(cost(None, plan.duration, None))
+
+
+def test_a_gain_is_found_however_much_there_is_at_first():
+    gained = {
+        'outputs': lambda s: {'x': Output((0.0, 0.0), {1: 0.0}, free=6)},
+        'duration': lambda s: Duration(2.0, fixed=True),
+        'final_cost': lambda s, t, x: -(1e4 + x[0]),
+    }
+    plan = solve(**QUICKEST | gained)
+    assert plan.trajectory.states[-1, 0] == pytest.approx(1.0, rel=2e-3)
+
+
+@pytest.mark.parametrize('rate', [300.0, 1e4])
+def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
+    """Integrated in steps from node to node it leaves the range of numbers."""
+    plan = solve(
+        state_names=('x', 'v', 'temperature'),
+        state_units=('m', 'm/s', 'K'),
+        integrated=lambda s: {'temperature': Integrated(0.0)},
+        invert=lambda s, y, z: ((*y['x'][:2], z['temperature']), y['x'][2:]),
+        derivative=lambda s, x, u: (x[1], u[0], rate * (u[0] ** 2 - x[2])),
+        final_cost=lambda s, t, x: t,
+        **QUICKEST,
+    )
+    assert plan.duration == pytest.approx(2.0, rel=1e-3)
+
+
 def test_both_sides_of_an_obstacle_are_tried_before_solutions_agree(monkeypatch):
     solved, tried = Refinement.solve, []
 
