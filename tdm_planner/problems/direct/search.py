@@ -137,10 +137,8 @@ class DirectSearch(Search[Candidate]):
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
         elif miss := self._nearest_miss:
-            span = f'of {self._stated.duration().allowed}'
-            reason = (
-                f'no initial guess led to a feasible motion {span}; the nearest violated {miss}'
-            )
+            of = f'of {self._stated.duration().allowed}'
+            reason = f'no initial guess led to a feasible motion {of}; the nearest violated {miss}'
         elif self._until_check.spent:
             reason = 'no initial guess could be followed'
         else:

@@ -249,7 +249,7 @@ QUICKEST = {
 
 @pytest.mark.parametrize(('refine', 'best'), [(True, 2.0), (False, 2.156)])
 @pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
-def test_neither_the_unit_of_the_cost_nor_a_constant_changes_the_plan(
+def test_neither_the_unit_nor_a_constant_of_the_cost_changes_the_plan(
     unit, constant, refine, best
 ):
     def cost(s, t, x):
