@@ -32,7 +32,6 @@ Outputs = Mapping[str, Sequence[Values]]
 _LARGEST = 1e100  # its cube can still be computed
 _MOST = 100  # terms, and exponents: more cannot be told apart in floating point
 _MOST_FREE = 200  # parameters of one output
-_AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 _HIGHEST_ORDER = 60  # of a derivative
 
 
@@ -277,14 +276,6 @@ class Duration:
         """Return what is allowed, in words."""
         shortest, longest = self.bounds
         return f'{self.guess:g} s' if self.fixed else f'{shortest:g} to {longest:g} s'
-
-    def reached_bound(self, duration: float) -> str:
-        """Say that a duration [s] is at its bound, '' where it is not."""
-        shortest, longest = self.bounds
-        if self.fixed or shortest * (1.0 + _AT_BOUND) < duration < longest * (1.0 - _AT_BOUND):
-            return ''
-        which, bound = ('longest', longest) if duration > self.guess else ('shortest', shortest)
-        return f', duration at its {which} allowed value, {bound:g} s'
 
 
 @dataclass(frozen=True)

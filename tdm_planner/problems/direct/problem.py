@@ -49,6 +49,8 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
+_AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
+
 
 @dataclass(frozen=True)
 class DirectSolverParameters(SolverParameters):
@@ -134,4 +136,11 @@ class DirectProblem(Formulation, Problem):
 
     def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
-        return super().describe(plan) + self.duration().reached_bound(plan.duration)
+        allowed, note = self.duration(), ''
+        shortest, longest = allowed.bounds
+        if not allowed.fixed:
+            if plan.duration <= shortest * (1.0 + _AT_BOUND):
+                note = f', duration at its shortest allowed value, {shortest:g} s'
+            elif plan.duration >= longest * (1.0 - _AT_BOUND):
+                note = f', duration at its longest allowed value, {longest:g} s'
+        return super().describe(plan) + note

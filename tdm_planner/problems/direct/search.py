@@ -136,9 +136,8 @@ class DirectSearch(Search[Candidate]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
-        elif miss := self._nearest_miss:
-            of = f'of {self._stated.duration().allowed}'
-            reason = f'no initial guess led to a feasible motion {of}; the nearest violated {miss}'
+        elif self._nearest_miss:
+            reason = self._nearest_miss
         elif self._until_check.spent:
             reason = 'no initial guess could be followed'
         else:
@@ -298,7 +297,7 @@ class DirectSearch(Search[Candidate]):
         """Remember what the minimum violates that is nearest to a feasible motion."""
         if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
             self._closest = minimum.point.violation
-            self._nearest_miss = self._minima.violated(program, minimum)
+            self._nearest_miss = self._minima.nearest_miss(program, minimum)
 
     @cached_property
     def _minima(self) -> DirectMinima:
