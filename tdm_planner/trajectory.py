@@ -88,7 +88,7 @@ class Trajectory:
         if not (np.diff(self.times) > 0).all():
             first = int(np.argmin(np.diff(self.times) > 0))
             raise InvalidProblem(
-                "trajectory 'times' must increase strictly, but sample "
+                "trajectory 'times', in whole nanoseconds, must increase strictly, but sample "
                 f'{first + 1} is at {self.times[first + 1]:g} s after {self.times[first]:g} s'
             )
         if self.interpolation not in get_args(Interpolation):

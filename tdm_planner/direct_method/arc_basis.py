@@ -31,7 +31,7 @@ from tdm_planner.direct_method.bases import (
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import components, Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
-from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.tracing import numbers, Trace
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 
 _SAME = 1e-9  # share by which a state passed on may differ from itself
@@ -291,6 +291,9 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
         remedy = 'or near it (`first_guess` gives another)'
         if node == 0 or (node == last and not stated.integrated()):
             remedy = 'but the boundary values fix it there: is it 0 / 0 at rest?'
+        for name, value in numbers(stated.formulation).items():
+            if not np.isfinite(value).all():
+                remedy = f"but the parameter '{name}' = {value[~np.isfinite(value)][0]}"
         raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
             f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '

@@ -365,3 +365,10 @@ def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_wh
     ending = {'derivative': lambda s, x, u: (x[1], u[0] + 0 * np.sqrt(0.9 - u[0]))}
     with pytest.raises(VerificationFailed, match="derivative gives the rate of 'v' = nan"):
         solve(**QUICKEST | ending)
+
+
+def test_a_parameter_that_is_not_finite_is_told_where_it_spoils_the_motion():
+    car = Car()
+    object.__setattr__(car, 'drag', math.inf)  # a dataclass need not be Validated
+    message = refused(lambda: car.solve(deadline=1.0))
+    assert message.endswith("along the initial guess, but the parameter 'drag' = inf")
