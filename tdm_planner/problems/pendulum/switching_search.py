@@ -45,7 +45,7 @@ from tdm_planner.problems.pendulum.candidates import (
 )
 from tdm_planner.problems.pendulum.pumping import pumped_candidates
 from tdm_planner.problems.pendulum.shooting import ARRIVED, Steps
-from tdm_planner.problems.pendulum.smooth import collocated
+from tdm_planner.problems.pendulum.smooth import collocated, INTERVALS
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
@@ -56,7 +56,8 @@ _MORE_ROUNDS = 30  # for strong motors where pumping did not help
 _STARTS, _FEWEST_STARTS = 100, 8  # of a round, and where the deadline is short:
 _START_TIME = 1e-3  # s of the deadline for one of them more
 _GUESSED = Steps(8), Steps(8, 0.4)  # of integration; where a light disk makes swings quick
-_ENOUGH = 0.5  # share of the deadline after which nothing more is shot if some have arrived
+# Shares of the deadline after which nothing more is shot if some have arrived, or pumping helped.
+_ENOUGH, _ENOUGH_BESIDE = 0.5, 0.4
 _SEARCH_UNTIL = 0.85  # if none has; also the end of pumping, and no round begins later
 
 # Drives.
@@ -70,7 +71,7 @@ _COARSE = 0.75  # share of the deadline after which no more are polished
 _CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
-_COLLOCATED = 0.35, 0.4, 0.48  # begun, left, and polished until these shares of the deadline
+_COLLOCATED = 0.42, 0.5, 0.55  # begun, left, and polished until these shares of the deadline
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
@@ -136,9 +137,14 @@ class SwitchingSearch(Search[Candidate]):
         if self._previous is not None:
             return self._warm(self._previous)
         found = self._pumped() if self._pumping else []
+        quicker = self._collocated(found[0]) if found and self._narrow else []
         if not self._pumping or self._narrow:
-            found += self._arrivals(_ENOUGH if found else _SEARCH_UNTIL)
-        return sorted(self._polished(distinct(found)), key=lambda c: c.total)[:_CHECKED]
+            more = self._arrivals(_ENOUGH_BESIDE if found else _SEARCH_UNTIL)
+            if quicker:  # the pumped ones are not polished then
+                quicker, found = quicker + found, []
+            found += more
+        found = quicker + self._polished(distinct(found))
+        return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """
@@ -277,7 +283,7 @@ class SwitchingSearch(Search[Candidate]):
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
-            late = budget.elapsed > (_ENOUGH if found else latest) * budget.seconds
+            late = budget.elapsed > (min(_ENOUGH, latest) if found else latest) * budget.seconds
             if late or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
@@ -293,10 +299,8 @@ class SwitchingSearch(Search[Candidate]):
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
         """Minimise the times of the quickest candidates, unless collocation shortens the first."""
-        if candidates and not self._replans:
-            quicker = self._collocated(candidates[0])
-            if quicker is not None:
-                return [quicker, *candidates]
+        if candidates and (quicker := self._collocated(candidates[0])):
+            return quicker + candidates
         done, best, until = list[Candidate](), math.inf, self._part(_COARSE)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
@@ -343,14 +347,15 @@ class SwitchingSearch(Search[Candidate]):
                 break
         return best
 
-    def _collocated(self, candidate: Candidate) -> Candidate | None:
+    def _collocated(self, candidate: Candidate) -> list[Candidate]:
         """
-        Return the first quicker arcs that collocation leads to from a candidate, if any.
+        Return quicker arcs that collocation leads to from a candidate, if any: the first.
 
-        It pays for a strong motor whose candidate has many arcs.
+        It pays for a strong motor whose candidate has many arcs, but no more than intervals.
         """
         strong, budget = self._task.drive >= _WEAK_DRIVE, self.budget
-        pays = self._narrow or (strong and candidate.durations.size >= _FEWEST_COLLOCATED)
+        least = 1 if self._narrow else _FEWEST_COLLOCATED
+        pays = strong and least <= candidate.durations.size <= INTERVALS and not self._replans
         if pays and budget.elapsed < _COLLOCATED[0] * budget.seconds:
             left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
@@ -359,8 +364,8 @@ class SwitchingSearch(Search[Candidate]):
                     quickest = min(found, key=lambda c: c.total, default=candidate)
                     if quickest.total < candidate.total:
                         better, violation = self._polish(quickest, until)
-                        return better if violation < _FEASIBLE else quickest
-        return None
+                        return [better if violation < _FEASIBLE else quickest]
+        return []
 
     def _reason(self) -> str:
         task = self._task
