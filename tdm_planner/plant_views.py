@@ -161,7 +161,7 @@ class PendulumView(PlantView):
         super().__init__(PENDULUM, problem, drawn)
 
     def settling(self, duration: float) -> float:
-        """Return the same, and what a rig takes longer whose swings are slower than planned."""
+        """Return the same, and the delay of a rig that swings more slowly."""
         return self._settling + (1.0 / PACES[0] - 1.0) * duration
 
     def allowed(self, limit: str) -> float:

@@ -103,9 +103,10 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        what, names = 'of the pair (states, controls) that invert returns, the', self.state_names
-        states = self._stacked(found[0], names, f'{what} first', shape)
-        return states, self._stacked(found[1], self.control_names, f'{what} second', shape)
+        what = 'of the pair (states, controls) that invert returns'
+        states = self._stacked(found[0], self.state_names, f'states, the first {what}', shape)
+        controls = f'controls, the second {what}'
+        return states, self._stacked(found[1], self.control_names, controls, shape)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
@@ -145,7 +146,7 @@ class CheckedFormulation:
             if not low < high:
                 raise InvalidProblem(
                     f"control_limits gives '{name}' = {shown(pair)}, expected a pair of numbers, "
-                    'the lowest below the highest: what cannot be varied is not a control'
+                    'the lowest below the highest'
                 )
             limits[name] = (low, high)
         return limits
@@ -288,8 +289,8 @@ class CheckedFormulation:
             found = np.asarray(None)
         if found.dtype.kind == 'b':
             raise InvalidProblem(
-                f'{what} is a truth value, expected a number: what is left to the limit x < 3 is '
-                '3 - x'
+                f'{what} = True or False, expected a number, as what is left to a limit: 3 - x, '
+                'not x < 3'
             )
         if found.dtype.kind not in 'iuf':
             raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')

@@ -29,7 +29,6 @@ from tdm_planner.trajectory import to_nanoseconds
 
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
-_NO_COST = 1e-20  # J along the guess below which it says nothing of what is usual
 LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
@@ -295,7 +294,7 @@ class Collocation:
         given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
         free = upper > lower
         unit = program.size_of_cost(begun.cost_by(self.trace, numbers), z, given, free)
-        given[-1] = unit if unit > _NO_COST else st
+        given[-1] = unit if 0.0 < unit < np.inf else st
         with self._lock:
             self._clock.begin(budget, (_PATIENCE if patient else 1) * self._settings.iterations)
             solver = self._again if guess.multipliers else self._solver

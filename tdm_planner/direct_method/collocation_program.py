@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from tdm_planner.arrays import Array, Integers
+from tdm_planner.arrays import Array, Integers, Mask
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
-_COST = 10.0  # what J is scaled to along the guess
+_COST = 10.0  # what the size of J is scaled to along the guess
 _CONSTANT = 1e-9  # share of J below which nothing is known of how it varies
+_LEAST_SIZE = 1e-2  # of how J varies: it may be 0 by chance
 _INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 
 
@@ -217,12 +218,13 @@ class CollocationProgram:
         each = np.split(z, list(accumulate(rows * columns for rows, columns in self._shapes))[:-1])
         return [part.reshape(shape) for part, shape in zip(each, self._shapes, strict=True)]
 
-    def size_of_cost(self, cost: float, z: Array, p: Array, free: Any) -> float:
+    def size_of_cost(self, cost: float, z: Array, p: Array, free: Mask) -> float:
         """
-        Return the size of J without its constant part, at most |J|.
+        Return the size of J without its constant part.
 
-        That is by how much J varies to first order if each of the variables that are `free` runs
-        through its range: states as along the motion, controls and duration from zero on.
+        That is |J|, but at most what J varies by to first order if each of the variables that are
+        `free` runs through its range: states as along the motion, controls and duration from zero
+        on. It is also a hundredth of that at least.
         """
         x, m, u, t = self.split(z)
         spans = np.ptp(np.vstack([x, m]), axis=0), np.abs(u).max(axis=0)
@@ -230,8 +232,9 @@ class CollocationProgram:
         every = np.concatenate([part.ravel() for part in (*ranges, t)])
         p = np.append(p[:-2], [0.0, 1.0])  # J itself
         slopes = np.array(self.derivatives['grad_f'](z, p)[1]).ravel() / _COST
-        varies = float(np.abs(slopes) @ (every * free))
-        return min(abs(cost), varies) if varies > _CONSTANT * abs(cost) else abs(cost)
+        varies = float((np.abs(slopes) * every)[free].sum())
+        known = _CONSTANT * abs(cost) < varies < np.inf
+        return min(max(abs(cost), _LEAST_SIZE * varies), varies) if known else abs(cost)
 
     def bounds(self, kept: Array, numbers: Array, e: Array) -> list[list[Array]]:
         """

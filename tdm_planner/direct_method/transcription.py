@@ -45,7 +45,8 @@ from tdm_planner.direct_method.nonlinear_program import (
 from tdm_planner.direct_method.tracing import Trace
 
 _NEAR = 1.0  # margin within which a node gets a row
-_NO_COST = 1e-20  # J at the first point below which it says nothing of what is usual
+# Changes of the first point that tell how J varies; their size; J over that, with a constant.
+_CHANGES, _CHANGE, _CONSTANT = 8, 0.1, 100.0
 _LEAST_CURVATURE = 1e-4
 
 
@@ -140,15 +141,15 @@ class Transcription(NonlinearProgram):
             check_finite(self._stated, motion, self.nodes)
             check_integrated(self._stated, motion, z, self.nodes)
         self.cost_scale, self._constant = 1.0, 0.0
-        point = self.evaluate(xi)
-        size, varies = abs(point.cost), 0.0
-        if self.size:
-            with np.errstate(all='ignore'):
-                varies = float(np.abs(self.derivatives(point, None)[0][0]).sum())
-        scale = min(size, varies) if varies > 0.0 else size
-        if scale > _NO_COST:
-            # A plan depends neither on the unit of J nor on a constant in it.
-            self.cost_scale, self._constant = scale, math.copysign(size - scale, point.cost)
+        cost = self.evaluate(xi).cost
+        changes = _CHANGE * np.random.default_rng(0).choice([-1.0, 1.0], (_CHANGES, xi.size))
+        costs = [self.evaluate(xi + change).cost for change in changes]
+        varies = max((abs(c - cost) for c in costs if math.isfinite(c)), default=0.0) / _CHANGE
+        # A plan depends neither on the unit of J nor on a constant in it.
+        constant = not abs(cost) < _CONSTANT * varies or abs(cost) < varies / _CONSTANT
+        scale = varies if constant and varies > 0.0 else abs(cost)
+        if scale > 0.0:
+            self.cost_scale, self._constant = scale, cost - math.copysign(scale, cost)
 
     def cost(self, point: Point) -> float:
         """Return J of a point."""

@@ -115,8 +115,8 @@ class EstimatedPendulum(PlantWithGains):
 
     The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
     the coupling and of what the disk feels of a tilted pendulum hardly differ. `disk_gain` is that
-    of the inertia that the disk has beyond the least at which a rig with that arm is physical, so
-    that whatever is estimated the mass matrix stays positive definite.
+    of the inertia that the disk has beyond the least at which a rig with that arm is physical: the
+    mass matrix is positive definite where it is positive.
     """
 
     state_names = (*RotaryPendulum.state_names, *GAINS)

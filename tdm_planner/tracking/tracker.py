@@ -19,6 +19,7 @@ Instants are seconds of one clock; which one does not matter.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import replace
 import math
 from typing import Any
@@ -42,8 +43,7 @@ from tdm_planner.tracking.motion import (
 from tdm_planner.trajectory import Trajectory
 
 _CALM_SLACK = 3.0
-# What numerics raise where numbers leave the range in which they can be computed.
-BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
+BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their range
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
@@ -135,8 +135,6 @@ class TrajectoryTracker(ABC):
         """Say that the commands are too slow for the plant, where they are."""
         return self.parameters.too_slow(self.growth_rate)
 
-    # What all have in common.
-
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; gains to be estimated are 1."""
         if self.estimator.stamp is not None and stamp <= self.estimator.stamp:
@@ -180,7 +178,8 @@ class TrajectoryTracker(ABC):
         """
         try:
             check_trajectory(self.plant, trajectory, start, now)
-            self._check_start(Motion(trajectory, start, None), now)
+            with suppress(*BREAKDOWN):  # what cannot be predicted is compared at the start
+                self._check_start(Motion(trajectory, start, None), now)
         except TrajectoryMissed as missed:
             lately = start <= now < start + trajectory.duration + _LATELY
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
@@ -207,7 +206,7 @@ class TrajectoryTracker(ABC):
         """Compare the state expected at the start of `motion` with the planned one."""
         at, stale = max(motion.start, now), self.state_age(now) > self.parameters.state_timeout
         if stale or at - now > _LONGEST_FORESEEN:
-            return  # nothing to compare with; the comparison is made at the start
+            return  # compared at the start
         if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.braking:
             expected = self._predicted_state(now, at)
         else:

@@ -22,7 +22,7 @@ from tdm_planner.problems.direct.refinement import FIRST
 from tdm_planner.problems.direct.statement import check_costs, check_dynamics
 
 _GUESS_NODES = 25
-_STIFF = 1e9  # times its size, beyond which an integrated state is none of the plant's
+_STIFF = 1e9  # times its size, beyond which an integrated state has left the range of numbers
 _PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers
 _TIGHT = TrustRegionOptions(
     penalties=(5.0, 5.0),

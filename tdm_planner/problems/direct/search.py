@@ -48,11 +48,13 @@ _HASTY = 3  # guesses, of which none is solved, before more iterations are allow
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
-_SETTLED = 1e-3  # share of J by which it may be off for want of intervals
+_SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
-_LEAP = 0.25  # share of J that it rises by on more intervals where a motion leaps over an obstacle
-_SIMILAR = 0.1  # share of J by which another motion may be cheaper, and leap as well
+_LEAP = (
+    0.25  # of J's size, by which it rises on more intervals where a motion leaps over an obstacle
+)
+_SIMILAR = 0.1  # of J's size, by which another motion may be cheaper, and leap as well
 _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked

@@ -235,11 +235,17 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     ],
     'invert': [
         (((0.0, 0.0, 0.0),), 'expected a pair'),
-        (((0.0, 0.0), (0.0,)), 'the first has 2 components, expected 3: x, v, angle'),
-        (((0.0, 0.0, 0.0), (0.0, 0.0)), 'the second has 2 components, expected 1: u'),
-        (((0.0, None, 0.0), (0.0,)), "the first: 'v' = None, which is not a real number"),
+        (((0.0, 0.0), (0.0,)), 'states, the first ... has 2 components, expected 3: x, v, angle'),
+        (
+            ((0.0, 0.0, 0.0), (0.0, 0.0)),
+            'the second ... has 2 components, expected 1: u',
+        ),
+        (
+            ((0.0, None, 0.0), (0.0,)),
+            "the first ... 'v' = None, which is not a real number",
+        ),
         (((0.0, [1.0, [2.0]], 0.0), (0.0,)), "'v' = [1.0, [2.0]], which is not a real number"),
-        (((0.0, np.zeros(6), 0.0), (0.0,)), "the first: 'v' of shape (6,), expected"),
+        (((0.0, np.zeros(6), 0.0), (0.0,)), "states, the first ... 'v' of shape (6,), expected"),
         (((0.0, 1.0j, 0.0), (0.0,)), "'v' = 1j, which is not a real number"),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
         (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
@@ -254,7 +260,10 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
         ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
         ({3: 1.0}, 'margins has the name 3, which must be a string'),
-        (lambda s, t, x, u: {'force': x[1] < 2.0}, "gives 'force' is a truth value"),
+        (
+            lambda s, t, x, u: {'force': x[1] < 2.0},
+            "'force' = True or False, expected a",
+        ),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),
         (lambda s, t, x, u: {f'force {next(NUMBER)}': 1.0 - u[0] ** 2}, 'must always be the same'),

@@ -140,7 +140,11 @@ def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
         (None, {'points': []}, 'has 0 points'),
         (3, {'velocities': [0.0]}, "'velocities' of point 3 has 1 values for 2 joints"),
         (0, {'effort': []}, "'effort' of point 0 has 0 values"),
-        (5, {'time_from_start': Duration()}, "'times' must increase strictly"),
+        (
+            5,
+            {'time_from_start': Duration()},
+            'in whole nanoseconds, must increase strictly',
+        ),
         (0, {'time_from_start': Duration(sec=-1)}, "'time_from_start' of point 0 is -1 s"),
         (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),
     ],

@@ -63,7 +63,7 @@ BAD = [
         ["first_guess gives 'x' = -inf at s = 0: it must be a number"],
     ),
     ({'control_names': ('ax', 'y')}, ["has the name of a state, 'y'"]),
-    (limits(ax=(0.0, 0.0)), ['what cannot be varied is not a control']),
+    (limits(ax=(0.0, 0.0)), ['the lowest below the highest']),
     JUMP,
     (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
     (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),

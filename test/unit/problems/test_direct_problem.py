@@ -261,6 +261,14 @@ def test_neither_the_unit_nor_a_constant_of_the_cost_changes_the_plan(
     assert plan.cost == pytest.approx(cost(None, plan.duration, None))
 
 
+def test_an_initial_guess_at_which_the_cost_is_stationary_tells_how_large_it_is():
+    """The cubic is the optimum without a limit."""
+    limited = {'duration': lambda s: Duration(3.0, fixed=True), 'margins': DirectProblem.margins}
+    limit = {'control_limits': lambda s: {'u': (-0.6, 0.6)}}
+    plan = solve(DirectSolverParameters(deadline=60.0, refine=False), **limited | limit)
+    assert plan.cost == pytest.approx(0.4463, rel=1e-3)
+
+
 def test_a_gain_is_found_however_much_there_is_at_first():
     gained = {
         'outputs': lambda s: {'x': Output((0.0, 0.0), {1: 0.0}, free=6)},

@@ -210,6 +210,7 @@ def test_a_state_that_cannot_be_estimated_is_told(monkeypatch: pytest.MonkeyPatc
 def test_a_state_that_is_not_finite_is_not_followed(loop: Loop, monkeypatch) -> None:
     loop.run(0.2)
     monkeypatch.setattr(loop.tracker.estimator, 'move', lambda *_: np.full(9, np.nan))
+    loop.tracker.accept(loop.tracker.current.trajectory, loop.now + 1.0, loop.now)
     command = loop.tracker.command(loop.now)
     assert (command.control, command.phase) == (0.0, Phase.STOPPED)
     assert command.problem == 'the feedback broke down: the estimated state is not finite'
