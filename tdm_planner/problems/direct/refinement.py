@@ -251,7 +251,9 @@ class Refinement:
             motion = again or motion
         if good is not None:
             motion, flown = good
-        return replace(motion, cost=flown.cost), flown.states[::_LOOKS], reserve
+        # A root of what should be zero may be of less than that in the replay.
+        cost = flown.cost if np.isfinite(flown.cost) else motion.cost
+        return replace(motion, cost=cost), flown.states[::_LOOKS], reserve
 
     def _landed(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""

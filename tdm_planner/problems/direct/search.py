@@ -51,9 +51,7 @@ _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
-_LEAP = (
-    0.25  # of J's size, by which it rises on more intervals where a motion leaps over an obstacle
-)
+_LEAP = 0.25  # of J's size, by which it rises on more intervals where a motion leaps
 _SIMILAR = 0.1  # of J's size, by which another motion may be cheaper, and leap as well
 _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _ROUNDS = 4  # of refinement of one candidate

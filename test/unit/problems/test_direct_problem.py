@@ -269,6 +269,14 @@ def test_an_initial_guess_at_which_the_cost_is_stationary_tells_how_large_it_is(
     assert plan.cost == pytest.approx(0.4463, rel=1e-3)
 
 
+def test_a_cost_that_the_replay_cannot_compute_is_that_of_the_collocation():
+    plan = solve(
+        **QUICKEST | {'running_cost': lambda s, t, x, u: 0.1 * np.sqrt(-x[1])},
+        final_cost=lambda s, t, x: t,
+    )
+    assert 2.0 < plan.cost < 2.3
+
+
 def test_a_gain_is_found_however_much_there_is_at_first():
     gained = {
         'outputs': lambda s: {'x': Output((0.0, 0.0), {1: 0.0}, free=6)},
