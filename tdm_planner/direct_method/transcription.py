@@ -45,8 +45,8 @@ from tdm_planner.direct_method.nonlinear_program import (
 from tdm_planner.direct_method.tracing import Trace
 
 _NEAR = 1.0  # margin within which a node gets a row
-# Changes of the first point that tell how J varies; their size; J over that, with a constant.
-_CHANGES, _CHANGE, _CONSTANT = 8, 0.1, 100.0
+_CHANGES, _CHANGE = 8, 0.1  # of the first point, that tell how J varies; their size
+_UNUSUAL = 100.0  # times that, or a share: such a J has a constant part
 _LEAST_CURVATURE = 1e-4
 
 
@@ -146,8 +146,8 @@ class Transcription(NonlinearProgram):
         costs = [self.evaluate(xi + change).cost for change in changes]
         varies = max((abs(c - cost) for c in costs if math.isfinite(c)), default=0.0) / _CHANGE
         # A plan depends neither on the unit of J nor on a constant in it.
-        constant = not abs(cost) < _CONSTANT * varies or abs(cost) < varies / _CONSTANT
-        scale = varies if constant and varies > 0.0 else abs(cost)
+        usual = varies / _UNUSUAL <= abs(cost) < _UNUSUAL * varies
+        scale = abs(cost) if usual or varies == 0.0 else varies
         if scale > 0.0:
             self.cost_scale, self._constant = scale, cost - math.copysign(scale, cost)
 

@@ -136,14 +136,14 @@ class SwitchingSearch(Search[Candidate]):
         """Shoot from initial guesses and minimise the times of the quickest arrivals."""
         if self._previous is not None:
             return self._warm(self._previous)
-        found = self._pumped() if self._pumping else []
-        quicker = self._collocated(found[0]) if found and self._narrow else []
-        if not self._pumping or self._narrow:
-            more = self._arrivals(_ENOUGH_BESIDE if found else _SEARCH_UNTIL)
-            if quicker:  # the pumped ones are not polished then
-                quicker, found = quicker + found, []
-            found += more
-        found = quicker + self._polished(distinct(found))
+        pumped = self._pumped() if self._pumping else []
+        quicker = self._collocated(pumped[0]) if pumped and self._narrow else []
+        latest = _ENOUGH_BESIDE if pumped else _SEARCH_UNTIL
+        arrived = self._arrivals(latest) if self._narrow or not self._pumping else []
+        if quicker:  # than the pumped ones, which need no polish then
+            found = quicker + pumped + self._polished(distinct(arrived))
+        else:
+            found = self._polished(distinct(pumped + arrived))
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:

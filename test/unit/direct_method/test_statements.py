@@ -238,11 +238,11 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         (((0.0, 0.0), (0.0,)), 'states, the first ... has 2 components, expected 3: x, v, angle'),
         (
             ((0.0, 0.0, 0.0), (0.0, 0.0)),
-            'the second ... has 2 components, expected 1: u',
+            'controls, the second ... has 2 components, expected 1: u',
         ),
         (
             ((0.0, None, 0.0), (0.0,)),
-            "the first ... 'v' = None, which is not a real number",
+            "states, the first ... 'v' = None, which is not a real number",
         ),
         (((0.0, [1.0, [2.0]], 0.0), (0.0,)), "'v' = [1.0, [2.0]], which is not a real number"),
         (((0.0, np.zeros(6), 0.0), (0.0,)), "states, the first ... 'v' of shape (6,), expected"),
@@ -262,7 +262,7 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         ({3: 1.0}, 'margins has the name 3, which must be a string'),
         (
             lambda s, t, x, u: {'force': x[1] < 2.0},
-            "'force' = True or False, expected a",
+            "margins gives 'force' = True or False, expected a number",
         ),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),

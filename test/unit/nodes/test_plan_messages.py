@@ -143,7 +143,7 @@ def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
         (
             5,
             {'time_from_start': Duration()},
-            'in whole nanoseconds, must increase strictly',
+            "'times', in whole nanoseconds, must increase strictly",
         ),
         (0, {'time_from_start': Duration(sec=-1)}, "'time_from_start' of point 0 is -1 s"),
         (2, {'positions': [math.nan, 0.0]}, "'states' holds a value that is not finite"),

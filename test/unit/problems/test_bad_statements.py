@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
-from stated import Car, Cart, changed, LONG, refused, solve
+from stated import Car, Cart, changed, LONG, QUICKEST, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
@@ -326,15 +326,6 @@ def test_a_function_that_fails_on_the_way():
     told = 'derivative of Changed raises ZeroDivisionError'
     with pytest.raises(exceptions.TdmError, match=told):
         solve(derivative=derivative)
-
-
-QUICKEST = {
-    'outputs': lambda self: {'x': Output((0.0, 0.0), (1.0, 0.0), free=2)},
-    'duration': lambda self: Duration(3.0),
-    'margins': lambda self, t, x, u: {'force': 1.0 - u[0], 'brake': 1.0 + u[0]},
-    'final_cost': lambda self, t, x: t,
-    'running_cost': DirectProblem.running_cost,
-}
 
 
 @pytest.mark.parametrize(

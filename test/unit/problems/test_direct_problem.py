@@ -13,7 +13,7 @@ import math
 import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
-from stated import Car, Cart, changed, LONG, solve
+from stated import Car, Cart, changed, LONG, QUICKEST, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -239,41 +239,27 @@ def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
     assert iterations[1] < 0.7 * iterations[0]
 
 
-QUICKEST = {
-    'margins': DirectProblem.margins,
-    'control_limits': lambda s: {'u': (-1.0, 1.0)},
-    'duration': lambda s: Duration(3.0),
-    'running_cost': DirectProblem.running_cost,
-}
-
-
-@pytest.mark.parametrize(('refine', 'best'), [(True, 2.0), (False, 2.156)])
+@pytest.mark.parametrize(('solver', 'best'), [(LONG, 2.0), (DIRECT, 2.156)])
 @pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
 def test_neither_the_unit_nor_a_constant_of_the_cost_changes_the_plan(
-    unit, constant, refine, best
+    unit, constant, solver, best
 ):
     def cost(s, t, x):
         return unit * t + constant
 
-    solver = DirectSolverParameters(deadline=60.0, refine=refine)
-    plan = solve(solver, final_cost=cost, **QUICKEST)
+    plan = solve(solver, **QUICKEST | {'final_cost': cost})
     assert plan.duration == pytest.approx(best, rel=1e-3)
     assert plan.cost == pytest.approx(cost(None, plan.duration, None))
 
 
 def test_an_initial_guess_at_which_the_cost_is_stationary_tells_how_large_it_is():
     """The cubic is the optimum without a limit."""
-    limited = {'duration': lambda s: Duration(3.0, fixed=True), 'margins': DirectProblem.margins}
-    limit = {'control_limits': lambda s: {'u': (-0.6, 0.6)}}
-    plan = solve(DirectSolverParameters(deadline=60.0, refine=False), **limited | limit)
+    plan = changed(Cart, **ABRUPT)(limit=0.6, time=3.0, solver=DIRECT).solve()
     assert plan.cost == pytest.approx(0.4463, rel=1e-3)
 
 
 def test_a_cost_that_the_replay_cannot_compute_is_that_of_the_collocation():
-    plan = solve(
-        **QUICKEST | {'running_cost': lambda s, t, x, u: 0.1 * np.sqrt(-x[1])},
-        final_cost=lambda s, t, x: t,
-    )
+    plan = solve(**QUICKEST | {'running_cost': lambda s, t, x, u: 0.1 * np.sqrt(x[1])})
     assert 2.0 < plan.cost < 2.3
 
 
@@ -296,7 +282,6 @@ def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
         integrated=lambda s: {'temperature': Integrated(0.0)},
         invert=lambda s, y, z: ((*y['x'][:2], z['temperature']), y['x'][2:]),
         derivative=lambda s, x, u: (x[1], u[0], rate * (u[0] ** 2 - x[2])),
-        final_cost=lambda s, t, x: t,
         **QUICKEST,
     )
     assert plan.duration == pytest.approx(2.0, rel=1e-3)

@@ -118,7 +118,7 @@ def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end() -> 
     twice = judge(replanned(late, 1.5, 4.0))  # planned anew for 5.5 s
     assert twice.reached
     for start in (0.5, 12.5):  # planned anew for 2.5 s; or after the recording's end
-        assert 'not at its goal within 3' in judge(replanned(late, start)).reasons[0]
+        assert 'not at its goal within 3.35 s' in judge(replanned(late, start)).reasons[0]
     assert compare(recorded_until(swing_up(), -0.1)).verdict is None
 
 
