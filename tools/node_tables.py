@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 import importlib
 import inspect
 from pathlib import Path
@@ -21,7 +21,7 @@ from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
 from tools.interface_texts import JSON_KEYS, TOPICS
-from tools.parameter_texts import parameter_table, yaml_value
+from tools.parameter_texts import yaml_value
 
 Specifications = Mapping[str, ParameterSpec]
 
@@ -70,25 +70,28 @@ def parameters_by_node() -> dict[str, Specifications]:
     }
 
 
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return rows of cells as a Markdown table."""
+    lines = (titles, ['---'] * len(titles), *rows)
+    escaped = ([cell.replace('|', '\\|') for cell in cells] for cells in lines)
+    return ''.join(f'| {" | ".join(cells)} |\n' for cells in escaped)
+
+
 def topic_table(node: str, endpoints: Iterable[Endpoint]) -> str:
-    """Return the topics and services of a node as a Markdown table."""
-    rows = ['| name | kind | type | what it is |', '| --- | --- | --- | --- |']
+    """Return the topics and services of a node as a table."""
+    rows = []
     for end in sorted(endpoints, key=lambda end: (KINDS.index(end.kind), end.name)):
         text = TOPICS[node, end.name] + ('; latched' if end.latched else '')
         types = ', '.join(f'`{type_}`' for type_ in end.types)
-        rows.append(f'| `{end.name}` | {end.kind} | {types} | {text} |')
-    return '\n'.join(rows) + '\n'
+        rows.append((f'`{end.name}`', end.kind, types, text))
+    return table(('name', 'kind', 'type', 'what it is'), rows)
 
 
-def merged_robots(specs: Specifications) -> dict[str, ParameterSpec | list[ParameterSpec]]:
+def merged_robots(specs: Specifications) -> dict[str, list[ParameterSpec]]:
     """Return parameters by name, those that every robot has under `<robot>`, in order."""
-    merged: dict[str, Any] = {}
+    merged: dict[str, list[ParameterSpec]] = {}
     for name, spec in specs.items():
-        common = re.sub(r'\brobot\d+\b', '<robot>', name)
-        if common == name:
-            merged[name] = spec
-        else:
-            merged.setdefault(common, []).append(spec)
+        merged.setdefault(re.sub(r'\brobot\d+\b', '<robot>', name), []).append(spec)
     return merged
 
 
@@ -98,18 +101,15 @@ def robot_parameter_table(specs: Specifications) -> str:
 
     Defaults that differ from robot to robot stand side by side.
     """
-    lines = []
-    for name, spec in merged_robots(specs).items():
-        if not isinstance(spec, list):
-            lines.append(parameter_table({name: spec}).splitlines()[2])
-            continue
-        cells = parameter_table({name: spec[0]}).splitlines()[2].split(' | ')
-        defaults = dict.fromkeys(
-            'unset' if one.default is None else f'`{yaml_value(one.default)}`' for one in spec
-        )
-        cells[1] = ', '.join(defaults)
-        lines.append(' | '.join(cells).replace('robot1', '`<robot>`'))
-    return '\n'.join([*parameter_table({}).splitlines(), *lines]) + '\n'
+    rows = []
+    for name, (spec, *others) in merged_robots(specs).items():
+        values = [one.default for one in (spec, *others)]
+        defaults = dict.fromkeys('unset' if v is None else f'`{yaml_value(v)}`' for v in values)
+        text = spec.description + (' (fixed while the node runs)' if spec.read_only else '')
+        if name != spec.name:
+            text = text.replace('robot1', '`<robot>`')
+        rows.append((f'`{name}`', ', '.join(defaults), spec.allowed, text))
+    return table(('parameter', 'default', 'allowed', 'what it is'), rows)
 
 
 def parameter_names(nodes: Mapping[str, Specifications]) -> str:
@@ -122,30 +122,28 @@ def parameter_names(nodes: Mapping[str, Specifications]) -> str:
     for name, those in sorted(where.items()):
         group = name.rpartition('.')[0]
         groups.setdefault((group, ', '.join(those)), []).append(f'`{name}`')
-    rows = ['| parameters | nodes |', '| --- | --- |']
-    rows += [f'| {", ".join(names)} | {those} |' for (_, those), names in groups.items()]
-    return '\n'.join(rows) + '\n'
+    rows = ((', '.join(names), those) for (_, those), names in groups.items())
+    return table(('parameters', 'nodes'), rows)
 
 
 def key_table(keys: Iterable[str]) -> str:
     """Return dotted JSON keys as a table."""
-    rows = ['| key | what it is |', '| --- | --- |']
-    rows += [f'| `{key.replace("*", "<name>")}` | {JSON_KEYS[key]} |' for key in keys]
-    return '\n'.join(rows) + '\n'
+    rows = ((f'`{key.replace("*", "<name>")}`', JSON_KEYS[key]) for key in keys)
+    return table(('key', 'what it is'), rows)
 
 
 def python_modules() -> str:
     """Return a table of the names that are promised, linked to the pages that tell of them."""
-    rows = ['| module | names |', '| --- | --- |']
-    for module, (page, names) in FACE.items():
-        shown = ', '.join(f'`{name}`' for name in names)
-        rows.append(f'| [{module}](api/{page}.md) | {shown} |')
-    return '\n'.join(rows) + '\n'
+    rows = (
+        (f'[{module}](api/{page}.md)', ', '.join(f'`{name}`' for name in names))
+        for module, (page, names) in FACE.items()
+    )
+    return table(('module', 'names'), rows)
 
 
 def python_names(page: str) -> str:
     """Return a table of the names that a page of docs/api tells of, and their docstrings."""
-    rows, sections = ['| name | what it is |', '| --- | --- |'], []
+    rows, sections = [], []
     for module, (where, names) in FACE.items():
         if where != page:
             continue
@@ -153,20 +151,19 @@ def python_names(page: str) -> str:
         sections += ['', f'## {module}', '```{eval-rst}', f'.. automodule:: {module}']
         for name in names:
             value, full = getattr(found, name), f'{module}.{name}'
-            rows.append(f'| `{full}` | {first_sentence(value)} |')
+            rows.append((f'`{full}`', first_sentence(value)))
             if inspect.isclass(value):
                 sections += ['', f'.. autoclass:: {full}', '   :members:', '   :show-inheritance:']
             else:
                 sections += ['', f'.. autofunction:: {full}']
         sections.append('```')
-    return '\n'.join([*rows, *sections]) + '\n'
+    return table(('name', 'what it is'), rows) + '\n'.join(sections) + '\n'
 
 
 def first_sentence(value: Any) -> str:
     """Return the first line of a docstring, fit for a table."""
     text = (inspect.getdoc(value) or '').partition('\n')[0]
-    text = re.sub(r'`+([^`]+)`+', r'`\1`', text)
-    return text.replace('|', '\\|')
+    return re.sub(r'`+([^`]+)`+', r'`\1`', text)
 
 
 def declared_arguments(file: Path) -> dict[str, tuple[ast.expr, ast.expr]]:
@@ -183,12 +180,12 @@ def declared_arguments(file: Path) -> dict[str, tuple[ast.expr, ast.expr]]:
 
 def launch_arguments(file: Path) -> str:
     """Return the arguments of a launch file as a table, read from the sources."""
-    rows = ['| argument | default | what it is |', '| --- | --- | --- |']
+    rows = []
     for name, (default, description) in declared_arguments(file).items():
         shown = ast.unparse(default)
         if isinstance(default, ast.Constant):
             shown = str(default.value)
         shown = re.sub(r"^str\(config_file\('(.*)'\)\)$", r'config/\1', shown)
         shown = f'`{shown}`' if shown else ''
-        rows.append(f'| `{name}` | {shown} | {ast.literal_eval(description)} |')
-    return '\n'.join(rows) + '\n'
+        rows.append((f'`{name}`', shown, ast.literal_eval(description)))
+    return table(('argument', 'default', 'what it is'), rows)

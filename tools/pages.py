@@ -10,7 +10,6 @@ A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 import json
@@ -23,6 +22,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_summary
+from tdm_planner.starting import NODES
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.node_tables import (
@@ -33,6 +33,7 @@ from tools.node_tables import (
     python_modules,
     python_names,
     robot_parameter_table,
+    table,
     topic_table,
 )
 
@@ -102,11 +103,9 @@ def fragment(name: str) -> str:
 
 
 def executables(folder: str = '') -> str:
-    """Return the console scripts of setup.py as a table, linked to their pages in `folder`."""
-    rows = ['| executable | what it does |', '| --- | --- |']
-    for name in console_scripts():
-        rows.append(f'| [{name}]({folder}{name}.md) | {EXECUTABLES[name]} |')
-    return '\n'.join(rows) + '\n'
+    """Return the executables as a table, linked to their pages in `folder`."""
+    rows = ((f'[{name}]({folder}{name}.md)', text) for name, text in EXECUTABLES.items())
+    return table(('executable', 'what it does'), rows)
 
 
 def all_topics() -> str:
@@ -118,11 +117,11 @@ def all_topics() -> str:
             sides = found.setdefault((bare, end.types), {'gives': {}, 'takes': {}})
             side = 'gives' if end.kind in ('publishes', 'service') else 'takes'
             sides[side][name.split()[0]] = None
-    rows = ['| name | type | published or served by | taken or called by |', '| --- ' * 4 + '|']
-    for (topic, types), sides in sorted(found.items()):
-        gives, takes = (', '.join(sides[side]) for side in ('gives', 'takes'))
-        rows.append(f'| `{topic}` | `{types[0]}` | {gives} | {takes} |')
-    return '\n'.join(rows) + '\n'
+    rows = (
+        (f'`{topic}`', f'`{types[0]}`', ', '.join(sides['gives']), ', '.join(sides['takes']))
+        for (topic, types), sides in sorted(found.items())
+    )
+    return table(('name', 'type', 'published or served by', 'taken or called by'), rows)
 
 
 def all_json_keys() -> str:
@@ -133,21 +132,8 @@ def all_json_keys() -> str:
     ):
         for key in keys:
             found.setdefault(key.replace('*', '<name>'), [JSON_KEYS[key]]).append(where)
-    rows = [f'| `{key}` | {", ".join(where)} | {text} |' for key, (text, *where) in found.items()]
-    return '\n'.join(['| key | in | what it is |', '| --- | --- | --- |', *rows, ''])
-
-
-@cache
-def console_scripts() -> tuple[str, ...]:
-    """Return the names of the console scripts that setup.py declares."""
-    tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
-    (declared,) = (
-        node.value
-        for node in ast.walk(tree)
-        if isinstance(node, ast.keyword) and node.arg == 'entry_points'
-    )
-    scripts = ast.literal_eval(declared)['console_scripts']
-    return tuple(script.split('=')[0].strip() for script in scripts)
+    rows = ((f'`{key}`', ', '.join(where), text) for key, (text, *where) in found.items())
+    return table(('key', 'in', 'what it is'), rows)
 
 
 @cache
@@ -196,7 +182,7 @@ def check_texts() -> None:
     compared: tuple[tuple[str, set[Any], set[Any]], ...] = (
         ('topic or service', set(TOPICS), named),
         ('JSON key', set(JSON_KEYS), keys),
-        ('executable', set(EXECUTABLES), set(console_scripts())),
+        ('executable', set(EXECUTABLES), {*NODES, 'tdm'}),
     )
     for what, described, there in compared:
         for item in sorted(map(str, described ^ there)):

@@ -43,17 +43,6 @@ def parameter_file(
     return '\n'.join(lines) + '\n'
 
 
-def parameter_table(specifications: Mapping[str, ParameterSpec]) -> str:
-    """Return the parameters as a Markdown table."""
-    rows = ['| parameter | default | allowed | what it is |', '| --- | --- | --- | --- |']
-    for name, spec in specifications.items():
-        default = 'unset' if spec.default is None else f'`{yaml_value(spec.default)}`'
-        description = spec.description + (' (fixed while the node runs)' if spec.read_only else '')
-        cells = (f'`{name}`', default, spec.allowed, description)
-        rows.append('| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |')
-    return '\n'.join(rows) + '\n'
-
-
 def yaml_value(value: Any) -> str:
     """
     Return `value` as YAML on one line, of the same type for PyYAML and for ROS 2.
@@ -86,29 +75,17 @@ def _lines(tree: Mapping[str, Any], values: Mapping[str, Any], indent: int) -> I
     margin = ' ' * indent
     for key, node in tree.items():
         if not isinstance(node, ParameterSpec):
-            empty = not any(_is_written(spec, values) for spec in _leaves(node))
+            lines = list(_lines(node, values, indent + 2))
+            empty = all(line.lstrip().startswith('#') for line in lines)
             yield f'{margin}{"# " if empty else ""}{yaml_value(key)}:'
-            yield from _lines(node, values, indent + 2)
+            yield from lines
             continue
         yield from _comment(node, margin)
-        if _is_written(node, values):
-            value = node.check(values.get(node.name, node.default))
-            yield f'{margin}{yaml_value(key)}: {yaml_value(value)}'
-        else:
+        value = values.get(node.name, node.default)
+        if value in (None, [], ()):  # ROS 2 parameter files hold neither null nor empty lists
             yield f'{margin}# {key}:'
-
-
-def _leaves(tree: Mapping[str, Any]) -> Iterator[ParameterSpec]:
-    for node in tree.values():
-        if isinstance(node, ParameterSpec):
-            yield node
         else:
-            yield from _leaves(node)
-
-
-def _is_written(spec: ParameterSpec, values: Mapping[str, Any]) -> bool:
-    # ROS 2 parameter files hold neither null nor empty lists.
-    return values.get(spec.name, spec.default) not in (None, [], ())
+            yield f'{margin}{yaml_value(key)}: {yaml_value(node.check(value))}'
 
 
 def _comment(spec: ParameterSpec, margin: str) -> list[str]:
