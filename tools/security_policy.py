@@ -9,10 +9,9 @@ The names are asked of the nodes themselves, made in the namespaces of the launc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
-from xml.sax.saxutils import escape
+from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS
@@ -25,11 +24,6 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <!-- SROS2 policy: every node has only its own topics and services. The enclave {operator} is for
      people and their tools: requests, parameters, goals, and everything to be looked at.
      Written by `make config` from the nodes; docs/security.md says how it is used. -->
-<policy version="0.2.0">
-  <contexts>
-"""
-_FOOT = """  </contexts>
-</policy>
 """
 # The operator's tools publish these, and call these services, among those that the nodes offer.
 _GOALS = '/goal_pose'
@@ -84,8 +78,24 @@ def policy() -> str:
     """Return config/security/policy.xml."""
     found = {path: rights(set_up) for path, set_up in node_set_ups().items()}
     found[OPERATOR] = operator(found)
-    body = ''.join(_context(path, found[path]) for path in found)
-    return _HEAD.format(operator=OPERATOR) + body + _FOOT
+    root = Element('policy', version='0.2.0')
+    contexts = SubElement(root, 'contexts')
+    for path, node in found.items():
+        namespace, _, name = path.rpartition('/')
+        profiles = SubElement(SubElement(contexts, 'context', path=path), 'profiles')
+        profile = SubElement(profiles, 'profile', ns=namespace or '/', node=name)
+        for group, item, right, names in (
+            ('services', 'service', 'reply', node.serves),
+            ('services', 'service', 'request', node.calls),
+            ('topics', 'topic', 'publish', node.publishes),
+            ('topics', 'topic', 'subscribe', node.subscribes),
+        ):
+            if names:
+                allowed = SubElement(profile, group, {right: 'ALLOW'})
+                for topic in sorted(names):
+                    SubElement(allowed, item).text = topic
+    indent(root)
+    return _HEAD.format(operator=OPERATOR) + tostring(root, encoding='unicode') + '\n'
 
 
 def operator(nodes: Mapping[str, Rights]) -> Rights:
@@ -100,28 +110,3 @@ def operator(nodes: Mapping[str, Rights]) -> Rights:
         serves=frozenset(),
         calls=frozenset().union(*(node.serves for node in nodes.values())),
     )
-
-
-def _context(path: str, node: Rights) -> str:
-    namespace, _, name = path.rpartition('/')
-    lines = [
-        f'    <context path="{path}">',
-        '      <profiles>',
-        f'        <profile ns="{namespace or "/"}" node="{name}">',
-        *_list('services', 'service', 'reply', node.serves),
-        *_list('services', 'service', 'request', node.calls),
-        *_list('topics', 'topic', 'publish', node.publishes),
-        *_list('topics', 'topic', 'subscribe', node.subscribes),
-        '        </profile>',
-        '      </profiles>',
-        '    </context>',
-    ]
-    return '\n'.join(lines) + '\n'
-
-
-def _list(group: str, item: str, right: str, names: frozenset[str]) -> Iterator[Any]:
-    if names:
-        yield f'          <{group} {right}="ALLOW">'
-        for name in sorted(names):
-            yield f'            <{item}>{escape(name)}</{item}>'
-        yield f'          </{group}>'
