@@ -125,9 +125,9 @@ class StateEstimator:
 
     Commands act `delay` s after they were sent. The delay is a further state of the filter: an
     error of it shifts the instant at which a control changes, and so the state, by that time times
-    the difference of the rates. It is taken as constant, and estimated while `finds_delay`. About
-    a goal, friction depends on the commands, too, and would be taken for a delay. The constructor
-    takes its initial guess.
+    the difference of the rates. It is taken as constant, and estimated where `find_delay` says so.
+    About a goal, friction depends on the commands, too, and would be taken for a delay. The
+    constructor takes its initial guess.
     """
 
     def __init__(
@@ -165,13 +165,8 @@ class StateEstimator:
         """Durations [s] and controls that make up [start, end], as they act on the plant."""
         return self.history.between(start - self.delay, end - self.delay)
 
-    @property
-    def finds_delay(self) -> bool:
-        """Whether samples correct the delay of commands; when set, it counts as unknown again."""
-        return self._finds_delay
-
-    @finds_delay.setter
-    def finds_delay(self, finds: bool) -> None:
+    def find_delay(self, finds: bool) -> None:
+        """Let samples correct the delay of commands or not; first it counts as unknown again."""
         if finds and not self._finds_delay:
             self._covariance = self._covariance.copy()
             self._covariance[-1] = self._covariance[:, -1] = self._prior_covariance[-1]

@@ -275,7 +275,7 @@ class TrajectoryTracker(ABC):
         if not np.isfinite(control).all():
             return self.break_down(now, 'a value is not a finite number')
         self.history.add(now, control)
-        self.estimator.finds_delay = self.phase is Phase.TRACKING
+        self.estimator.find_delay(self.phase is Phase.TRACKING)
         return Command(control, self.phase, action, self._broke_down(now) or self.reason)
 
     def _broke_down(self, now: float) -> str:

@@ -90,7 +90,7 @@ def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator
 def delay_found(late: float, guess: float, seed: int, finds: bool = True) -> float:
     """Return the estimate after commands that acted `late` s late; few of them were changed."""
     estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1, delay=guess)
-    estimator.finds_delay = finds
+    estimator.find_delay(finds)
     state, sent, noise = HANGING, CommandHistory(1), np.random.default_rng(seed)
     command = np.array([0.03])
     for k in range(300):
