@@ -54,11 +54,8 @@ def read_plan(
         raise InvalidProblem(
             f"trajectory 'points' has {len(points)} points: at least two are needed"
         )
-    placed, columns = _placed(kind.joints, message.joint_names), dict[str, list[float]]()
-    for quantity, field in zip(QUANTITIES, _FIELDS, strict=True):
-        rows = [getattr(point, field) for point in points]
-        told = f"trajectory '{field}' of point {{}} has {{}} values for {{}} joints"
-        columns |= _columns(placed, quantity, len(message.joint_names), rows, known, told)
+    told = "trajectory '{}' of point {} has {} values for {} joints"
+    columns = _columns(kind.joints, message.joint_names, known, points, _FIELDS, told)
 
     def stacked(names: Sequence[str]) -> Array:
         values = np.array([columns[name] for name in names], dtype=float)
@@ -74,37 +71,35 @@ def read_plan(
     )
 
 
-def _placed(joints: Sequence[Joint], names: Sequence[str]) -> list[tuple[Joint, int]]:
-    """Return joints with their places among the names of a message."""
-    listed = list(names)
+def _columns(
+    joints: Sequence[Joint],
+    names: Sequence[str],
+    known: Collection[str],
+    points: Sequence[Any],
+    fields: Sequence[str],
+    told: str,
+) -> dict[str, list[float]]:
+    """
+    Return the `known` states and controls of joints at all points, by name.
+
+    A point has `fields` with the `QUANTITIES` of the joints `names`; `told` says where it has not.
+    """
+    listed, columns = list(names), dict[str, list[float]]()
     wrong = [joint.name for joint in joints if listed.count(joint.name) != 1]
     if wrong:
         found = shown(', '.join(listed)) or 'none'
         raise InvalidProblem(
             f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
         )
-    return [(joint, listed.index(joint.name)) for joint in joints]
-
-
-def _columns(
-    placed: Sequence[tuple[Joint, int]],
-    quantity: str,
-    count: int,
-    rows: Sequence[Sequence[float]],
-    known: Collection[str],
-    told: str,
-) -> dict[str, list[float]]:
-    """
-    Return those of the `known` states and controls that are a quantity of joints, by name.
-
-    `rows` hold `count` values each; `told` says where one does not.
-    """
-    places = {getattr(joint, quantity): place for joint, place in placed}
-    wanted = {name: place for name, place in places.items() if name in known}
-    for number, row in enumerate(rows if wanted else ()):
-        if len(row) != count:
-            raise InvalidProblem(told.format(number, len(row), count))
-    return {name: [float(row[place]) for row in rows] for name, place in wanted.items()}
+    for quantity, field in zip(QUANTITIES, fields, strict=True):
+        places = {getattr(joint, quantity): listed.index(joint.name) for joint in joints}
+        wanted = {name: place for name, place in places.items() if name in known}
+        rows = [getattr(point, field) for point in points] if wanted else []
+        for number, row in enumerate(rows):
+            if len(row) != len(listed):
+                raise InvalidProblem(told.format(field, number, len(row), len(listed)))
+        columns |= {name: [float(row[place]) for row in rows] for name, place in wanted.items()}
+    return columns
 
 
 def _looks_like(efforts: Array) -> Interpolation:
@@ -137,20 +132,18 @@ def read_joints(joints: Sequence[Joint], message: Any, names: Iterable[str]) -> 
     Raise InvalidProblem for joints that are missing, lengths that do not match, or values that are
     not finite.
     """
-    known, placed, found = set(names), _placed(joints, message.name), {}
+    told = "'{0}' has {2} values for {3} named joints"
+    columns = _columns(joints, message.name, set(names), [message], QUANTITIES, told)
+    values = {name: value for name, (value,) in columns.items()}
     for quantity in QUANTITIES:
-        told = f"'{quantity}' has {{1}} values for {{2}} named joints"
-        rows = [getattr(message, quantity)]
-        columns = _columns(placed, quantity, len(message.name), rows, known, told)
-        for name, (value,) in columns.items():
+        for joint in joints:
+            value = values.get(getattr(joint, quantity), 0.0)
             if not abs(value) <= LARGEST:
-                joint = next(joint for joint in joints if getattr(joint, quantity) == name)
                 raise InvalidProblem(
                     f'the {quantity} of joint {joint.name} is {value}, not a finite '
                     f'number of at most {LARGEST:g}'
                 )
-            found[name] = value
-    return found
+    return values
 
 
 def read_command(kind: PlantKind, message: Any) -> Array:

@@ -144,7 +144,7 @@ class StateEstimator:
         self.size = len(plant.state_names)
         self.history = CommandHistory(len(plant.control_names))
         self._longest_gap, self._longest_step = longest_gap, longest_step
-        self._angles = np.isin(np.arange(self.size), angles)
+        self.angles = angles
         more = (0, self.size - noise.measurement.size)
         self._rate_floor = np.pad(noise.rate_floor, more)
         self.measurement = np.pad(noise.measurement, more, constant_values=_GAIN_UNKNOWN)
@@ -235,8 +235,8 @@ class StateEstimator:
 
     def _correct(self, measured: Array) -> None:
         innovation = measured - self._state
-        turns = np.round(innovation / math.tau) * self._angles
-        innovation = innovation - math.tau * turns
+        for angle in self.angles:
+            innovation[angle] -= math.tau * np.round(innovation[angle] / math.tau)
         size = self.size
         total = self._covariance[:size, :size] + self._measurement_covariance
         if innovation @ np.linalg.solve(total, innovation) > _LARGEST_SURPRISE**2:

@@ -230,12 +230,6 @@ class PendulumTracker(TrajectoryTracker):
         spacing = longest_step(plant)
         return PlanLaw.along(EstimatedPendulum(plant), trajectory, weights, terminal, spacing)
 
-    def error(self, state: Array, reference: Array) -> Array:
-        """State minus reference (4,); theta the shorter way round."""
-        error = state[:4] - reference
-        error[0] = wrapped(error[0])
-        return error
-
     def deviation(self, error: Array) -> float:
         """Return the larger deviation: of theta [rad], of the disk as a share of its range."""
         return float(max(abs(error[0]), abs(error[1]) / self.parameters.limits.disk_angle))

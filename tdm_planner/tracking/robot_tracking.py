@@ -244,12 +244,6 @@ class RobotTracker(TrajectoryTracker):
         lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
         return RobotLaw(lower, upper, burns)
 
-    def error(self, state: Array, reference: Array) -> Array:
-        """State minus reference (7,); angles the shorter way round."""
-        error = state[:7] - reference[:7]
-        error[[_YAW, _ALPHA]] = wrapped(error[[_YAW, _ALPHA]])
-        return error
-
     def deviation(self, error: Array) -> float:
         """Return the distance from the planned position [m]."""
         return math.hypot(error[0], error[1])

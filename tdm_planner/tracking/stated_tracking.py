@@ -154,10 +154,6 @@ class StatedTracker(TrajectoryTracker):
             return not_held
         return Hold(state, control, found.gain), found.cost_to_go
 
-    def error(self, state: Array, reference: Array) -> Array:
-        """State minus reference (nx,)."""
-        return state - reference
-
     def deviation(self, error: Array) -> float:
         """Return the largest deviation as a share of what the plan's states run through."""
         return float((np.abs(error) / self.ranges).max())

@@ -10,8 +10,8 @@ Planner, tracker and plant declare a stated problem's parameters under the same 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-import dataclasses
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, fields, make_dataclass
 from typing import Any, get_type_hints
 
 from tdm_planner.exceptions import InvalidProblem
@@ -50,32 +50,25 @@ def with_parameters_of(
 
     Raise InvalidProblem if both have one of the same name.
     """
-    mine = {item.name for item in dataclasses.fields(base)} | _NODE
-    added: list[tuple[str, Any, Any]] = []
+    own = {item.name for item in fields(base)} | _NODE
     kind: Any = problem
-    field: Any = dataclasses.field
-    hints = get_type_hints(problem)
-    for item in dataclasses.fields(kind):
-        if item.name in besides:
-            continue
-        if item.name in mine:
+    added = [item for item in fields(kind) if item.name not in besides]
+    for item in added:
+        if item.name in own:
             raise InvalidProblem(
                 f"parameter '{item.name}' of {problem.__name__} is one of the node's own: name it "
                 'otherwise'
             )
-        copied: Any = field(
-            default=item.default, default_factory=item.default_factory, metadata=item.metadata
-        )
-        added.append((item.name, hints[item.name], copied))
-    return dataclasses.make_dataclass(
-        f'{problem.__name__}{base.__name__}', added, bases=(base,), frozen=True
-    )
+    hints = get_type_hints(problem)
+    declared = [(item.name, hints[item.name], copy(item)) for item in added]
+    name = f'{problem.__name__}{base.__name__}'
+    return make_dataclass(name, declared, bases=(base,), frozen=True)
 
 
 def problem_of(problem: type[DirectProblem], parameters: Any) -> DirectProblem:
     """Make the problem from a node's parameters, see `with_parameters_of`; others are defaults."""
     kind: Any = problem
-    names = [item.name for item in dataclasses.fields(kind) if hasattr(parameters, item.name)]
+    names = [item.name for item in fields(kind) if hasattr(parameters, item.name)]
     made: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
     return made
 

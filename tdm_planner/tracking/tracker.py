@@ -25,7 +25,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tdm_planner.arrays import Array
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import one_line
 from tdm_planner.plants.base import Named
 from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator, STUCK
@@ -63,10 +63,7 @@ class TrajectoryTracker(ABC):
     def __init__(
         self, parameters: TrackerParameters, plant: Named, estimator: StateEstimator
     ) -> None:
-        self.parameters = parameters
-        self.plant = plant
-        self.estimator = estimator
-        self.history = estimator.history
+        self.parameters, self.plant, self.estimator = parameters, plant, estimator
         self.nothing = np.zeros(len(plant.control_names))  # commanded
         self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
         self.phase = Phase.IDLE
@@ -86,10 +83,6 @@ class TrajectoryTracker(ABC):
         """Do what can be done before the start (gains); the result comes back as `motion.law`."""
 
     @abstractmethod
-    def error(self, state: Array, reference: Array) -> Array:
-        """State minus reference (nx,), angles the shorter way round."""
-
-    @abstractmethod
     def deviation(self, error: Array) -> float:
         """Return the error as one number, in the unit of the plant's tolerances."""
 
@@ -104,6 +97,13 @@ class TrajectoryTracker(ABC):
     @abstractmethod
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end of the trajectory."""
+
+    def error(self, state: Array, reference: Array) -> Array:
+        """State, without gains, minus reference (nx,), angles the shorter way round."""
+        error = state[: reference.size] - reference
+        for angle in self.estimator.angles:
+            error[angle] = wrapped(error[angle])
+        return error
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
         """Return the motion, put off or brought forward to where the plant is on it."""
@@ -211,7 +211,7 @@ class TrajectoryTracker(ABC):
             expected = self._predicted_state(now, at)
         else:
             # From now on nothing is commanded.
-            self.history.add(now, self.nothing)
+            self.estimator.history.add(now, self.nothing)
             expected = self.estimator.predict(at)
         self._compare(motion, expected, at)
 
@@ -274,7 +274,7 @@ class TrajectoryTracker(ABC):
             return self.break_down(now, one_line(error))
         if not np.isfinite(control).all():
             return self.break_down(now, 'a value is not a finite number')
-        self.history.add(now, control)
+        self.estimator.history.add(now, control)
         self.estimator.find_delay(self.phase is Phase.TRACKING)
         return Command(control, self.phase, action, self._broke_down(now) or self.reason)
 
@@ -308,7 +308,7 @@ class TrajectoryTracker(ABC):
         return self._nothing(now, self.reason)
 
     def _nothing(self, now: float, problem: str) -> Command:
-        self.history.add(now, self.nothing)
+        self.estimator.history.add(now, self.nothing)
         return Command(self.nothing, self.phase, None, problem)
 
     def _stale(self, now: float, age: float) -> str:
@@ -323,7 +323,7 @@ class TrajectoryTracker(ABC):
     def _follow_clock(self, now: float) -> None:
         if now < self._time - _CLOCK_TOLERANCE:
             self.estimator.reset()
-            self.history.clear()
+            self.estimator.history.clear()
             if self.phase is not Phase.IDLE:
                 self.stop(f'the clock was set back by {self._time - now:.3g} s')
         self._time = now
@@ -378,7 +378,7 @@ class TrajectoryTracker(ABC):
             for motion in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
-        self.history = self.estimator.history = other.history
+        self.estimator.history = other.estimator.history
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
         if self.parameters.command_delay == other.parameters.command_delay:
             self.estimator.delay = other.estimator.delay
