@@ -32,12 +32,12 @@ KINDS = ('service', 'subscribes', 'calls', 'publishes')
 
 @dataclass(frozen=True, order=True)
 class Endpoint:
-    """A topic or service of a node: `kind` is one of `KINDS`, `types` as ROS writes them."""
+    """A topic or service of a node: `kind` is one of `KINDS`, `type_name` as ROS writes it."""
 
     name: str
     kind: str
-    types: tuple[str, ...]
-    latched: bool = False
+    type_name: str
+    latched: bool
 
 
 @dataclass(frozen=True)
@@ -64,18 +64,12 @@ SET_UPS: Mapping[str, NodeSetUp] = {
 def endpoints(name: str) -> tuple[Endpoint, ...]:
     """Return the topics and services of one of `SET_UPS`, sorted, without those of every node."""
     with running(SET_UPS[name]) as node:
-        found: dict[tuple[str, str], tuple[set[str], bool]] = {}
-        for kind, topic, type_, latched in used_by(node):
-            if OF_EVERY_NODE.search(topic):
-                continue
-            types, _ = found.setdefault((_relative(topic, node), kind), (set(), latched))
-            types.add(type_)
-    return tuple(
-        sorted(
-            Endpoint(topic, kind, tuple(sorted(types)), latched)
-            for (topic, kind), (types, latched) in found.items()
-        )
-    )
+        found = {
+            Endpoint(_relative(topic, node), kind, type_name, latched)
+            for kind, topic, type_name, latched in used_by(node)
+            if not OF_EVERY_NODE.search(topic)
+        }
+    return tuple(sorted(found))
 
 
 @contextmanager

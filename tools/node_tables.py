@@ -82,8 +82,7 @@ def topic_table(node: str, endpoints: Iterable[Endpoint]) -> str:
     rows = []
     for end in sorted(endpoints, key=lambda end: (KINDS.index(end.kind), end.name)):
         text = TOPICS[node, end.name] + ('; latched' if end.latched else '')
-        types = ', '.join(f'`{type_}`' for type_ in end.types)
-        rows.append((f'`{end.name}`', end.kind, types, text))
+        rows.append((f'`{end.name}`', end.kind, f'`{end.type_name}`', text))
     return table(('name', 'kind', 'type', 'what it is'), rows)
 
 

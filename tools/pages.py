@@ -110,16 +110,16 @@ def executables(folder: str = '') -> str:
 
 def all_topics() -> str:
     """Return every topic and service of all nodes: name, type, and who gives and takes it."""
-    found: dict[tuple[str, tuple[str, ...]], dict[str, dict[str, None]]] = {}
+    found: dict[tuple[str, str], dict[str, dict[str, None]]] = {}
     for name in SET_UPS:
         for end in endpoints(name):
             bare = end.name.removeprefix('<robot>/')
-            sides = found.setdefault((bare, end.types), {'gives': {}, 'takes': {}})
+            sides = found.setdefault((bare, end.type_name), {'gives': {}, 'takes': {}})
             side = 'gives' if end.kind in ('publishes', 'service') else 'takes'
             sides[side][name.split()[0]] = None
     rows = (
-        (f'`{topic}`', f'`{types[0]}`', ', '.join(sides['gives']), ', '.join(sides['takes']))
-        for (topic, types), sides in sorted(found.items())
+        (f'`{topic}`', f'`{type_name}`', ', '.join(sides['gives']), ', '.join(sides['takes']))
+        for (topic, type_name), sides in sorted(found.items())
     )
     return table(('name', 'type', 'published or served by', 'taken or called by'), rows)
 

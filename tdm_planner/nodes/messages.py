@@ -80,10 +80,7 @@ def to_quaternion(yaw: float) -> Quaternion:
 
 
 def plan_message(
-    kind: PlantKind,
-    trajectory: Trajectory,
-    stamp: Time,
-    besides: Mapping[str, Array] = _NOTHING,
+    kind: PlantKind, trajectory: Trajectory, stamp: Time, besides: Mapping[str, Array] = _NOTHING
 ) -> JointTrajectory:
     """
     Return a plan as a message; `stamp` is the instant at which the motion starts.

@@ -213,8 +213,7 @@ class Planner(ManagedNode):
                     raise InvalidProblem(result.reason)
             else:
                 plan = replace(
-                    outcome,
-                    request_parameters={**outcome.request_parameters, **request.changes},
+                    outcome, request_parameters={**outcome.request_parameters, **request.changes}
                 )
             stamp = self._time.stamp(plan.start)
             self._adapter.publish(plan, stamp)
