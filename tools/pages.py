@@ -80,26 +80,20 @@ def filled(text: str) -> str:
 def fragment(name: str) -> str:
     """Return a generated part of a page by its name, such as ``topics tracker robot``."""
     kind, _, which = name.partition(' ')
-    if kind == 'topics':
-        return topic_table(which.split()[0], endpoints(which))
-    if kind == 'parameters':
-        return robot_parameter_table(parameters_by_node()[which])
-    if kind == 'launch':
-        return launch_arguments(ROOT / 'launch' / which)
-    if kind == 'python' and which:
-        return python_names(which)
-    if kind == 'json':
-        return key_table(json_keys()[which])
     made: dict[str, Callable[[], str]] = {
+        'topics': lambda: topic_table(which.split()[0], endpoints(which)),
+        'parameters': lambda: robot_parameter_table(parameters_by_node()[which]),
+        'launch': lambda: launch_arguments(ROOT / 'launch' / which),
+        'python': lambda: python_names(which) if which else python_modules(),
+        'json': lambda: key_table(json_keys()[which]),
         'executables': lambda: executables('nodes/'),
         'executables-here': executables,
         'all-topics': all_topics,
         'all-parameters': lambda: parameter_names(parameters_by_node()),
         'codes': lambda: ', '.join(f'`{error.code}`' for error in ERRORS) + '\n',
-        'python': python_modules,
         'json-keys': all_json_keys,
     }
-    return made[name]()
+    return made[kind]()
 
 
 def executables(folder: str = '') -> str:

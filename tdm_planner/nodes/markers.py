@@ -12,7 +12,7 @@ numbers, and disappears by its lifetime when its publisher is gone.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import re
@@ -217,16 +217,12 @@ def plan_markers(
     return MarkerArray(markers=shown)
 
 
-def _size(shapes: Iterable[Shape]) -> float:
+def _size(shapes: Sequence[Shape]) -> float:
     """Return the largest extent of shapes in one state [m]."""
-    extents = [1e-3]
-    corners = []
-    for shape in shapes:
-        points = points_of(shape, 1)[0]
-        corners += in_space(points).tolist()
-        extents += [shape.radius] if isinstance(shape, Disc) else []
-    extents += np.ptp(corners, axis=0).tolist() if corners else []
-    return float(max(extents))
+    corners = [in_space(points_of(shape, 1)[0]) for shape in shapes]
+    extents = np.ptp(np.concatenate(corners), axis=0).tolist() if corners else []
+    radii = [shape.radius for shape in shapes if isinstance(shape, Disc)]
+    return float(max(1e-3, *extents, *radii))
 
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:

@@ -20,7 +20,6 @@ from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
-MISSED = 'the goal was not reached {:.3g} s after the plan ended'.format
 _SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with

@@ -177,11 +177,7 @@ class StatedTracker(TrajectoryTracker):
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""
-        hold: Hold | None = motion.law.end
-        if hold is None:
-            nothing = self.nothing
-            return Action(nothing, nothing, np.zeros(state.size))
-        return self._action(motion, hold.control, hold.gain, state, hold.state)
+        return self._about(motion, motion.law.end, state)
 
     def _check_start(self, motion: Motion, now: float) -> None:
         """Compare the state with the planned one; a start ahead is compared when it has come."""
@@ -196,10 +192,12 @@ class StatedTracker(TrajectoryTracker):
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Feedback about the start, where it can be held."""
-        begin: Hold | None = motion.law.begin
-        if begin is None:
-            return self.nothing
-        return self._action(motion, begin.control, begin.gain, state, begin.state).control
+        return self._about(motion, motion.law.begin, state).control
+
+    def _about(self, motion: Motion, end: Hold | None, state: Array) -> Action:
+        if end is None:
+            return Action(self.nothing, self.nothing, np.zeros(state.size))
+        return self._action(motion, end.control, end.gain, state, end.state)
 
     def _action(
         self,

@@ -33,7 +33,6 @@ from tdm_planner.tracking.motion import (
     Action,
     check_trajectory,
     Command,
-    MISSED,
     Motion,
     Phase,
     TrackerParameters,
@@ -343,7 +342,9 @@ class TrajectoryTracker(ABC):
         if not tracking and motion.reached is None:
             self.current = motion = motion.judged(time, self.at_goal(motion, state), self.settling)
             if motion.reached is False:
-                self.reason = MISSED(self.settling)
+                self.reason = (
+                    f'the goal was not reached {self.settling:.3g} s after the plan ended'
+                )
                 far = far or self.reason * self.parameters.replan.on_deviation
         if far:
             self.give_up(far)
