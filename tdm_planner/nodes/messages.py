@@ -43,7 +43,6 @@ QUEUE = 10  # messages, sent again where they get lost
 # be overwritten while the node is busy, and whoever sent it would wait for ever.
 SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
-
 # Rates below it, and below that share of the largest, are rest: what a plan may be off by at its
 # end. Trajectory controllers want the last velocities to be exactly zero
 # (`allow_nonzero_velocity_at_trajectory_end`).

@@ -49,8 +49,6 @@ _PULSE = 10  # ticks in which a correction takes an error of the velocity away, 
 _SETTLED = 0.25  # share of the miss left alone at which a correction ends
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
-
-
 _FREE = -math.inf, math.inf
 
 
