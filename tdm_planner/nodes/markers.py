@@ -222,7 +222,7 @@ def _size(shapes: Sequence[Shape]) -> float:
     corners = [in_space(points_of(shape, 1)[0]) for shape in shapes]
     extents = np.ptp(np.concatenate(corners), axis=0).tolist() if corners else []
     radii = [shape.radius for shape in shapes if isinstance(shape, Disc)]
-    return float(max(1e-3, *extents, *radii))
+    return float(max([1e-3, *extents, *radii]))
 
 
 def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
