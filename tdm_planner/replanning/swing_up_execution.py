@@ -12,8 +12,8 @@ import math
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
-from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
-from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.pendulum.problem import PendulumSwingUp
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
