@@ -20,7 +20,7 @@ exactly the controls that are published ends at the goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -143,8 +143,7 @@ def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tup
     return yaw, torque
 
 
-@dataclass(frozen=True, eq=False)
-class Shot:
+class Shot(NamedTuple):
     """Sizes of the corrections (4,), the flight they lead to, its errors in units of `_AIM`."""
 
     sizes: Array

@@ -80,7 +80,7 @@ class StatedSwingUp(DirectProblem):
         """Return the swing-up of a task to theta = 2 pi `turns`."""
         return cls(
             plant=task.plant,
-            start=PendulumStart(*task.start.tolist(), task.start_torque),
+            start=replace(PendulumStart(*task.start.tolist()), torque=task.start_torque),
             goal=2.0 * math.pi * turns,
             torque=task.planned_torque,
             disk_angle=task.planned_disk_angle,
