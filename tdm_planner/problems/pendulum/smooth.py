@@ -172,8 +172,7 @@ class ContinuousTorqueSearch(Search[Solution]):
         if self._previous is None and not self._one_way:
             with suppress(Infeasible):
                 plan = self._switching(self.budget.part(_SWITCHING_SHARE * self.budget.remaining))
-                (motion,) = plan.trajectories.values()
-                yield self._task.turns_nearest(motion.states[-1]), 1.0, plan
+                yield self._task.turns_nearest(plan.trajectory.states[-1]), 1.0, plan
         for number, turns in enumerate(self._goals()):
             yield turns, (1.0 if number else _FIRST_SHARE), self._previous
 
@@ -194,8 +193,7 @@ class ContinuousTorqueSearch(Search[Solution]):
 
     def plans(self, candidate: Solution) -> Iterator[Solution]:
         """Yield the plan with the check that all swing-ups pass."""
-        (motion,) = candidate.trajectories.values()
-        yield self._task.plan(motion, candidate.parameters, candidate.penalty)
+        yield self._task.plan(candidate.trajectory, candidate.parameters, candidate.penalty)
 
     def is_worth_checking(self, candidate: Solution, plan: Solution) -> bool:
         """Whether it is quicker."""

@@ -97,10 +97,6 @@ class SwingUpTask:
         k = self.plant.coefficients
         return min(self.drive, self.planned_disk_angle * k.arm / k.pendulum)
 
-    def fine_time(self, share: float) -> float:
-        """Return that share of the time scale of the quickest swings [s]."""
-        return share / self.plant.natural_frequency / self.plant.quickness
-
     @property
     def disk_acceleration(self) -> float:
         """Acceleration that the torque gives the disk with the pendulum upright [rad/s^2]."""
