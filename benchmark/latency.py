@@ -29,7 +29,7 @@ import numpy as np
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.pendulum.problem import PendulumStart
+from tdm_planner.problems.pendulum.task import PendulumStart
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation

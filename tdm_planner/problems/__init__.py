@@ -18,11 +18,8 @@ if TYPE_CHECKING:
     from tdm_planner.problems.direct.problem import DirectProblem, DirectSolverParameters
     from tdm_planner.problems.formation.parameters import RobotStart
     from tdm_planner.problems.formation.problem import RobotFormation
-    from tdm_planner.problems.pendulum.problem import (
-        PendulumGoal,
-        PendulumStart,
-        PendulumSwingUp,
-    )
+    from tdm_planner.problems.pendulum.problem import PendulumGoal, PendulumSwingUp
+    from tdm_planner.problems.pendulum.task import PendulumStart
     from tdm_planner.problems.planner_parameters import SolverParameters
     from tdm_planner.problems.problem import Problem, Search
     from tdm_planner.problems.solution import Solution
@@ -48,7 +45,8 @@ _MODULES = {
     'tdm_planner.problems.problem': ('Problem', 'Search'),
     'tdm_planner.problems.direct.problem': ('DirectProblem', 'DirectSolverParameters'),
     'tdm_planner.problems.formation.parameters': ('RobotStart',),
-    'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
+    'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumSwingUp'),
+    'tdm_planner.problems.pendulum.task': ('PendulumStart',),
     'tdm_planner.problems.planner_parameters': ('SolverParameters',),
     'tdm_planner.problems.formation.problem': ('RobotFormation',),
     'tdm_planner.problems.solution': ('Solution',),

@@ -228,9 +228,8 @@ class GenericExecution(Execution):
         for number, state in self._compared(motion):
             away = float(now.state[number] - reference[state])
             if abs(away) > self.tolerance * ranges[state] > 0.0:
-                unit = motion.units.get(motion.state_names[state], '')
-                size = f'{abs(away):.3g} {unit}'.rstrip()
                 name = motion.state_names[state]
+                size = f'{abs(away):.3g} {motion.units.get(name, "")}'.rstrip()
                 return replace(outlook, failure=f"'{name}' is {size} away from the active plan")
         return outlook
 

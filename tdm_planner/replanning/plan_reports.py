@@ -15,6 +15,8 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.trajectory import SECOND
 
+_ANSWERED = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+
 
 def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:
     """
@@ -22,15 +24,11 @@ def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) ->
 
     `warnings` are sentences about what is not connected; without any, the key is absent.
     """
-    solution = plan.solution
+    figures = plan.solution.figures
     document = {
         'plan_id': plan_id,
-        'duration': solution.duration,
-        'cost': solution.cost,
-        'penalty': solution.penalty,
-        'solve_time': solution.solve_time,
-        'evaluations': solution.evaluations,
-        'summary': ' '.join(solution.summary.split()),
+        **{name: figures[name] for name in _ANSWERED},
+        'summary': ' '.join(plan.solution.summary.split()),
         **({'warnings': list(warnings)} if warnings else {}),
     }
     return json.dumps(finite(document), allow_nan=False)

@@ -73,10 +73,9 @@ def same_question(problem: Problem, other: Problem) -> bool:
 
 
 def _asked(problem: Problem) -> dict[str, Any]:
-    parameters = problem.to_parameters()
     return {
         name: value
-        for name, value in parameters.items()
+        for name, value in problem.to_parameters().items()
         if '.start.' not in f'.{name}' and not name.startswith('solver.')
     }
 

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
-from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
-from tdm_planner.problems.pendulum.task import PENDULUM_NAME
+from tdm_planner.problems.pendulum.problem import PendulumSwingUp
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
@@ -44,8 +44,6 @@ class SwingUpExecution(Execution):
         if parameters is None:
             parameters = PendulumTrackerParameters(plant=problem.plant, limits=problem.limits)
         self._plant = problem.plant
-        self._interval = parameters.interval
-        self._limit = parameters.limits.torque
         self._tracker = PendulumTracker(parameters)
         self._law: tuple[ActivePlan, PlanLaw] | None = None
         self._late = self._seen = 0.0  # of the plan [s], and the instant at which that was seen
@@ -121,8 +119,9 @@ class SwingUpExecution(Execution):
 
     def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
-        count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
+        count = max(1, math.ceil((end - start) / self._tracker.parameters.interval * (1.0 - 1e-9)))
         step = (end - start) / count
+        limit = self._tracker.parameters.limits.torque
         references, torques, gains = np.zeros((count, 4)), np.zeros(count), np.zeros((count, 4))
         if mode is Mode.RECOVERING:
             gains[:] = self._tracker.recovery_gain
@@ -136,4 +135,4 @@ class SwingUpExecution(Execution):
             torques = mean_controls(law.trajectory, edges)[:, 0]
             along = law.gains[law.places(elapsed), 0, :4]
             gains = np.where(after[:, None], self._tracker.upright.gain, along)
-        return FeedbackTable(references, torques, gains, step, self._limit)
+        return FeedbackTable(references, torques, gains, step, limit)

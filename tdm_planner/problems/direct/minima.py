@@ -169,14 +169,7 @@ class DirectMinima:
         tolerance = max(self._tolerance, _PROMISING)
         return bool(ends <= tolerance and margins <= _PROMISING)
 
-    def nearest_miss(self, program: Transcription, minimum: Minimum) -> str:
-        """Say that there is no feasible motion, and what the nearest, a minimum, violates."""
-        return (
-            f'no initial guess led to a feasible motion of {self._stated.duration().allowed}; '
-            f'the nearest violated {self._violated(program, minimum)}'
-        )
-
-    def _violated(self, program: Transcription, minimum: Minimum) -> str:
+    def violated(self, program: Transcription, minimum: Minimum) -> str:
         """Return what a minimum of a program violates most, reserves counted, and by how much."""
         ends, margins = minimum.point.violations
         motion = program.motion(minimum.point.xi)

@@ -48,7 +48,7 @@ class DirectPlant:
         self.control_units = formulation.control_units
         self.trace = Trace.of(self.stated)
         self.numbers = self.trace.values(formulation)
-        self._one = Call(self.trace.rates)
+        self._one, self._one_margin = Call(self.trace.rates), Call(self.trace.margins)
 
     def derivative(self, state: Array, control: Array) -> Array:
         """
@@ -113,9 +113,16 @@ class DirectPlant:
         slopes = np.swapaxes(flat.reshape(*state.shape[:-1], nx + nu, nx), -1, -2).copy()
         return slopes[..., :nx], slopes[..., nx:]
 
-    @cached_property
-    def _one_margin(self) -> Call:
-        return Call(self.trace.margins)
+    def _with_slopes(self, key: str, function: Any, *by: int) -> Any:
+        """Return a traced function with its slopes by those arguments, column by column."""
+
+        def make() -> Any:
+            given = [ca.SX.sym('a', function.size1_in(i)) for i in range(function.n_in())]
+            found = ca.densify(function(*given))
+            slopes = ca.densify(ca.jacobian(found, ca.vertcat(*(given[i] for i in by))))
+            return ca.Function('slopes', given, [found, ca.vec(slopes)])
+
+        return self.trace.once(key, make)
 
     def control_margins(self, time: float, state: Array, control: Array) -> Array:
         """Return what is left to the limits in which the controls have a part, (nm,)."""
@@ -127,31 +134,17 @@ class DirectPlant:
         self, times: Array, states: Array, controls: Array
     ) -> tuple[Array, Array, Array]:
         """Return what is left to the limits at N instants (N, nm), and its slopes (N, nm, n)."""
-        margins, nx, nu = self.trace.margins, states.shape[1], controls.shape[1]
-
-        def make() -> Any:
-            given = [ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txup')]
-            slopes = ca.jacobian(margins(*given), ca.vertcat(*given[1:3]))
-            return ca.Function('limits', given, [margins(*given), ca.vec(ca.densify(slopes))])
-
-        call = Call(self.trace.once('linear limits', make), times.size)
+        nx, nu = states.shape[1], controls.shape[1]
+        call = Call(self._with_slopes('linear limits', self.trace.margins, 1, 2), times.size)
         left, slopes = call(times[:, None], states, controls, self.numbers)
         slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
         return left, slopes[..., :nx], slopes[..., nx:]
 
     def end_conditions(self, time: float, state: Array) -> tuple[Array, Array]:
         """Return the conditions at the end (m,); their slopes by state and time (m, nx + 1)."""
-        stated = self.trace.end_conditions
-
-        def make() -> Any:
-            t, x, p = (ca.SX.sym(name, stated.size1_in(i)) for i, name in enumerate('txp'))
-            found = stated(t, x, p)
-            slopes = ca.densify(ca.jacobian(found, ca.vertcat(x, t)))
-            return ca.Function('ends', [t, x, p], [ca.densify(found), ca.vec(slopes.T)])
-
-        call = Call(self.trace.once('slopes of end conditions', make))
+        call = Call(self._with_slopes('linear ends', self.trace.end_conditions, 1, 0))
         values, slopes = call(time, state, self.numbers)
-        return values, slopes.reshape(values.size, state.size + 1)
+        return values, slopes.reshape(state.size + 1, values.size).T.copy()
 
     def limit_tolerances(self, plan: Trajectory | CollocatedMotion) -> Array:
         """

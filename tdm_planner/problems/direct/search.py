@@ -245,7 +245,8 @@ class DirectSearch(Search[Candidate]):
         """
         Solve on as many intervals as J asks for, in a hurry on few; put it aside if that fails.
 
-        A motion may leap over an obstacle once, as long as more intervals bring it round.
+        A motion may leap over an obstacle once, as long as more intervals bring it round: it costs
+        more on them.
         """
         solutions = _SOLUTIONS if self._best is None else 1
         last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else most
@@ -253,11 +254,11 @@ class DirectSearch(Search[Candidate]):
         first, leaps, failed = motion, False, False
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
-            rises = finer is not None and self._leaps(motion, finer)
+            rises = finer is not None and finer.cost - motion.cost > _LEAP * finer.size
             if finer is None or (leaps and rises):
                 failed = True
                 break
-            leaps = rises
+            leaps = rises and self._trace.obstacles  # between two nodes
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
@@ -270,10 +271,6 @@ class DirectSearch(Search[Candidate]):
             return None
         self._coarse |= not failed
         return motion
-
-    def _leaps(self, coarse: CollocatedMotion, fine: CollocatedMotion) -> bool:
-        """Whether it leaps over an obstacle between two nodes: on more of them it costs more."""
-        return self._trace.obstacles and fine.cost - coarse.cost > _LEAP * fine.size
 
     def _direct(self) -> Iterator[Minimum]:
         """Minimise from a round of initial guesses while there is time."""
@@ -297,7 +294,10 @@ class DirectSearch(Search[Candidate]):
         """Remember what the minimum violates that is nearest to a feasible motion."""
         if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
             self._closest = minimum.point.violation
-            self._nearest_miss = self._minima.nearest_miss(program, minimum)
+            self._nearest_miss = (
+                f'no initial guess led to a feasible motion of {self._stated.duration().allowed}; '
+                f'the nearest violated {self._minima.violated(program, minimum)}'
+            )
 
     @cached_property
     def _minima(self) -> DirectMinima:

@@ -20,9 +20,10 @@ exactly the controls that are published ends at the goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import bernstein_basis
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -124,8 +125,7 @@ def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tup
     steps = np.diff(times)
 
     def integrate(torque: Array) -> tuple[Array, Array]:
-        gain = steps * (torque[:-1] + torque[1:]) / 2
-        rate = task.yaw_rate[robot] + np.concatenate([[0.0], np.cumsum(gain)])
+        rate = task.yaw_rate[robot] + cumulative_trapezoid(torque, times, initial=0)
         turned = steps * (rate[:-1] + steps * (2 * torque[:-1] + torque[1:]) / 6)
         return task.yaw[robot] + np.concatenate([[0.0], np.cumsum(turned)]), rate
 
@@ -143,8 +143,7 @@ def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tup
     return yaw, torque
 
 
-@dataclass(frozen=True, eq=False)
-class Shot:
+class Shot(NamedTuple):
     """Sizes of the corrections (4,), the flight they lead to, its errors in units of `_AIM`."""
 
     sizes: Array
@@ -330,12 +329,10 @@ class ThrustDirection:
             first = min(max(float(direction[0]), float(lower[0])), float(upper[0]))
         angles = np.empty(direction.size)
         follow(direction, lower, upper, self.steps, first, angles)
-        steps = np.diff(self.times)
-        slopes = np.diff(angles) / steps
+        slopes = np.diff(angles) / np.diff(self.times)
         padded = np.concatenate([slopes[:1], slopes, slopes[-1:]])
         rate = 0.5 * (padded[1:] + padded[:-1])
-        turned = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)
-        return np.concatenate([angles[:1], angles[0] + turned]), rate
+        return angles[0] + cumulative_trapezoid(rate, self.times, initial=0), rate
 
 
 @compiled

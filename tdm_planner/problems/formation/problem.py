@@ -13,7 +13,7 @@ dynamics.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 import math
 from typing import Any, ClassVar
@@ -110,8 +110,7 @@ class RobotFormation(FormationParameters, Problem):
             starts[name] = build(RobotStart, default | dict(values), f'{name}.start.')
             if values.get(f'formation.{name}') is not None:
                 offsets[name] = values[f'formation.{name}']
-        shared = {item.name: getattr(general, item.name) for item in fields(FormationParameters)}
-        return cls(**shared, starts=starts, offsets=offsets)
+        return cls(**vars(general), starts=starts, offsets=offsets)
 
     def to_parameters(self) -> dict[str, Any]:
         """Return every parameter's value by dotted name, those of every robot included."""

@@ -199,8 +199,7 @@ def _check_reach(task: FormationTask) -> None:
     way = np.linalg.norm(away, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     along = (task.velocity * away).sum(axis=1) / np.maximum(way, 1e-12)
-    straight = least_time(way, along, task.thrust)
-    moving = np.maximum(straight, speed / task.thrust)
+    moving = np.maximum(least_time(way, along, task.thrust), speed / task.thrust)
     turning = least_time(task.goal_yaw - task.yaw, task.yaw_rate, task.torque)
     least = np.maximum(moving, turning)
     if least.max(initial=0.0) > task.longest:

@@ -21,19 +21,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.problems.formation import thrust_arcs_kernels as kernels
 from tdm_planner.problems.formation.polynomial_plan import follow
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
-from tdm_planner.problems.formation.thrust_arcs_kernels import (
-    ArcValues,
-    attitude,
-    derivatives,
-    evaluate,
-    Fleet,
-    positions,
-    round_off,
-    turning,
-)
 from tdm_planner.problems.formation.verification import flown
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -52,6 +43,7 @@ _CORRECTIONS = 8
 _DIGITS = 11  # of a rate [rad/s]: less is rounding, and no switch
 _INSTANTS = 40  # at which a polyline is fitted to a plan
 _EVALUATIONS = 8
+_OF_TASK = ('goal', 'alpha', 'yaw', 'yaw_rate', 'goal_yaw')
 _CORRECTED = 0.6  # half-turns of the thruster before a burn that leave time for another one
 
 
@@ -87,16 +79,12 @@ class ThrustArcProgram(FormationProgram):
             motion = kept[task.names[robot]]
             burns = remaining(motion)
             held[robot, : len(burns)], fixed[robot, -1] = burns, motion.duration
-        self.fleet = Fleet(
+        self.fleet = kernels.Fleet(
             start=np.concatenate([task.start, self.centres]),
             velocity=np.concatenate([task.velocity, np.zeros_like(self.centres)]),
             clearances=self.clearances,
             held=held,
-            goal=np.ascontiguousarray(task.goal),
-            alpha=np.ascontiguousarray(task.alpha),
-            yaw=np.ascontiguousarray(task.yaw),
-            yaw_rate=np.ascontiguousarray(task.yaw_rate),
-            goal_yaw=np.ascontiguousarray(task.goal_yaw),
+            **{name: np.ascontiguousarray(getattr(task, name)) for name in _OF_TASK},
             varied=self.varied,
             low=self.low,
             high=self.high,
@@ -116,17 +104,17 @@ class ThrustArcProgram(FormationProgram):
         upper[waiting, -1] = lower[waiting, -1]
         self.bound(lower, upper, fixed)
 
-    def fly(self, x: Array, found: Array) -> ArcValues:
+    def fly(self, x: Array, found: Array) -> kernels.ArcValues:
         """Return burns, approaches, gas and the worst margin."""
-        return evaluate(self.fleet, x, found)
+        return kernels.evaluate(self.fleet, x, found)
 
     def derive(
-        self, flown: ArcValues, multipliers: Multipliers | None
+        self, flown: kernels.ArcValues, multipliers: Multipliers | None
     ) -> tuple[Array, Array, Array, Array, None]:
         """Differentiate gas, the distances of approaches, and own margins near active."""
-        return *derivatives(self.fleet, flown, self.weights[2]), None
+        return *kernels.derivatives(self.fleet, flown, self.weights[2]), None
 
-    def own_margins(self, flown: ArcValues) -> dict[str, Array]:
+    def own_margins(self, flown: kernels.ArcValues) -> dict[str, Array]:
         """Margins of what the thruster needs, and of robots that fly towards a wall."""
         return {"the time that the thruster of '{}' needs between burns": flown.margins}
 
@@ -176,11 +164,11 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     """Return the held controls of a robot's burns (k, 4), and the states that follow."""
     plant = task.plant
     yaw, rate, goal = task.yaw[robot], task.yaw_rate[robot], task.goal_yaw[robot]
-    a, switch = turning(duration, goal - yaw, rate)
-    spin = a, switch, yaw, rate, goal
+    a, switch = kernels.turning(duration, goal - yaw, rate)
+    spin = duration, a, switch, yaw, rate, goal
     on = np.stack([burns[:, 2] - burns[:, 3], burns[:, 2] + burns[:, 3]], axis=1)
     on = np.clip(on, 0.0, duration)
-    path = _thruster_path(task, robot, burns, on, duration, spin)
+    path = _thruster_path(task, robot, burns, on, spin)
     edges = [0.0, duration, *on.ravel(), *path[0], *np.linspace(0.0, duration, _SAMPLES)]
     if 0.0 < switch < duration:
         edges.append(switch)
@@ -199,23 +187,18 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
 
 
 def _thruster_path(
-    task: FormationTask,
-    robot: int,
-    burns: Array,
-    on: Array,
-    duration: float,
-    spin: tuple[float, float, float, float, float],
+    task: FormationTask, robot: int, burns: Array, on: Array, spin: tuple[float, ...]
 ) -> tuple[Array, Array]:
     """Instants and angles of the thruster between which it turns evenly, at any rate."""
     now, angle = 0.0, float(task.alpha[robot])
     times, angles = [], []
     if not math.isnan(angle):
         times, angles = [0.0], [angle]
-    step = math.sqrt(8.0 * _TURNED / max(abs(spin[0]), 1e-12))
+    step = math.sqrt(8.0 * _TURNED / max(abs(spin[1]), 1e-12))
     for burn, (begin, end) in zip(burns, on, strict=True):
         count = 1 + max(1, math.ceil((end - begin) / step))
         instants = np.linspace(begin, end, count)
-        yaw = np.array([attitude(t, duration, *spin) for t in instants])
+        yaw = np.array([kernels.attitude(t, *spin) for t in instants])
         held = math.atan2(burn[1], burn[0]) - yaw
         if math.isnan(angle):
             angle = held[0]
@@ -257,11 +240,11 @@ def _nearest(
     burns, slopes = every[i], np.zeros((*every.shape[1:], program.size))
 
     def missed(z: Array) -> Array:
-        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
-        return np.asarray((positions(times, program.fleet, i, every) - wanted).ravel())
+        kernels.round_off(np.append(z, duration), program.fleet, i, burns, slopes)
+        return np.asarray((kernels.positions(times, program.fleet, i, every) - wanted).ravel())
 
     def missed_slope(z: Array) -> Array:
-        round_off(np.append(z, duration), program.fleet, i, burns, slopes)
+        kernels.round_off(np.append(z, duration), program.fleet, i, burns, slopes)
         change, (centre, half) = burns[:, :2], burns[:, 2:].T
         twice = np.maximum(2.0 * half, 1e-300)
         burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)

@@ -4,9 +4,7 @@
 """
 The search for formations' plans by thrust arcs: rounded polylines, the shared minimiser.
 
-Initial guesses have one corner each, bowed to either side, and are screened together. Which robot
-passes on which side of another decides which local minimum is found: of every set of sides the
-guess that looks best is tried, the most promising first.
+Initial guesses have one corner each, bowed to either side, and are screened together.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, partial
-import itertools
 from typing import TypeAlias
 
 import numpy as np
@@ -110,46 +107,42 @@ def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
             x[i, 3] = x[i, 0] + share[i] * (x[i, 4] - x[i, 0])
 
 
-class ArcSeeds:
-    """Initial guesses x (n, 5) for a program with three burns a robot."""
+def guesses(
+    program: ThrustArcProgram, rng: np.random.Generator, most: int, drawn: int
+) -> Iterator[Array]:
+    """
+    Yield initial guesses x (n, 5) for a program with three burns a robot.
 
-    def __init__(self, program: ThrustArcProgram, rng: np.random.Generator) -> None:
-        self.program, self.task, self.rng = program, program.task, rng
-        self.durations = program.usual_durations()
-        self._way = self.task.goal - self.task.start
-        normal = np.stack([-self._way[:, 1], self._way[:, 0]], axis=1)
-        size = np.maximum(np.linalg.norm(self._way, axis=1), 1e-9)
-        self._normal = normal * np.maximum(1.0, _LEAST_BOW * program.fleet.length / size)[:, None]
+    `most` screened ones at most, each the best of its set of sides, the best set first; then
+    `drawn` ones with random corners.
+    """
+    task, fleet, n = program.task, program.fleet, program.task.n
+    durations, way = program.usual_durations(), task.goal - task.start
+    normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
+    size = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    normal *= np.maximum(1.0, _LEAST_BOW * fleet.length / size)[:, None]
 
-    def guess(self, share: Array, bow: Array) -> Array:
+    def guess(share: Array, bow: Array) -> Array:
         """Parameters (n, 5): corners at shares of way and time, off by bows."""
-        fleet = self.program.fleet
-        x = np.zeros((self.task.n, 5))
-        corner = self.task.start + share[:, None] * self._way + bow[:, None] * self._normal
+        x = np.zeros((n, 5))
+        corner = task.start + share[:, None] * way + bow[:, None] * normal
         corner = np.clip(corner, fleet.low, fleet.high)
-        first = np.linalg.norm(corner - self.task.start, axis=1)
-        last = np.linalg.norm(self.task.goal - corner, axis=1)
+        first = np.linalg.norm(corner - task.start, axis=1)
+        last = np.linalg.norm(task.goal - corner, axis=1)
         share = first / np.maximum(first + last, 1e-9)
-        x[:, 1:3], x[:, 3], x[:, 4] = corner, share * self.durations, self.durations
+        x[:, 1:3], x[:, 3], x[:, 4] = corner, share * durations, durations
         _give_time(x, share, fleet)
         return x
 
-    def random(self) -> Array:
-        """Return a guess with random corners."""
-        n = self.task.n
-        return self.guess(self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n))
-
-    def screened(self) -> Iterator[Array]:
-        """Yield the best guess for every set of sides, the best set first."""
-        program, n = self.program, self.task.n
-        x = np.stack([self.guess(np.full(n, 0.5), np.full(n, bow)) for bow in _BOWS], axis=1)
-        times = np.linspace(0.0, self.durations.max(), INSTANTS)
-        paths, gas = _survey(x, program.fleet, times)
-        price = _OVERLAP * program.scale / program.fleet.length
-        single = self.task.weights[2] * gas
-        alike = np.zeros(_BOWS.size)  # a detour that avoids no robot gives no other minimum
-        for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
-            yield x[np.arange(n), chosen]
+    x = np.stack([guess(np.full(n, 0.5), np.full(n, bow)) for bow in _BOWS], axis=1)
+    paths, gas = _survey(x, fleet, np.linspace(0.0, durations.max(), INSTANTS))
+    price = _OVERLAP * program.scale / fleet.length
+    alike = np.zeros(_BOWS.size)  # a detour that avoids no robot gives no other minimum
+    given = paths, task.weights[2] * gas, alike, _MEETING, _SPARE, price, rng
+    for chosen in screened(program, *given)[:most]:
+        yield x[np.arange(n), chosen]
+    for _ in range(drawn):
+        yield guess(rng.uniform(0.3, 0.7, n), rng.uniform(-0.3, 0.3, n))
 
 
 class ArcSearch(FormationSearch[Arcs | Solution]):
@@ -201,11 +194,9 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
         program = ThrustArcProgram(self.task)
-        seeds = ArcSeeds(program, self.rng)
-        # On the way there is little time.
-        more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
-        guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
-        found = self.minima(program, map(program.reduce, guesses), self._options, _WORSE)
+        drawn = 0 if self.rest else _DESPERATE  # on the way there is little time
+        first = map(program.reduce, guesses(program, self.rng, self.starts, drawn))
+        found = self.minima(program, first, self._options, _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
             if candidate.point.cost < _PROMISING * found[0].point.cost and not self.budget.spent:
                 finer = self._polished(program, candidate.point.xi, _FINE)

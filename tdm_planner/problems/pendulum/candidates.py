@@ -376,8 +376,8 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
 def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
     usual = max(_SAMPLE_TIME, candidate.total / _MOST_SAMPLES)
-    finest, coarsest = map(task.fine_time, _FINE_SHARES)
-    fine = np.clip(candidate.total / _FINE_SAMPLES, finest, coarsest)
+    bounds = np.array(_FINE_SHARES) / task.plant.natural_frequency / task.plant.quickness
+    fine = np.clip(candidate.total / _FINE_SAMPLES, *bounds)
     spacing = min(usual, float(fine))
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
     # The rest of a plan could not tell the ends of a shorter arc apart.

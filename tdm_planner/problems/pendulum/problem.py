@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem
-from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
+from tdm_planner.parameters import group, parameter, Range, Validated
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.pendulum.candidates import arcs_of
@@ -31,7 +31,7 @@ from tdm_planner.problems.pendulum.smooth import (
     StatedSwingUp,
 )
 from tdm_planner.problems.pendulum.switching_search import SwitchingSearch
-from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
+from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart, SwingUpTask
 from tdm_planner.problems.planner_parameters import SolverParameters
 from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.solution import Solution
@@ -39,28 +39,6 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 _COMPILED_TORQUE = 0.012  # N m: of a motor with which a swing-up needs every kernel
-
-
-@dataclass(frozen=True)
-class PendulumStart(Validated):
-    """State to start from."""
-
-    theta: float = parameter(
-        math.pi, "pendulum's angle from upright", unit='rad', allowed=Range(-1e6, 1e6)
-    )
-    psi: float = parameter(0.0, "disk's angle", unit='rad', allowed=SIGNED)
-    theta_dot: float = parameter(
-        0.0, "pendulum's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
-    )
-    psi_dot: float = parameter(
-        0.0, "disk's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
-    )
-    torque: float | None = parameter(
-        None,
-        'torque from which methods smooth and virtual_arc go on without a jump; unset: any',
-        unit='N m',
-        allowed=SIGNED,
-    )
 
 
 @dataclass(frozen=True)

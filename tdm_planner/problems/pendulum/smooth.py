@@ -37,7 +37,11 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.pendulum.candidates import Candidate, trajectory
-from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
+from tdm_planner.problems.pendulum.task import (
+    PendulumStart,
+    SwingUpTask,
+    TERMINAL_TOLERANCE,
+)
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
@@ -64,11 +68,7 @@ class StatedSwingUp(DirectProblem):
     terminal_tolerance = tuple((0.5 * TERMINAL_TOLERANCE).tolist())
 
     plant: RotaryPendulum = group(RotaryPendulum)
-    theta: float = parameter(math.pi, "pendulum's angle at the start", unit='rad')
-    psi: float = parameter(0.0, "disk's angle at the start", unit='rad')
-    theta_dot: float = parameter(0.0, "pendulum's rate at the start", unit='rad/s')
-    psi_dot: float = parameter(0.0, "disk's rate at the start", unit='rad/s')
-    start_torque: float | None = parameter(None, 'torque to go on from', unit='N m')
+    start: PendulumStart = group(PendulumStart)
     goal: float = parameter(0.0, "pendulum's angle at the end", unit='rad')
     torque: float = parameter(0.02, 'largest torque', unit='N m')
     disk_angle: float = parameter(2.0, 'largest angle of the disk', unit='rad')
@@ -78,14 +78,9 @@ class StatedSwingUp(DirectProblem):
     @classmethod
     def of(cls, task: SwingUpTask, turns: int, one_way: bool = False) -> StatedSwingUp:
         """Return the swing-up of a task to theta = 2 pi `turns`."""
-        theta, psi, theta_dot, psi_dot = task.start.tolist()
         return cls(
             plant=task.plant,
-            theta=theta,
-            psi=psi,
-            theta_dot=theta_dot,
-            psi_dot=psi_dot,
-            start_torque=task.start_torque,
+            start=replace(PendulumStart(*task.start.tolist()), torque=task.start_torque),
             goal=2.0 * math.pi * turns,
             torque=task.planned_torque,
             disk_angle=task.planned_disk_angle,
@@ -94,19 +89,19 @@ class StatedSwingUp(DirectProblem):
         )
 
     def outputs(self) -> dict[str, Output]:
-        """Return the disk's angle; its acceleration at the start is that of `start_torque`."""
-        start: list[float] = [self.psi, self.psi_dot]
-        if self.start_torque is not None:
-            k, state = self.plant.coefficients, (self.theta, self.theta_dot, self.psi_dot)
-            start.append(float(accelerations(k, *state, self.start_torque)[1]))
-        return {'psi': Output(start=start, end=(0.0, 0.0), free=_FREE, scale=1.0)}
+        """Return the disk's angle; its acceleration at the start is that of the torque there."""
+        start, given = self.start, [self.start.psi, self.start.psi_dot]
+        if start.torque is not None:
+            state = start.theta, start.theta_dot, start.psi_dot, start.torque
+            given.append(float(accelerations(self.plant.coefficients, *state)[1]))
+        return {'psi': Output(start=given, end=(0.0, 0.0), free=_FREE, scale=1.0)}
 
     def integrated(self) -> dict[str, Integrated]:
         """Return the pendulum's angle and rate."""
         speed = self.plant.natural_frequency
         return {
-            'theta': Integrated(self.theta, self.goal),
-            'theta_dot': Integrated(self.theta_dot, 0.0, scale=speed),
+            'theta': Integrated(self.start.theta, self.goal),
+            'theta_dot': Integrated(self.start.theta_dot, 0.0, scale=speed),
         }
 
     def duration(self) -> Duration:
@@ -128,7 +123,7 @@ class StatedSwingUp(DirectProblem):
         """Return what is left of the disk's angle; on the virtual arc also of the speed."""
         limits = {'disk_angle': 1.0 - (x[1] / self.disk_angle) ** 2}
         if self.one_way:
-            way = np.sign(self.goal - self.theta)
+            way = np.sign(self.goal - self.start.theta)
             limits['one way'] = way * x[2] / self.plant.natural_frequency
         return limits
 
@@ -177,8 +172,7 @@ class ContinuousTorqueSearch(Search[Solution]):
         if self._previous is None and not self._one_way:
             with suppress(Infeasible):
                 plan = self._switching(self.budget.part(_SWITCHING_SHARE * self.budget.remaining))
-                (motion,) = plan.trajectories.values()
-                yield self._task.turns_nearest(motion.states[-1]), 1.0, plan
+                yield self._task.turns_nearest(plan.trajectory.states[-1]), 1.0, plan
         for number, turns in enumerate(self._goals()):
             yield turns, (1.0 if number else _FIRST_SHARE), self._previous
 
@@ -199,8 +193,7 @@ class ContinuousTorqueSearch(Search[Solution]):
 
     def plans(self, candidate: Solution) -> Iterator[Solution]:
         """Yield the plan with the check that all swing-ups pass."""
-        (motion,) = candidate.trajectories.values()
-        yield self._task.plan(motion, candidate.parameters, candidate.penalty)
+        yield self._task.plan(candidate.trajectory, candidate.parameters, candidate.penalty)
 
     def is_worth_checking(self, candidate: Solution, plan: Solution) -> bool:
         """Whether it is quicker."""

@@ -116,9 +116,7 @@ class SwitchingSearch(Search[Candidate]):
         super().__init__(budget)
         # An earlier plan may need all of the disk's range.
         self._task = replace(task, whole_range=previous is not None)
-        self._rng = rng
-        self._arcs = arcs
-        self._tolerance = tolerance
+        self._rng, self._arcs, self._tolerance = rng, arcs, tolerance
         self._previous = previous
         self._replans = previous is not None  # soon matters more than short
         self._finer = 1  # times as many steps, of all but the final polish

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.parameters import parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
@@ -25,6 +26,28 @@ _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
 _PEAK_STEP, _PEAK = 0.1, 10.0  # of the time scale of the swings; times the limit, at which to end
+
+
+@dataclass(frozen=True)
+class PendulumStart(Validated):
+    """State to start from."""
+
+    theta: float = parameter(
+        math.pi, "pendulum's angle from upright", unit='rad', allowed=Range(-1e6, 1e6)
+    )
+    psi: float = parameter(0.0, "disk's angle", unit='rad', allowed=SIGNED)
+    theta_dot: float = parameter(
+        0.0, "pendulum's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
+    )
+    psi_dot: float = parameter(
+        0.0, "disk's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
+    )
+    torque: float | None = parameter(
+        None,
+        'torque from which methods smooth and virtual_arc go on without a jump; unset: any',
+        unit='N m',
+        allowed=SIGNED,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +96,6 @@ class SwingUpTask:
         """Drive that swings can use: less than `drive` where the disk's range ends a stroke."""
         k = self.plant.coefficients
         return min(self.drive, self.planned_disk_angle * k.arm / k.pendulum)
-
-    def fine_time(self, share: float) -> float:
-        """Return that share of the time scale of the quickest swings [s]."""
-        return share / self.plant.natural_frequency / self.plant.quickness
 
     @property
     def disk_acceleration(self) -> float:

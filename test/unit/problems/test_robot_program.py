@@ -23,7 +23,7 @@ from tdm_planner.problems.formation.polynomial_search import guesses, Polynomial
 from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.reference_motion import arcs_at, end_derivatives, MotionForm
 from tdm_planner.problems.formation.thrust_arcs_program import ThrustArcProgram
-from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
+from tdm_planner.problems.formation.thrust_arcs_search import guesses as seeds
 
 TASK = FORMATION.task
 FORMS = {
@@ -229,7 +229,7 @@ def problem(seed=0, n=3, **changes):
 
 
 def guess(program, seed=0):
-    x = next(ArcSeeds(program, np.random.default_rng(seed)).screened())
+    x = next(seeds(program, np.random.default_rng(seed), 1, 0))
     away = np.random.default_rng(seed).uniform(0.5, 1.0, program.free.size)
     return np.clip(program.reduce(x) + 0.01 * away, program.lower, program.upper)
 
