@@ -81,22 +81,14 @@ def accelerations(
 
 def runge_kutta(
     k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any, h: Any
-) -> tuple[Any, Any, Any, Any]:
+) -> tuple[Any, ...]:
     """Return theta, the change of psi, theta' and psi' after one classical step of `h` s."""
-    w, v = theta_dot, psi_dot
-    a1, c1 = accelerations(k, theta, w, v, torque)
-    w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
-    a2, c2 = accelerations(k, theta + 0.5 * h * w, w2, v2, torque)
-    w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
-    a3, c3 = accelerations(k, theta + 0.5 * h * w2, w3, v3, torque)
-    w4, v4 = w + h * a3, v + h * c3
-    a4, c4 = accelerations(k, theta + h * w3, w4, v4, torque)
-    return (
-        theta + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
-        h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
-        w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
-        v + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4),
-    )
+    begin, slopes = (theta, 0.0, theta_dot, psi_dot), [(0.0,) * 4]
+    for share in (0.0, 0.5, 0.5, 1.0):
+        x = [value + share * h * slope for value, slope in zip(begin, slopes[-1], strict=True)]
+        slopes.append((x[2], x[3], *accelerations(k, x[0], x[2], x[3], torque)))
+    stages = zip(begin, *slopes[1:], strict=True)
+    return tuple(x + h / 6.0 * (a + 2.0 * (b + c) + d) for x, a, b, c, d in stages)
 
 
 def driven(
