@@ -273,14 +273,11 @@ def _kind(told: Mapping[str, Any]) -> PlantKind:
     """Return what a plan's summary says of a vehicle's joints."""
     joints = tuple(Joint(name, **quantities) for name, quantities in told['joints'].items())
     states, controls = tuple(told['states']), tuple(told['controls'])
-    units = told['units']
-    return PlantKind(
-        states,
-        controls,
-        joints,
-        state_units=tuple(units.get(name, '') for name in states),
-        control_units=tuple(units.get(name, '') for name in controls),
-    )
+
+    def units(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(told['units'].get(name, '') for name in names)
+
+    return PlantKind(states, controls, joints, units(states), units(controls))
 
 
 def _message(name: str, value: Any) -> Any:

@@ -17,8 +17,7 @@ import difflib
 from functools import cache
 import math
 import operator
-from types import NoneType, UnionType
-from typing import Any, get_args, get_origin, get_type_hints, TypeVar, Union
+from typing import Any, get_args, get_type_hints, TypeVar
 
 from tdm_planner.exceptions import InvalidProblem
 
@@ -36,6 +35,11 @@ _TYPE_NAMES = {
     str: 'a string',
     list[float]: 'a list of numbers',
     list[str]: 'a list of strings',
+}
+# Type of a field's values, and whether it may be unset, by the field's annotation.
+_DECLARED: dict[Any, tuple[Any, bool]] = {
+    **{kind: (kind, False) for kind in _TYPE_NAMES},
+    **{kind | None: (kind, True) for kind in _TYPE_NAMES},
 }
 
 
@@ -188,6 +192,11 @@ def parameter(
     return field(default=default, metadata={_METADATA_KEY: spec})
 
 
+def positive(default: float, description: str, unit: str) -> Any:
+    """Declare a dataclass field as a parameter that is a positive number of this unit."""
+    return parameter(default, description, unit=unit, allowed=POSITIVE)
+
+
 def group(cls: type[T]) -> T:
     """Declare a dataclass field as a group of parameters; its name is their prefix."""
     made: T = field(default_factory=cls)
@@ -203,14 +212,6 @@ def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
         yield item, hints[item.name]
 
 
-def _unwrap_optional(hint: Any) -> tuple[Any, bool]:
-    if get_origin(hint) in (Union, UnionType):
-        kinds = [kind for kind in get_args(hint) if kind is not NoneType]
-        if len(kinds) == 1:
-            return kinds[0], True
-    return hint, False
-
-
 def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
     """
     Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration.
@@ -224,12 +225,12 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
             assert isinstance(hint, type)
             found.update(specifications(hint, name + '.'))
         elif _METADATA_KEY in item.metadata:
-            kind, optional = _unwrap_optional(hint)
-            if kind not in _TYPE_NAMES:
+            if hint not in _DECLARED:
                 raise InvalidProblem(
                     f"parameter '{name}' is declared as {shown(hint)}: must be float, int, bool, "
                     'str, list[float] or list[str]'
                 )
+            kind, optional = _DECLARED[hint]
             spec = item.metadata[_METADATA_KEY]
             found[name] = replace(spec, name=name, value_type=kind, optional=optional)
     return found

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import time
+from timeit import timeit
 
 import numpy as np
 from rich.console import Console
@@ -108,10 +108,6 @@ def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> 
 def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
     """Seconds of one evaluation, and of one linearisation."""
     point = program.evaluate(xi)
-    began = time.perf_counter()
-    for _ in range(_REPEATED):
-        program.evaluate(xi)
-    middle = time.perf_counter()
-    for _ in range(_REPEATED):
-        program.derivatives(point, None)
-    return (middle - began) / _REPEATED, (time.perf_counter() - middle) / _REPEATED
+    one = timeit(lambda: program.evaluate(xi), number=_REPEATED)
+    both = timeit(lambda: program.derivatives(point, None), number=_REPEATED)
+    return one / _REPEATED, both / _REPEATED

@@ -317,6 +317,17 @@ class TimedTrajectory:
         return self.sample(time).state
 
 
+class ReplayedMotion(NamedTuple):
+    """
+    A motion as it was integrated, in steps between the instants `steps` (m,) [s].
+
+    `states` takes instants (n,) [s] and returns the states (n, nx) there.
+    """
+
+    steps: Array
+    states: Callable[[Array], Array]
+
+
 def _linear(t: Array, times: Array, values: Array) -> Array:
     columns = [np.interp(t, times, column) for column in values.T]
     return np.stack(columns, axis=-1) if columns else np.zeros((*t.shape, 0))

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -22,11 +22,7 @@ from tdm_planner.arrays import Array, Integers, largest_of_unit
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
-from tdm_planner.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from tdm_planner.direct_method.integrator import ReplayedMotion
-
+from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
 MOST_INSTANTS = 200_000  # of a check, beside those of its replay
@@ -80,32 +76,9 @@ class Verification:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Pieces:
-    """A motion that scipy integrated: `pieces` between jumps of controls, of `size` states."""
-
-    pieces: Sequence[OdeSolution]
-    size: int
-
-    @property
-    def steps(self) -> Array:
-        return np.unique(np.concatenate([piece.ts for piece in self.pieces] or [np.zeros(0)]))
-
-    def states(self, times: Array) -> Array:
-        """States at `times` (n,), (n, nx); NaN where the integration could not go on."""
-        states = np.full((times.size, self.size), np.nan)
-        for piece in self.pieces:
-            inside = (times >= piece.t_min) & (times <= piece.t_max)
-            if inside.any():
-                states[inside] = piece(times[inside]).T
-        return states
-
-
-def replay(
-    plant: Plant, trajectory: Trajectory, until: Budget | None = None
-) -> ReplayedMotion | _Pieces:
+def replay(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> ReplayedMotion:
     """
-    Integrate the plant along the trajectory's controls; `states(times)` of what is returned.
+    Integrate the plant along the trajectory's controls.
 
     The integration restarts wherever a held control jumps, so that no step spans a switch; where
     it cannot go on, the remaining states are NaN, which no check passes.
@@ -150,13 +123,17 @@ def replay(
         assert result.sol is not None
         pieces.append(result.sol)
         current = result.y[:, -1]
-    return _Pieces(pieces, trajectory.states.shape[1])
 
+    def states(times: Array) -> Array:
+        found = np.full((times.size, current.size), np.nan)
+        for piece in pieces:
+            inside = (times >= piece.t_min) & (times <= piece.t_max)
+            if inside.any():
+                found[inside] = piece(times[inside]).T
+        return found
 
-def dense_times(trajectory: Trajectory, resolution: float) -> Array:
-    """Every sample instant and instants between them, `resolution` s apart or less, not many."""
-    first, last = float(trajectory.times[0]), float(trajectory.times[-1])
-    return np.union1d(even_times(first, last, resolution), trajectory.times)
+    steps = [piece.ts for piece in pieces]
+    return ReplayedMotion(np.unique(np.concatenate([np.zeros(0), *steps])), states)
 
 
 def even_times(first: float, last: float, resolution: float) -> Array:
@@ -194,7 +171,7 @@ def verify(
 
 
 def resolved(
-    replayed: ReplayedMotion | _Pieces, trajectory: Trajectory, constraints: Sequence[Constraint]
+    replayed: ReplayedMotion, trajectory: Trajectory, constraints: Sequence[Constraint]
 ) -> tuple[Array, Array]:
     """
     Instants (n,) and states (n, nx) at which a violation of the constraints shows.

@@ -177,13 +177,9 @@ class VirtualArcProgram(NonlinearProgram):
             tags=kept,
         )
 
-    def correction_rows(
-        self, point: Point, at: Linearisation, active: NDArray[np.bool_]
-    ) -> Array | None:
+    def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
         """Residuals of the equalities and of the margins that were active."""
-        rows: _Rows | None = point.cache
-        if rows is None:
-            return None
+        rows: _Rows = point.cache
         return np.concatenate([rows.equalities, np.minimum(rows.margins[at.tags[active]], 0.0)])
 
     def _values(

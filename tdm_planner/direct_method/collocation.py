@@ -111,10 +111,8 @@ class CollocatedMotion:
     def cost_by(self, trace: Trace, numbers: Array) -> float:
         """Return J by Simpson's rule."""
         t, u = np.linspace(0.0, self.duration, self.intervals + 1), self.controls
-        nodes, middles = (
-            (t, self.states, u),
-            (0.5 * (t[:-1] + t[1:]), self.middles, 0.5 * (u[:-1] + u[1:])),
-        )
+        nodes = t, self.states, u
+        middles = 0.5 * (t[:-1] + t[1:]), self.middles, 0.5 * (u[:-1] + u[1:])
         along = (np.stack([a[:-1], m, a[1:]], axis=1) for a, m in zip(nodes, middles, strict=True))
         return trace.cost_along(numbers, *along)
 
@@ -213,7 +211,7 @@ class Collocation:
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
         nlp = self._program.nlp
-        self._clock = Clock(*(nlp[name].numel() for name in 'xgp'))
+        self._clock = Clock(nlp)
         options: dict[str, Any] = {
             'print_time': 0,
             'inputs_check': False,  # nor a warning where limits leave no freedom
@@ -283,12 +281,13 @@ class Collocation:
         bounds = []
         for (x, m, u), t in zip(program.bounds(kept, numbers, kinks[2]), durations, strict=True):
             x, u = _with_ends(x, ends.states), _with_ends(u, ends.controls)
-            bounds.append(_joined(x / sx, m / sx, u / su, t / st))
+            bounds.append(np.concatenate([x / sx, m / sx, u / su, t / st], axis=None))
         lower, upper = bounds
         if (lower > upper + _IPOPT['constr_viol_tol']).any():
             return None
         upper = np.maximum(lower, upper)
-        z = np.clip(_joined(states / sx, guess.middles / sx, controls / su, 1.0), lower, upper)
+        z = np.concatenate([states / sx, guess.middles / sx, controls / su, 1.0], axis=None)
+        z = np.clip(z, lower, upper)
         least, most = program.rows(kept / sl)
         begun = replace(guess, states=states, controls=controls)
         given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
@@ -316,11 +315,6 @@ class Collocation:
         cost = solution.cost_by(self.trace, numbers)
         size = program.size_of_cost(cost, z, given, free)
         return replace(solution, cost=cost, size=size) if np.isfinite(cost) else None
-
-
-def _joined(*parts: Array | float) -> Array:
-    """Return the numbers one after the other."""
-    return np.concatenate([np.ravel(part) for part in parts])
 
 
 def _with_ends(values: Array, given: Array) -> Array:

@@ -85,12 +85,8 @@ class _Pieces:
             return _rows_at(stated.value(t, x, u, p, e_limits) / sl, rows)
 
         a_, m_, b_ = (ca.SX.sym(name, nx) for name in 'amb')
-        ua_, ub_, t_, c = (
-            ca.SX.sym('ua', nu),
-            ca.SX.sym('ub', nu),
-            ca.SX.sym('t'),
-            ca.SX.sym('c', 2),
-        )
+        ua_, ub_ = (ca.SX.sym(name, nu) for name in 'uv')
+        t_, c = ca.SX.sym('t'), ca.SX.sym('c', 2)
         a, m, b, ua, ub, duration = a_ * sx, m_ * sx, b_ * sx, ua_ * su, ub_ * su, t_ * st
         h, middle_u = duration * c[1], 0.5 * (ua + ub)
         begin, middle, end = (duration * (c[0] + share * c[1]) for share in (0.0, 0.5, 1.0))
@@ -176,13 +172,9 @@ class CollocationProgram:
         x, m, u, t = self.split(np.arange(self._size))
         along = np.hstack([x[:-1], m, x[1:], u[:-1], u[1:], np.repeat(t, n, axis=0)])
         shares = np.stack([np.arange(n) / n, np.full(n, 1.0 / n)], axis=-1)
-        ends = np.hstack([x[:1], x[-1:], u[-1:], t])
-        self._assemble(
-            (
-                _Repeated(pieces.interval, along, shares),
-                _Repeated(pieces.ends, ends, np.zeros((1, 0))),
-            )
-        )
+        every = _Repeated(pieces.interval, along, shares)
+        at_ends = np.hstack([x[:1], x[-1:], u[-1:], t])
+        self._assemble([every, _Repeated(pieces.ends, at_ends, np.zeros((1, 0)))])
 
     def _assemble(self, parts: Sequence[_Repeated]) -> None:
         """Put program and derivatives together."""
@@ -261,10 +253,8 @@ class CollocationProgram:
         """Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled."""
         n, pieces = len(kept) - 1, self.pieces
         limits = [kept[:-1, pieces.others]]
-        for share, of in (
-            (0.5, pieces.inner_others),
-            *((share, pieces.inner) for share in _INNER),
-        ):
+        within = [(share, pieces.inner) for share in _INNER]
+        for share, of in [(0.5, pieces.inner_others), *within]:
             limits.append((1.0 - share) * kept[:-1, of] + share * kept[1:, of])
         least, last = np.hstack(limits), kept[-1, pieces.others]
         defects, conditions = np.zeros((n, 2 * pieces.sizes[0])), np.zeros(pieces.conditions)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -228,10 +228,9 @@ class Clock(ca.Callback):
     They grow without end then, until a single factorisation takes a second.
     """
 
-    def __init__(self, variables: int, rows: int, parameters: int) -> None:
+    def __init__(self, nlp: Mapping[str, Any]) -> None:
         ca.Callback.__init__(self)
-        self._sizes = {'x': variables, 'lam_x': variables, 'g': rows, 'lam_g': rows}
-        self._sizes |= {'f': 1, 'lam_p': parameters}
+        self._nlp = nlp
         self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
         self.construct('clock', {})
 
@@ -243,13 +242,9 @@ class Clock(ca.Callback):
         """Return the number of what Ipopt tells."""
         return int(ca.nlpsol_n_out())
 
-    def get_n_out(self) -> int:
-        """Return 1."""
-        return 1
-
     def get_sparsity_in(self, i: int) -> Any:
         """Return the shape of what it tells."""
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+        return self._nlp[ca.nlpsol_out(i).removeprefix('lam_')].sparsity()
 
     def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
         """Return whether to stop."""

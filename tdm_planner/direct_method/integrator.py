@@ -23,7 +23,7 @@ from scipy.interpolate import PPoly
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import ReplayedMotion
 
 TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
@@ -63,24 +63,17 @@ def _dense_output() -> Array:
 _DENSE = _dense_output()
 
 
-class ReplayedMotion:
+def replayed_motion(steps: Array, begins: Array, slopes: Array) -> ReplayedMotion:
     """
-    A motion as it was integrated: polynomials between the instants `steps` (m + 1,) [s].
+    Return the motion by polynomials between the instants `steps` (m + 1,) [s].
 
     `begins` (m, nx) are the states there, `slopes` (m, 16, nx) those of every stage.
     """
-
-    def __init__(self, steps: Array, begins: Array, slopes: Array) -> None:
-        self.steps = steps
-        length = np.diff(steps)
-        powers = np.tensordot(_DENSE, slopes, axes=(1, 1))
-        powers *= length[:, None] ** (1.0 - np.arange(8)[:, None, None])
-        powers[0] = begins
-        self._motion = PPoly(powers[::-1], steps)
-
-    def states(self, times: Array) -> Array:
-        """States at `times` (n,), (n, nx)."""
-        return np.asarray(self._motion(np.array(times)))
+    powers = np.tensordot(_DENSE, slopes, axes=(1, 1))
+    powers *= np.diff(steps)[:, None] ** (1.0 - np.arange(8)[:, None, None])
+    powers[0] = begins
+    motion = PPoly(powers[::-1], steps)
+    return ReplayedMotion(steps, lambda times: np.asarray(motion(np.array(times))))
 
 
 class Integrator:
@@ -114,14 +107,6 @@ class Integrator:
         results = [error, x + change, ca.vertcat(*slopes)]
         self._step = ca.Function('step', [x, first, last, h, p], results)
         self._size = size
-
-    def along(
-        self, trajectory: Trajectory, numbers: Array, until: Budget | None = None
-    ) -> ReplayedMotion | None:
-        """Integrate along a trajectory's controls; None as below, and where they are cubic."""
-        if trajectory.interpolation == 'cubic':
-            return None
-        return self(*trajectory.control_pieces, trajectory.states[0], numbers, until)
 
     def stepped(
         self, states: Array, first: Array, last: Array, step: Array, numbers: Array
@@ -187,6 +172,6 @@ class Integrator:
                 instants.append(now)
         if not np.isfinite(state).all():
             return None
-        return ReplayedMotion(
+        return replayed_motion(
             np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size))
         )

@@ -152,12 +152,11 @@ class NonlinearProgram(ABC):
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Return derivatives at a point; `multipliers` are those of the last quadratic program."""
 
-    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
+    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array:
         """
         Residuals at `point` of the equalities and `active` inequality rows of `at`.
 
-        Asked for by the second-order correction. None (the default): no correction is made.
-        `active` (ni,) is a mask; the answer has ne + active.sum() elements, inequalities counted
-        only where negative.
+        Asked for by the second-order correction alone. `active` (ni,) is a mask; the answer has
+        ne + active.sum() elements, inequalities counted only where negative.
         """
-        return None
+        raise NotImplementedError

@@ -231,7 +231,7 @@ class Transcription(NonlinearProgram):
             tags=near,
         )
 
-    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
+    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array:
         """Residuals of the equalities and of the margins that were active."""
         values = point.cache[0]
         ends, rest = self._parts

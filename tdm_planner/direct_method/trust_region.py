@@ -29,6 +29,7 @@ from tdm_planner.direct_method.nonlinear_program import (
 
 _INFINITE = 1e30
 SLACK_CURVATURE = 1e-4
+_LARGEST_RADIUS = 4.0  # of the trust region, in units of the scaled varied parameters
 PRESSURE = 5.0  # factor by which violations are charged more
 _NEARER = 0.9  # share of the slack that must be left at most for that to be worth it
 
@@ -38,19 +39,18 @@ class TrustRegionOptions(NamedTuple):
     How the minimiser goes about it.
 
     `penalties` rho_k, one for each group of constraints, raised up to about `largest_penalty`
-    where they do not make the search feasible; `radius` the first trust region and
-    `largest_radius` its limit, in units of the scaled varied parameters; `cost_tolerance` the
-    predicted decrease, relative to J, below which the search ends once every group's violation is
-    within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` the
-    cost above which a nearly feasible search is aborted, as another one is already better. With
-    `steering`, penalties are raised as soon as that takes a step nearer to the linearised
-    constraints, not only where the search stalls: for ends that are hard to reach.
+    where they do not make the search feasible; `radius` the first trust region, in units of the
+    scaled varied parameters; `cost_tolerance` the predicted decrease, relative to J, below which
+    the search ends once every group's violation is within its `feasibility`; `corrections` the
+    most second-order corrections a step; `cutoff` the cost above which a nearly feasible search is
+    aborted, as another one is already better. With `steering`, penalties are raised as soon as
+    that takes a step nearer to the linearised constraints, not only where the search stalls: for
+    ends that are hard to reach.
     """
 
     penalties: tuple[float, ...] = (1.0,)
     largest_penalty: float = 200.0
     radius: float = 0.3
-    largest_radius: float = 4.0
     iterations: int = 40
     cost_tolerance: float = 1e-3
     feasibility: tuple[float, ...] = (2e-3,)
@@ -200,7 +200,7 @@ class _Search:
             return
         self.point, self.multipliers, self.at = trial, step.multipliers, None
         if ratio > 0.75 and length > 0.9 * self.radius:
-            self.radius = min(2.0 * self.radius, self.options.largest_radius)
+            self.radius = min(2.0 * self.radius, _LARGEST_RADIUS)
         elif ratio < 0.25:
             self.radius *= 0.5
         if self.iterations >= 5 and trial.cost > self.options.cutoff:
@@ -285,8 +285,6 @@ def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> P
         if not 1e-9 < trial.violation < 2.0:
             break
         residual = program.correction_rows(trial, at, active)
-        if residual is None:
-            break
         if inverse is None:
             free = (trial.xi > program.lower + 1e-9) & (trial.xi < program.upper - 1e-9)
             jacobian = np.concatenate([at.equality_jacobian, at.inequality_jacobian[active]])

@@ -68,11 +68,7 @@ class StatedPlant:
                 return np.full(state.size, np.nan)
             return np.array(self.equations(self.coefficients, states, controls))
         rates = self.equations(self.coefficients, *_components(state, control))
-        shape = np.broadcast_shapes(state.shape[:-1], control.shape[:-1])
-        derivative = np.empty((*shape, len(rates)), np.result_type(state, control))
-        for row, rate in enumerate(rates):
-            derivative[..., row] = rate
-        return derivative
+        return np.stack(np.broadcast_arrays(*rates), axis=-1)
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""

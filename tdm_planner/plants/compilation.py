@@ -55,10 +55,6 @@ def tell_of_compilation(tell: Callable[[str], object]) -> None:
     register('numba:compile', _Compilations(tell))
 
 
-def _keep_in_memory(signature: Any, data: Any) -> None:
-    """Save nothing: the folder can only be read."""
-
-
 def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
     made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
@@ -67,7 +63,7 @@ def compiled(function: _Function) -> _Function:
     index: Any = IndexDataCacheFile  # typed in some versions only
     cache._cache_file = index(str(folder), cache._impl.filename_base, DIGEST)
     if not os.access(folder, os.W_OK):  # another user has set the environment up
-        cache.save_overload = _keep_in_memory
+        cache.save_overload = lambda signature, data: None
     typed: _Function = made
     return typed
 

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.parameters import parameter, POSITIVE, Validated
+from tdm_planner.parameters import positive, Validated
 from tdm_planner.plants.base import StatedPlant
 
 
@@ -37,20 +37,12 @@ class RobotInertia(NamedTuple):
 class RobotLimits(Validated):
     """Limits of the actuators, the same for all robots."""
 
-    thrust: float = parameter(
-        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=POSITIVE
+    thrust: float = positive(1.05, 'largest thrust; F_max is this per mass', 'N')
+    torque: float = positive(
+        0.02, "largest torque of the wheel's motor, either way; T_max is this per inertia", 'N m'
     )
-    torque: float = parameter(
-        0.02,
-        "largest torque of the wheel's motor, either way; T_max is this per inertia",
-        unit='N m',
-        allowed=POSITIVE,
-    )
-    thruster_rate: float = parameter(
-        2.0,
-        'largest rate at which the thruster turns, either way',
-        unit='rad/s',
-        allowed=POSITIVE,
+    thruster_rate: float = positive(
+        2.0, 'largest rate at which the thruster turns, either way', 'rad/s'
     )
 
 
@@ -58,12 +50,10 @@ class RobotLimits(Validated):
 class FloatingRobot(Validated, StatedPlant):
     """A robot that floats without friction on a flat arena."""
 
-    mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=POSITIVE)
-    inertia: float = parameter(
-        0.063, "robot's moment of inertia about the vertical", unit='kg m^2', allowed=POSITIVE
-    )
-    wheel_inertia: float = parameter(
-        0.001, "reaction wheel's moment of inertia about its axis", unit='kg m^2', allowed=POSITIVE
+    mass: float = positive(10.5, "robot's mass", 'kg')
+    inertia: float = positive(0.063, "robot's moment of inertia about the vertical", 'kg m^2')
+    wheel_inertia: float = positive(
+        0.001, "reaction wheel's moment of inertia about its axis", 'kg m^2'
     )
 
     state_names: ClassVar[tuple[str, ...]] = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')

@@ -18,7 +18,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.direct_method.integrator import (
     LEAST_STEP,
     MOST_REPLAYED,
-    ReplayedMotion,
+    replayed_motion,
     step_factor,
     stricter,
     TOLERANCES,
@@ -26,7 +26,7 @@ from tdm_planner.direct_method.integrator import (
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.pendulum_kernels import quick_accelerations, quick_time
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 # Of DOP853: 12 stages, where the step ends, three more for the dense output.
 _STAGES, _SHARES, _ERRORS = np.zeros((16, 16)), np.ones(16), np.array([DOP853.E5, DOP853.E3])
@@ -79,7 +79,7 @@ def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: 
 def _replayed(
     k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
 ) -> tuple[int, Array, Array, Array]:
-    """Return the number of steps, -1 where it cannot go on, and what `ReplayedMotion` is of."""
+    """Return the number of steps, -1 where it cannot go on, and what `replayed_motion` takes."""
     room, n, proposed = 512, 0, np.inf
     instants, begins, slopes = np.empty(room + 1), np.empty((room, 4)), np.empty((room, 16, 4))
     instants[0], x, reached, rates = times[0], start.copy(), np.empty(4), np.empty((16, 4))
@@ -137,4 +137,4 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMo
     times, first, last = trajectory.control_pieces
     given = plant.coefficients, times, first[:, 0], last[:, 0], np.array(trajectory.states[0])
     n, instants, begins, slopes = _replayed(*given, stricter(len(first)))
-    return None if n < 0 else ReplayedMotion(instants[: n + 1], begins[:n], slopes[:n])
+    return None if n < 0 else replayed_motion(instants[: n + 1], begins[:n], slopes[:n])

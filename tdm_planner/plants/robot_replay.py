@@ -53,24 +53,19 @@ def replayed(
     x, y, u, v, yaw, omega, alpha = first
     states = np.empty((times.size, 7))
     now, k, last = samples[0], 0, samples.size - 1
-    thrust, rate, torque = controls[0]
-    thrust_slope, rate_slope, torque_slope = 0.0, 0.0, 0.0
     for r in range(times.size):
         while now < times[r]:
             thrust, rate, torque = controls[k]
-            until = times[r]
-            if k < last:
-                until = min(until, samples[k + 1])
-                if linear:
-                    step, since = samples[k + 1] - samples[k], now - samples[k]
-                    thrust_slope = (controls[k + 1, 0] - thrust) / step
-                    rate_slope = (controls[k + 1, 1] - rate) / step
-                    torque_slope = (controls[k + 1, 2] - torque) / step
-                    thrust += since * thrust_slope
-                    rate += since * rate_slope
-                    torque += since * torque_slope
-            elif linear:
-                thrust_slope, rate_slope, torque_slope = 0.0, 0.0, 0.0
+            thrust_slope, rate_slope, torque_slope = 0.0, 0.0, 0.0
+            until = times[r] if k == last else min(times[r], samples[k + 1])
+            if linear and k < last:
+                step, since = samples[k + 1] - samples[k], now - samples[k]
+                thrust_slope = (controls[k + 1, 0] - thrust) / step
+                rate_slope = (controls[k + 1, 1] - rate) / step
+                torque_slope = (controls[k + 1, 2] - torque) / step
+                thrust += since * thrust_slope
+                rate += since * rate_slope
+                torque += since * torque_slope
             h = until - now
             spin, spin_slope = torque / inertia, torque_slope / inertia
             faster = omega + h * (spin + h * spin_slope / 2.0)

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.parameters import group, positive, Validated
 from tdm_planner.plants.base import StatedPlant
 
 # Below this share of A J the mass matrix's determinant is lost in rounding.
@@ -81,22 +81,14 @@ def accelerations(
 
 def runge_kutta(
     k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any, h: Any
-) -> tuple[Any, Any, Any, Any]:
+) -> tuple[Any, ...]:
     """Return theta, the change of psi, theta' and psi' after one classical step of `h` s."""
-    w, v = theta_dot, psi_dot
-    a1, c1 = accelerations(k, theta, w, v, torque)
-    w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
-    a2, c2 = accelerations(k, theta + 0.5 * h * w, w2, v2, torque)
-    w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
-    a3, c3 = accelerations(k, theta + 0.5 * h * w2, w3, v3, torque)
-    w4, v4 = w + h * a3, v + h * c3
-    a4, c4 = accelerations(k, theta + h * w3, w4, v4, torque)
-    return (
-        theta + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
-        h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
-        w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
-        v + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4),
-    )
+    begin, slopes = (theta, 0.0, theta_dot, psi_dot), [(0.0,) * 4]
+    for share in (0.0, 0.5, 0.5, 1.0):
+        x = [value + share * h * slope for value, slope in zip(begin, slopes[-1], strict=True)]
+        slopes.append((x[2], x[3], *accelerations(k, x[0], x[2], x[3], torque)))
+    stages = zip(begin, *slopes[1:], strict=True)
+    return tuple(x + h / 6.0 * (a + 2.0 * (b + c) + d) for x, a, b, c, d in stages)
 
 
 def driven(
@@ -112,41 +104,31 @@ def driven(
 class PendulumLimits(Validated):
     """Limits of motor and rig."""
 
-    torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    disk_angle: float = parameter(
-        2.0, 'largest angle of the disk, either way', unit='rad', allowed=POSITIVE
-    )
+    torque: float = positive(0.02, "largest torque of the disk's motor, either way", 'N m')
+    disk_angle: float = positive(2.0, 'largest angle of the disk, either way', 'rad')
 
 
 @dataclass(frozen=True)
 class PendulumInertia(Validated):
     """Moments of inertia."""
 
-    disk: float = parameter(
-        2.334e-4,
-        'moment of inertia of disk, arm and motor about the vertical',
-        unit='kg m^2',
-        allowed=POSITIVE,
+    disk: float = positive(
+        2.334e-4, 'moment of inertia of disk, arm and motor about the vertical', 'kg m^2'
     )
-    x: float = parameter(
+    x: float = positive(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis across rod and pivot",
-        unit='kg m^2',
-        allowed=POSITIVE,
+        'kg m^2',
     )
-    y: float = parameter(
+    y: float = positive(
         2.7e-7,
         "pendulum's moment of inertia about its centre of mass, axis along the rod",
-        unit='kg m^2',
-        allowed=POSITIVE,
+        'kg m^2',
     )
-    z: float = parameter(
+    z: float = positive(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis of the pivot",
-        unit='kg m^2',
-        allowed=POSITIVE,
+        'kg m^2',
     )
 
 
@@ -159,17 +141,14 @@ class RotaryPendulum(Validated, StatedPlant):
     are singular.
     """
 
-    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=POSITIVE)
-    com_distance: float = parameter(
-        0.0645,
-        "distance from the pivot to the pendulum's centre of mass",
-        unit='m',
-        allowed=POSITIVE,
+    mass: float = positive(0.024, "pendulum's mass", 'kg')
+    com_distance: float = positive(
+        0.0645, "distance from the pivot to the pendulum's centre of mass", 'm'
     )
-    arm_length: float = parameter(
-        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=POSITIVE
+    arm_length: float = positive(
+        0.085, "distance from the disk's axis to the pendulum's pivot", 'm'
     )
-    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
+    gravity: float = positive(9.81, 'acceleration due to gravity', 'm/s^2')
     inertia: PendulumInertia = group(PendulumInertia)
 
     state_names: ClassVar[tuple[str, ...]] = ('theta', 'psi', 'theta_dot', 'psi_dot')

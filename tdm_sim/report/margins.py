@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.verification import Constraint, dense_times
+from tdm_planner.verification import Constraint
 from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Signals
 
 MOST_PAIRS = 200
@@ -45,7 +45,8 @@ def margin_history(vehicle: RecordedVehicle) -> History:
 def _planned(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals:
     parts = []
     for plan in vehicle.plans:
-        times = dense_times(plan.trajectory, plan.trajectory.duration / _INSTANTS)
+        even = np.linspace(0.0, plan.trajectory.duration, _INSTANTS + 1)
+        times = np.union1d(even, plan.trajectory.times)
         times = times[times + plan.start <= plan.followed_until]
         parts.append((times + plan.start, times, *plan.trajectory.sample(times)))
     return margins_of(constraints, *map(np.concatenate, zip(*parts, strict=True)))

@@ -17,11 +17,10 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
-from tdm_planner.direct_method.integrator import ReplayedMotion
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 # Violation of a limit: in its unit, share of its size at least and at most, and by rounding.
@@ -71,7 +70,10 @@ class DirectPlant:
 
     def replay(self, trajectory: Trajectory, until: Budget | None) -> ReplayedMotion | None:
         """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
-        return self.trace.integrator.along(trajectory, self.numbers, until)
+        if trajectory.interpolation == 'cubic':
+            return None
+        given = *trajectory.control_pieces, trajectory.states[0], self.numbers
+        return self.trace.integrator(*given, until)
 
     def stepped(self, states: Array, first: Array, last: Array, step: Array) -> Array:
         """

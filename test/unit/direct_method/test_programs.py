@@ -16,7 +16,6 @@ from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation_program import CollocationProgram
-from tdm_planner.direct_method.integrator import ReplayedMotion
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import (
@@ -183,8 +182,8 @@ def test_it_flies_as_scipy_does(intervals, damping, interpolation):
     plant, times = DirectPlant(damped(damping)), np.linspace(0.0, 2.0, 777)
     trajectory = plan(intervals, interpolation)
     compiled, plain = plant.replay(trajectory, None), replay(plant, trajectory)
-    assert isinstance(compiled, ReplayedMotion)
-    assert len(plain.pieces) == intervals
+    assert compiled is not None
+    assert set(trajectory.times) <= set(plain.steps)
     np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=0, atol=1e-6)
     assert set(trajectory.times) <= set(compiled.steps)
 

@@ -243,7 +243,7 @@ def test_a_pendulum_is_replayed_as_scipy_does(plant, pieces, interpolation):
     states = np.tile(START, (pieces + 1, 1))
     plan = Trajectory.of(plant, times, states, torques, interpolation)
     compiled, plain = replay_pendulum(plant, plan), replay(plant, plan)
-    assert len(plain.pieces) == pieces
+    assert set(times) <= set(plain.steps)
     assert set(times) <= set(compiled.steps)
     at = np.linspace(0.0, times[-1], 999)
     np.testing.assert_allclose(compiled.states(at), plain.states(at), rtol=0, atol=2e-6)
