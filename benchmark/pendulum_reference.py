@@ -17,7 +17,7 @@ import argparse
 import json
 import math
 
-from benchmark.peers.pendulum_collocation import PendulumCollocation
+from benchmark.peers.pendulum import PendulumCollocation
 from benchmark.pendulum import BEST_KNOWN, problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget

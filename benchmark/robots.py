@@ -43,7 +43,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 
 def references() -> dict[int, float]:
-    """Costs J_ref of the three-robot crossings by seed, see `peers.robots_cases`."""
+    """Costs J_ref of the three-robot crossings by seed, see `peers.robots`."""
     costs = json.loads(DATA.read_text())['costs']
     return {int(seed): cost for seed, cost in costs.items() if cost is not None}
 

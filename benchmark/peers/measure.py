@@ -11,8 +11,8 @@ import os
 from typing import Any
 
 from benchmark.peers.attempts import alternate, best_of, Cases
-from benchmark.peers.pendulum_cases import PendulumCases
-from benchmark.peers.robots_cases import RobotsCases
+from benchmark.peers.pendulum import PendulumCases
+from benchmark.peers.robots import RobotsCases
 from benchmark.pendulum import best_known, REGIMES
 from benchmark.progress import report
 from benchmark.robots import references
