@@ -20,7 +20,7 @@ from functools import partial
 import itertools
 from typing import Any
 
-from benchmark.progress import report
+from benchmark.measuring import report
 from benchmark.scenarios import (
     ARRIVED,
     crossing_of,

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 import importlib.metadata
 import json
-import math
 import os
 from pathlib import Path
 import platform
+import re
 from typing import Any
 
 from benchmark.runner import Outcome
@@ -37,9 +37,11 @@ def write(folder: Path, records: Mapping[str, Any]) -> Path:
     """Write the records; figures keep six digits."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / NAME
+    text = json.dumps(records)
+    rounded = json.loads(text, parse_float=lambda digits: float(f'{float(digits):.{_DIGITS}g}'))
     lines = (
-        f'{json.dumps(name)}: {json.dumps(_rounded(record), separators=(",", ":"))}'
-        for name, record in records.items()
+        f'{json.dumps(name)}: {json.dumps(record, separators=(",", ":"))}'
+        for name, record in rounded.items()
     )
     # A section a line: what has changed shows.
     file.write_text('{\n' + ',\n'.join(lines) + '\n}\n')
@@ -53,32 +55,13 @@ def record(outcome: Outcome) -> dict[str, Any]:
     return {**kept, 'machine': machine(), 'versions': versions()}
 
 
-def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
-        return float(f'{value:.{_DIGITS}g}') if math.isfinite(value) else value
-    if isinstance(value, Mapping):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(item) for item in value]
-    return value
-
-
 def machine() -> str:
     """Processor, cores and Python."""
-    name = platform.processor() or platform.machine()
-    cpu = Path('/proc/cpuinfo')
-    if cpu.is_file():
-        models = [line for line in cpu.read_text().splitlines() if line.startswith('model name')]
-        name = models[0].split(':')[1].strip() if models else name
+    told = re.search(r'^model name\s*: (.*)$', Path('/proc/cpuinfo').read_text(), re.MULTILINE)
+    name = told[1] if told else platform.processor() or platform.machine()
     return f'{name}, {os.cpu_count()} cores, Python {platform.python_version()}'
 
 
 def versions() -> dict[str, str]:
     """Versions of this package and of what it is compared with."""
-    found = {}
-    for name in _PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = 'not installed'
-    return found
+    return {name: importlib.metadata.version(name) for name in _PACKAGES}

@@ -22,8 +22,8 @@ import threading
 import time
 from typing import Any
 
+from benchmark.measuring import report
 from benchmark.nodes import PUSHED, Rig, START
-from benchmark.progress import report
 from benchmark.scenarios import crossing
 import numpy as np
 

@@ -9,11 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-import time
 from typing import Any
 
+from benchmark.measuring import timed
 import numpy as np
-from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
@@ -79,23 +78,15 @@ class Cases(ABC):
     def ours(self, case: int, earlier: Solution | None = None) -> Attempt:
         """Solve by this package, from an earlier plan if given."""
         problem = self.problem(case)
-        began = time.process_time()
-        try:
-            plan = problem.solve(self.deadline, seed=0, warm_start=earlier)
-        except TdmError as error:
-            seconds = time.process_time() - began
+        plan, error, _, seconds = timed(problem, self.deadline, seed=0, warm_start=earlier)
+        if plan is None:
             return Attempt(case, False, False, seconds, reason=str(error))
-        seconds = time.process_time() - began
         reasons, cost = self.judge(problem.task, plan.trajectories)
         reason = '; '.join(reasons)
         return Attempt(case, True, not reasons, seconds, plan.evaluations, cost, reason)
 
     def _neighbour(self, case: int) -> Solution | None:
-        try:
-            plan: Solution = self.problem(case, near=True).solve(self.deadline, seed=0)
-        except TdmError:
-            return None
-        return plan
+        return timed(self.problem(case, near=True), self.deadline, seed=0).plan
 
     def collocate(self, name: str, case: int) -> Attempt:
         """Solve by collocation from the guess of a name."""

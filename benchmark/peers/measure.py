@@ -10,11 +10,11 @@ from dataclasses import asdict
 import os
 from typing import Any
 
+from benchmark.measuring import report
 from benchmark.peers.attempts import alternate, best_of, Cases
 from benchmark.peers.pendulum import PendulumCases
 from benchmark.peers.robots import RobotsCases
 from benchmark.pendulum import best_known, REGIMES
-from benchmark.progress import report
 from benchmark.robots import references
 
 
