@@ -38,6 +38,7 @@ LONGEST = 0.25  # s that a replan may take where times are measured
 # What tracking leaves, as standard deviations.
 PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
 ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
+CROSSINGS = 10
 FIRST_MEMORY = 100  # replans after which memory is looked at first
 
 
@@ -62,17 +63,17 @@ def pendulum_cases(torque: float) -> Cases:
     return case
 
 
-def robot_cases(crossings: int = 10) -> Cases:
+def robot_cases() -> Cases:
     """Cases along crossings of three robots, between 5 and 75 % of the way."""
     plans, executions = [], []
-    for seed in range(crossings):
+    for seed in range(CROSSINGS):
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
         plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(problem))
 
     def case(seed: int) -> tuple[Problem, Solution | None]:
         rng = np.random.default_rng(seed)
-        plan, execution = plans[seed % crossings], executions[seed % crossings]
+        plan, execution = plans[seed % CROSSINGS], executions[seed % CROSSINGS]
         elapsed = rng.uniform(0.05, 0.75) * plan.solution.duration
         seen = {
             name: Observation(

@@ -55,6 +55,7 @@ TIME_UNIT = 10.0  # s, unit of time
 STATE_UNITS = np.array([1.0, 1.0, 1.0 / TIME_UNIT, 1.0 / TIME_UNIT, 1.0, 1.0 / TIME_UNIT, 1.0])
 _LONGEST = 120.0
 _SHORTEST_PHASE = 0.05
+_FIRST = 33.0  # s, the first arrival of an initial guess
 
 
 @dataclass(frozen=True)
@@ -203,9 +204,9 @@ class FormationCollocation:
             found[name] = Trajectory.of(task.plant, times, states, controls, 'linear')
         return found
 
-    def guess_ways(self, task: FormationTask, bow: float, first: float = 33.0) -> FormationGuess:
+    def guess_ways(self, task: FormationTask, bow: float) -> FormationGuess:
         """Quintic laws of time on the straight ways, bowed sideways by a share of them."""
-        arrivals = first + task.interval * np.arange(task.n, dtype=np.float64)
+        arrivals = _FIRST + task.interval * np.arange(task.n, dtype=np.float64)
         states, controls = [], []
         for i in range(task.n):
             t = self.instants(arrivals, i)
