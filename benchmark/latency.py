@@ -22,7 +22,6 @@ import tempfile
 from typing import Any
 
 from benchmark.measuring import counted, report, timed
-from benchmark.nodes import PUSHED, Rig
 from benchmark.pendulum import REGIMES
 from benchmark.scenarios import crossing
 import numpy as np
@@ -145,6 +144,8 @@ def resident() -> float:
 
 def command_stream(seconds: float) -> dict[str, Any]:
     """Return the periods of the tracker's commands while plans are made at 5 Hz."""
+    from benchmark.nodes import PUSHED, Rig  # whose messages would count as memory of replans
+
     report(f'commands, for {seconds:g} s')
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig('pendulum', PUSHED, Path(folder))

@@ -6,10 +6,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmark.peers.attempts import Cases
 from benchmark.peers.collocation import defects, Outcome, Solver
@@ -35,8 +35,7 @@ _LONGEST = 200.0  # in 1 / w0
 _INSIDE = 0.9  # of the limit: torques of an initial guess stay off their bounds
 
 
-@dataclass(frozen=True)
-class Pumping:
+class Pumping(NamedTuple):
     """Gains of the energy controller, in units of the torque limit, rad and 1/w0."""
 
     energy: float

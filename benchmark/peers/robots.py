@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 import itertools
 import json
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmark.peers.attempts import best_of, Cases
 from benchmark.peers.collocation import defects, Outcome, Solver
@@ -58,8 +58,7 @@ _SHORTEST_PHASE = 0.05
 _FIRST = 33.0  # s, the first arrival of an initial guess
 
 
-@dataclass(frozen=True)
-class FormationGuess:
+class FormationGuess(NamedTuple):
     """Arrival times (n,) s, then states (M, 7) and controls (M, 3) of every robot's nodes."""
 
     arrivals: Array
