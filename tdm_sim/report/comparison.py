@@ -149,7 +149,7 @@ def _due(vehicle: RecordedVehicle) -> float:
     """Return when the first plan's own states are at its goal for good [s]; inf if never."""
     motion = vehicle.plans[0].trajectory
     times = np.linspace(0.0, motion.duration, min(int(motion.duration / _STEP) + 2, _MOST_STEPS))
-    states = Signals.of(motion, times, motion.sample(times).state, motion.state_names)
+    states, _ = Signals.both(motion, times, motion.sample(times))
     return held_from(*goal_errors(vehicle.view, motion, states))
 
 
