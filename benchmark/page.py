@@ -68,15 +68,10 @@ collocation from its result gave (`benchmark/*_reference.py`).
 """
 
 
-Records = dict[str, dict[str, Any]]
-
-
-def read(folder: Path) -> Records:
+def read(folder: Path) -> dict[str, dict[str, Any]]:
     """Return the records of the sections that were run, by name; none if there is no file."""
     file = folder / NAME
-    if not file.is_file():
-        return {}
-    found: Records = json.loads(file.read_text())
+    found: dict[str, dict[str, Any]] = json.loads(file.read_text()) if file.is_file() else {}
     return found
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
-from benchmark.measuring import timed
+from benchmark.measuring import report, timed
 import numpy as np
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
@@ -137,11 +137,7 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
     )
 
 
-def alternate(
-    methods: Mapping[str, Method],
-    cases: Sequence[int],
-    report: Callable[[str], None],
-) -> dict[str, list[Attempt]]:
+def alternate(methods: Mapping[str, Method], cases: Sequence[int]) -> dict[str, list[Attempt]]:
     """Solve every case by every method in turn, each time beginning with another one."""
     names = list(methods)
     found: dict[str, list[Attempt]] = {name: [] for name in names}

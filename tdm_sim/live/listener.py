@@ -36,16 +36,9 @@ _DEPTH = 100  # as many nodes may speak at once
 _EVENTS = 200
 _LONGEST = 20.0  # s for an answer
 _LOOK = 0.002  # s between looks whether one has come
+# What a node has logged: its instant [s], its level as in rcl_interfaces/msg/Log, node and text.
+Event = tuple[float, int, str, str]
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-class Event(NamedTuple):
-    """Something that a node has logged; `level` as rcl_interfaces/msg/Log numbers it."""
-
-    instant: float
-    level: int
-    node: str
-    text: str
 
 
 class NodeStatus(NamedTuple):
@@ -151,7 +144,7 @@ class Listener:
         if message.name.startswith(f'{space}.'.lstrip('.')):
             instant = nanoseconds_of(message.stamp) * 1e-9
             node = message.name.removeprefix(f'{space}.')
-            self.events.append(Event(instant, message.level, node, message.msg))
+            self.events.append((instant, message.level, node, message.msg))
 
     # Parameters.
 
