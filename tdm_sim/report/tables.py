@@ -137,11 +137,8 @@ def _row(mission: Mission, entry: Entry) -> str:
     planned, achieved = entry.planned, entry.achieved
     if entry.kind == 'planner':
         # the planner's deadline, and its solve time
-        allowed = f'at most {number(planned)}' if planned else ''
-        if not executed:
-            allowed, achieved = number(achieved), None
-        cells = f'<td>{allowed}</td>'
-        cells += f'<td>{number(achieved)}</td>' if executed else ''
+        texts = [f'at most {number(planned)}' if planned else '', number(achieved)]
+        cells = ''.join(f'<td>{text}</td>' for text in (texts if executed else texts[1:]))
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
         cells = _cell(planned, entry.planned_at)
