@@ -21,7 +21,7 @@ import sys
 import time
 from typing import Any
 
-from benchmark import figures, page
+from benchmark import page
 from benchmark.runner import run
 from benchmark.sections import Section, SECTIONS
 from tdm_sim.progress import Progress
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sections named on the command line, or all; returns the exit code."""
     options = _options(arguments)
     folder: Path = options.output or (QUICK_FOLDER if options.quick else page.DOCS)
-    records = figures.read(folder)
+    records = page.read(folder)
     failed = []
     with Progress() as progress:
         began = time.monotonic()
@@ -46,10 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 failed.append(name)
             if options.docs:  # after each, so that none are lost
                 records = {each: records[each] for each in SECTIONS if each in records}
-                figures.write(folder, records)
+                page.keep(folder, records)
         if options.docs:
             # From what is stored: written anew, the page is the same to the last digit.
-            written = page.write(figures.read(folder), folder, options.quick)
+            written = page.write(page.read(folder), folder, options.quick)
             progress.line(f'{written} written after {(time.monotonic() - began) / 60:.1f} min')
     if failed:
         print(f'failed: {", ".join(failed)}', file=sys.stderr)
@@ -66,7 +66,7 @@ def _measured(
         progress.line(f'{section.name} failed: {outcome.failure}')
     else:
         progress.line(f'{section.table(outcome.figures)}\n({outcome.seconds:.0f} s)')
-    return figures.record(outcome)
+    return page.record(outcome)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -20,7 +20,7 @@ from functools import partial
 import itertools
 from typing import Any
 
-from benchmark.progress import report
+from benchmark.measuring import report
 from benchmark.scenarios import (
     ARRIVED,
     crossing_of,
@@ -160,10 +160,8 @@ def table(figures: dict[str, Any]) -> str:
         f'{"pendulum":34}{"held":>8}{"plan [s]":>10}{"|theta| med, max":>20}{"|psi| max":>11}'
     ]
     for name, f in figures['pendulum'].items():
-        held, angles = (
-            f'{f["held"]}/{f["runs"]}',
-            f'{f["angle_median"]:.4f} {f["angle_worst"]:.4f}',
-        )
+        held = f'{f["held"]}/{f["runs"]}'
+        angles = f'{f["angle_median"]:.4f} {f["angle_worst"]:.4f}'
         lines.append(f'{name:34}{held:>8}{f["duration"]:10.3f}{angles:>20}{f["disk_worst"]:11.3f}')
     lines.append(
         f'\n{"robots [mm], 10 ms":26}{"arrived":>9}{"separated":>11}{"arrival max":>13}'
@@ -171,12 +169,10 @@ def table(figures: dict[str, Any]) -> str:
     )
     for name, f in figures['robots'].items():
         shares = f'{f["arrived"]}/{f["runs"]}', f'{f["separated"]}/{f["runs"]}'
-        lengths = [
-            1e3 * f[key]
-            for key in ('arrival_worst', 'held_worst', 'path_rms', 'path_worst', 'margin_needed')
-        ]
         lines.append(
-            f'{name:26}{shares[0]:>9}{shares[1]:>11}{lengths[0]:13.1f}{lengths[1]:10.1f}'
-            f'{lengths[2]:10.2f}{lengths[3]:10.1f}{lengths[4]:15.1f}{f["cost_mean"]:9.3f}'
+            f'{name:26}{shares[0]:>9}{shares[1]:>11}'
+            f'{1e3 * f["arrival_worst"]:13.1f}{1e3 * f["held_worst"]:10.1f}'
+            f'{1e3 * f["path_rms"]:10.2f}{1e3 * f["path_worst"]:10.1f}'
+            f'{1e3 * f["margin_needed"]:15.1f}{f["cost_mean"]:9.3f}'
         )
     return '\n'.join(lines)

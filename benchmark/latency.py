@@ -19,14 +19,12 @@ import gc
 import math
 from pathlib import Path
 import tempfile
-import time
 from typing import Any
 
-from benchmark.nodes import PUSHED, Rig
-from benchmark.progress import counted, report
+from benchmark.measuring import counted, report, timed
+from benchmark.pendulum import REGIMES
 from benchmark.scenarios import crossing
 import numpy as np
-from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import PendulumStart
@@ -36,10 +34,10 @@ from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observa
 
 DEADLINE, LATE = 0.03, 0.01  # s
 LONGEST = 0.25  # s that a replan may take where times are measured
-REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
 # What tracking leaves, as standard deviations.
 PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
 ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
+CROSSINGS = 10
 FIRST_MEMORY = 100  # replans after which memory is looked at first
 
 
@@ -47,7 +45,7 @@ FIRST_MEMORY = 100  # replans after which memory is looked at first
 Cases = Callable[[int], tuple[Problem, Solution | None]]
 
 
-def pendulum_cases(torque: float, warm: bool) -> Cases:
+def pendulum_cases(torque: float) -> Cases:
     """Cases along one swing-up from hanging, up to 70 % of the way."""
     problem = build(PendulumSwingUp, {'limits.torque': torque})
     problem.prepare()
@@ -58,23 +56,23 @@ def pendulum_cases(torque: float, warm: bool) -> Cases:
         rng = np.random.default_rng(seed)
         elapsed = rng.uniform(0.0, 0.7) * motion.duration
         state = motion.sample(elapsed).state + PENDULUM_AWAY * rng.normal(size=4)
-        start = PendulumStart(*state.tolist())
-        return replace(problem, start=start), plan.remainder(elapsed) if warm else None
+        moved = replace(problem, start=PendulumStart(*state.tolist()))
+        return moved, plan.remainder(elapsed)
 
     return case
 
 
-def robot_cases(warm: bool, crossings: int = 10) -> Cases:
+def robot_cases() -> Cases:
     """Cases along crossings of three robots, between 5 and 75 % of the way."""
     plans, executions = [], []
-    for seed in range(crossings):
+    for seed in range(CROSSINGS):
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
         plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(problem))
 
     def case(seed: int) -> tuple[Problem, Solution | None]:
         rng = np.random.default_rng(seed)
-        plan, execution = plans[seed % crossings], executions[seed % crossings]
+        plan, execution = plans[seed % CROSSINGS], executions[seed % CROSSINGS]
         elapsed = rng.uniform(0.05, 0.75) * plan.solution.duration
         seen = {
             name: Observation(
@@ -86,27 +84,24 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
         }
         predicted = execution.predict(plan, seen, elapsed)
         assert isinstance(plan.problem, RobotFormation)
-        problem = execution.problem_from(plan.problem, predicted)
-        return problem, plan.remainder(elapsed) if warm else None
+        return execution.problem_from(plan.problem, predicted), plan.remainder(elapsed)
 
     return case
 
 
-def timed(cases: Cases, seed: int, deadline: float) -> tuple[float, float, bool]:
+def solved(
+    cases: Cases, seed: int, deadline: float, warm: bool = True
+) -> tuple[float, float, bool]:
     """Solve the case of a seed: wall time, processor time [s], and whether there is a plan."""
     problem, rest = cases(seed)
-    wall, processor, planned = time.perf_counter(), time.process_time(), True
-    try:
-        problem.solve(deadline=deadline, seed=seed, warm_start=rest)
-    except TdmError:
-        planned = False
-    return time.perf_counter() - wall, time.process_time() - processor, planned
+    run = timed(problem, deadline, seed=seed, warm_start=rest if warm else None)
+    return run.wall, run.processor, run.plan is not None
 
 
-def latency(name: str, cases: Cases, count: int, deadline: float) -> dict[str, Any]:
+def latency(cases: Cases, count: int, warm: bool) -> dict[str, Any]:
     """Return the times of `count` replans."""
-    report(f'{name}: {count} replans')
-    wall, processor, planned = np.array([timed(cases, k, deadline) for k in range(count)]).T
+    found = [solved(cases, k, LONGEST, warm) for k in range(count)]
+    wall, processor, planned = np.array(found).T
     return {
         'replans': count,
         'planned': int(planned.sum()),
@@ -122,7 +117,7 @@ def overruns(kinds: dict[str, Cases], count: int) -> dict[str, Any]:
     rounds = math.ceil(count / len(kinds))
     found, memory = [], resident()
     for k in counted(range(rounds), f'rounds of {len(kinds)} replans with a deadline'):
-        found += [timed(cases, k, DEADLINE) for cases in kinds.values()]
+        found += [solved(cases, k, DEADLINE) for cases in kinds.values()]
         if len(found) - len(kinds) < FIRST_MEMORY <= len(found):
             memory = resident()
     wall, processor, planned = np.array(found).T
@@ -149,6 +144,8 @@ def resident() -> float:
 
 def command_stream(seconds: float) -> dict[str, Any]:
     """Return the periods of the tracker's commands while plans are made at 5 Hz."""
+    from benchmark.nodes import PUSHED, Rig  # whose messages would count as memory of replans
+
     report(f'commands, for {seconds:g} s')
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig('pendulum', PUSHED, Path(folder))
@@ -174,17 +171,16 @@ def run(
 ) -> dict[str, Any]:
     """Measure everything: `replans` with a deadline, commands for `seconds` (0: without nodes)."""
     report('the plans that are under way')
-    warm = {f'pendulum {name}': pendulum_cases(torque, True) for name, torque in REGIMES.items()}
-    warm['three robots'] = robot_cases(True)
-    cold = {f'pendulum {name}': pendulum_cases(torque, False) for name, torque in REGIMES.items()}
+    pendulums = {f'pendulum {name}': pendulum_cases(torque) for name, torque in REGIMES.items()}
+    kinds = {**pendulums, 'three robots': robot_cases()}
     gc.freeze()  # as the planner node does once it is ready
     # First, for its memory: after it the process would have done all its growing.
-    figures: dict[str, Any] = {'overruns': overruns(warm, replans)}
-    figures['latency'] = {
-        f'{name}, {how}': latency(f'{name}, {how}', cases, count, LONGEST)
-        for how, kinds, count in (('warm', warm, warm_replans), ('cold', cold, cold_replans))
-        for name, cases in kinds.items()
-    }
+    figures: dict[str, Any] = {'overruns': overruns(kinds, replans)}
+    report('warm replans')
+    warm = {f'{k}, warm': latency(cases, warm_replans, True) for k, cases in kinds.items()}
+    report('cold replans')
+    cold = {f'{k}, cold': latency(cases, cold_replans, False) for k, cases in pendulums.items()}
+    figures['latency'] = warm | cold
     if seconds:
         figures['stream'] = command_stream(seconds)
     return figures

@@ -22,10 +22,19 @@ import threading
 import time
 from typing import Any
 
+from benchmark.measuring import report
 from benchmark.nodes import PUSHED, Rig, START
-from benchmark.progress import report
 from benchmark.scenarios import crossing
+from nav_msgs.msg import Odometry
 import numpy as np
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import joint_states, odometry
+from tdm_planner.plant_kind import ROBOT
+from tdm_sim.processes import NodeProcesses
+import viser
+from websockets.sync.client import connect
+import zstandard
 
 PLAYED = 0.04  # s between states of robots
 PLANNER = {'replan.rate': 5.0, 'solver.deadline': 0.9, 'start.delay': START}
@@ -39,9 +48,6 @@ class Played(Rig):
 
     def begin(self) -> None:
         """Wait until the planner is there."""
-        from nav_msgs.msg import Odometry
-        from sensor_msgs.msg import JointState
-
         make = self._node.create_publisher
         self._publishers = [
             (make(JointState, f'{space}/joint_states', 1), make(Odometry, f'{space}/odom', 1))
@@ -52,9 +58,6 @@ class Played(Rig):
 
     def _play(self) -> None:
         """Publish robots that go round in circles."""
-        from tdm_planner.nodes.messages import joint_states, odometry
-        from tdm_planner.plant_kind import ROBOT
-
         now = self._node.get_clock().now()
         turn = 0.5 * now.nanoseconds * 1e-9
         joints = [joint for joint in ROBOT.joints if joint.name not in ROBOT.odometry]
@@ -75,16 +78,13 @@ class Played(Rig):
 
     def act(self) -> None:
         """Ask for a plan."""
-        self._plan.call_async(self._request())
+        self._plan.call_async(Trigger.Request())
 
 
 class Viewer:
     """A connection to a page, as a browser has; `frames` are the instants [s] of pictures."""
 
     def __init__(self, address: str) -> None:
-        import viser
-        from websockets.sync.client import connect
-
         self.frames: list[float] = []
         self._connection = connect(
             address.replace('http', 'ws'),
@@ -96,8 +96,6 @@ class Viewer:
         self._thread.start()
 
     def _listen(self) -> None:
-        import zstandard
-
         unpack = zstandard.ZstdDecompressor().decompress
         for data in self._connection:
             assert isinstance(data, bytes)
@@ -115,8 +113,6 @@ class Viewer:
 @contextmanager
 def page_on(space: str, folder: Path) -> Iterator[tuple[int, str]]:
     """Serve the page on the nodes of a namespace; yields its process and address."""
-    from tdm_sim.processes import NodeProcesses
-
     words = ['live', space, '--no-browser', '--port', '0', '-o', str(folder)]
     with NodeProcesses(folder) as processes:
         processes.start('page', 'tdm_planner.cli', words)

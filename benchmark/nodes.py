@@ -13,6 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_sim.processes import make_scene, NodeProcesses
 import yaml
 
 START = 1.0  # s from a request to the start of a motion
@@ -32,13 +39,6 @@ class Rig:
     executables: tuple[str, ...] = ('planner', 'tracker', 'pendulum_plant')
 
     def __init__(self, plant: str, parameters: Mapping[str, Any], folder: Path) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import String
-        from std_srvs.srv import Trigger
-        from tdm_sim.processes import make_scene, NodeProcesses
-
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)  # the namespaces are anybody's
         file = folder / f'{plant}.yaml'
@@ -46,7 +46,6 @@ class Rig:
         file.write_text(yaml.safe_dump(sections))
         scene = make_scene(plant, file)
         self.space, self._spaces = scene.namespace, [part.namespace for part in scene.plants]
-        self._rclpy, self._request = rclpy, Trigger.Request
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self._node = rclpy.create_node('benchmark', context=self._context)
@@ -56,7 +55,7 @@ class Rig:
         self.plans: list[String] = []
 
         def on_command(message: JointState) -> None:
-            self.stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+            self.stamps.append(nanoseconds_of(message.header.stamp))
 
         make = self._node.create_subscription
         make(JointState, f'{self._spaces[0]}/joint_command', on_command, 1000)
@@ -85,12 +84,12 @@ class Rig:
 
     def reset(self) -> None:
         """Begin anew."""
-        self._wait(self._reset.call_async(self._request()).done)
+        self._wait(self._reset.call_async(Trigger.Request()).done)
         self.spin(0.1)  # until the planner has heard of it
 
     def act(self) -> None:
         """Do what new plans are made for."""
-        self._push.call_async(self._request())
+        self._push.call_async(Trigger.Request())
 
     def spin(self, seconds: float) -> None:
         """Serve what arrives for a while."""
@@ -103,7 +102,7 @@ class Rig:
         before = len(self.plans)
         while len(self.plans) == before:
             self.reset()
-            self._wait(self._plan.call_async(self._request()).done)
+            self._wait(self._plan.call_async(Trigger.Request()).done)
             self._executor.spin_once(timeout_sec=0.1)
         self.spin(START)
         first, plans, begin = len(self.stamps), len(self.plans), time.monotonic()
@@ -117,4 +116,4 @@ class Rig:
         """End the nodes."""
         self._processes.end()
         self._node.destroy_node()
-        self._rclpy.shutdown(context=self._context)
+        rclpy.shutdown(context=self._context)

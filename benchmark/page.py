@@ -1,20 +1,34 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page benchmarks.md and its picture, from the records of the sections."""
+"""
+The page benchmarks.md and its picture, from the records of the sections.
+
+These are kept in a file beside it: sections may be run one by one.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import asdict
+import importlib.metadata
+import json
+import os
 from pathlib import Path
+import platform
+import re
 from typing import Any
 
 from benchmark.peers.tables import draw, in_short, sections
+from benchmark.runner import Outcome
 from benchmark.sections import Section, SECTIONS
 
 DOCS = Path(__file__).parents[1] / 'docs'
+NAME = 'benchmarks.json'
 PICTURES = 'images'
+_DIGITS = 6
+_PACKAGES = ('tdm_planner', 'numpy', 'scipy', 'numba', 'daqp', 'casadi')
 
 _INTRODUCTION = """\
 # Benchmarks
@@ -54,9 +68,44 @@ collocation from its result gave (`benchmark/*_reference.py`).
 """
 
 
+def read(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the records of the sections that were run, by name; none if there is no file."""
+    file = folder / NAME
+    found: dict[str, dict[str, Any]] = json.loads(file.read_text()) if file.is_file() else {}
+    return found
+
+
+def keep(folder: Path, records: Mapping[str, Any]) -> None:
+    """Write the records; figures keep six digits."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(records)
+    rounded = json.loads(text, parse_float=lambda digits: float(f'{float(digits):.{_DIGITS}g}'))
+    lines = (
+        f'{json.dumps(name)}: {json.dumps(record, separators=(",", ":"))}'
+        for name, record in rounded.items()
+    )
+    # A section a line: what has changed shows.
+    (folder / NAME).write_text('{\n' + ',\n'.join(lines) + '\n}\n')
+
+
+def record(outcome: Outcome) -> dict[str, Any]:
+    """Return what is kept of a run, with the machine and the versions it was made with."""
+    kept = asdict(outcome)
+    del kept['log']
+    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {**kept, 'machine': _machine(), 'versions': versions}
+
+
+def _machine() -> str:
+    """Processor, cores and Python."""
+    told = re.search(r'^model name\s*: (.*)$', Path('/proc/cpuinfo').read_text(), re.MULTILINE)
+    name = told[1] if told else platform.processor() or platform.machine()
+    return f'{name}, {os.cpu_count()} cores, Python {platform.python_version()}'
+
+
 def write(records: Mapping[str, Any], folder: Path = DOCS, quick: bool = False) -> Path:
     """
-    Write the page from the records of the sections (`benchmark.figures`), and its chart.
+    Write the page from the records of the sections, and its chart.
 
     Sections that were never run, or failed, say so.
     """
@@ -78,14 +127,16 @@ def _section(section: Section, record: Mapping[str, Any] | None, folder: Path, u
     head = f'## {section.title}\n\n`python -m benchmark {section.name}`'
     if record is None:
         return f'{head}: not measured yet.\n'
-    described = section.described({**section.full, **record['settings']})
+    described = section.about.format(**{**section.full, **record['settings']})
     if record['figures'] is None:
         return f'{head}, {record["when"]}: **failed** - {record["failure"]}\n\n{described}\n'
     made_with = _made_with(record)
     other = '' if made_with == usual else f', on {made_with}'
     how = f'{record["when"]}, {record["seconds"]:.0f} s{other}.'
     if section.name == 'peers':
-        body = _peers(record['figures'], folder)
+        draw(record['figures'], folder / PICTURES)
+        tables = [f'### {name}\n\n{body}\n' for name, body in sections(record['figures'])]
+        body = '\n'.join([_PEERS, f'### In short\n\n{in_short(record["figures"])}\n', *tables])
     else:
         body = f'```text\n{section.table(record["figures"])}\n```\n'
     return f'{head}, {how}\n\n{described}\n\n{body}'
@@ -94,12 +145,3 @@ def _section(section: Section, record: Mapping[str, Any] | None, folder: Path, u
 def _made_with(record: Mapping[str, Any]) -> str:
     named = ', '.join(f'{name} {version}' for name, version in record['versions'].items())
     return f'{record["machine"]}, with {named}'
-
-
-def _peers(figures: Mapping[str, Any], folder: Path) -> str:
-    draw(figures, folder / PICTURES)
-    return '\n'.join([
-        _PEERS,
-        f'### In short\n\n{in_short(figures)}\n',
-        *(f'### {name}\n\n{body}\n' for name, body in sections(figures)),
-    ])  # fmt: skip

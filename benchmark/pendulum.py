@@ -12,13 +12,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-import time
 from typing import Any
 
-from benchmark.progress import counted
+from benchmark.measuring import counted, timed
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 
 REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
@@ -56,22 +54,15 @@ def measure(
     """Solve the swing-up from the states of seeds 0 to `states` - 1 and summarise."""
     torque = REGIMES[regime]
     known = best_known(regime)
-    problem(torque, start_state('hanging'), method).prepare()
-    ratios, seconds, failures = [], [], []
-    for seed in counted(range(states), f'{method}, {regime}'):
-        began = time.perf_counter()
-        try:
-            solution = problem(torque, start_state(seed), method).solve(deadline, seed=0)
-        except TdmError as error:
-            failures.append(f'{seed}: {error}')
-        else:
-            ratios.append(solution.cost / known[seed])
-        seconds.append(time.perf_counter() - began)
     hanging = problem(torque, start_state('hanging'), method)
-    try:
-        from_hanging = hanging.solve(deadline, seed=0).cost
-    except TdmError:
-        from_hanging = float('nan')
+    hanging.prepare()
+    runs = [
+        timed(problem(torque, start_state(seed), method), deadline, seed=0)
+        for seed in counted(range(states), f'{method}, {regime}')
+    ]
+    ratios = [run.plan.cost / known[seed] for seed, run in enumerate(runs) if run.plan]
+    seconds = [run.wall for run in runs]
+    from_hanging = timed(hanging, deadline, seed=0).plan
     near = np.array(ratios) <= 1.02
     return {
         'states': states,
@@ -82,8 +73,8 @@ def measure(
         'median_ms': 1e3 * float(np.median(seconds)),
         'p95_ms': 1e3 * float(np.quantile(seconds, 0.95)),
         'slowest_ms': 1e3 * float(np.max(seconds)),
-        'from_hanging_s': from_hanging,
-        'failures': failures,
+        'from_hanging_s': from_hanging.cost if from_hanging else float('nan'),
+        'failures': [f'{seed}: {run.error}' for seed, run in enumerate(runs) if run.error],
     }
 
 

@@ -17,7 +17,7 @@ import argparse
 import json
 import math
 
-from benchmark.peers.pendulum_collocation import PendulumCollocation
+from benchmark.peers.pendulum import PendulumCollocation
 from benchmark.pendulum import BEST_KNOWN, problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -34,7 +34,6 @@ from tdm_planner.problems.pendulum.candidates import (
 )
 from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
-from tdm_planner.trajectory import Trajectory
 
 STARTS = 3000
 POLISHED = 40
@@ -58,23 +57,13 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     return best
 
 
-def collocate(collocation: PendulumCollocation, task: SwingUpTask, guess: Trajectory) -> float:
-    """Return the minimum time by collocation started from a trajectory, inf if it fails."""
-    outcome = collocation.solve(task, guess)
-    return (
-        collocation.motions(task, outcome)[PENDULUM_NAME].duration
-        if outcome.converged
-        else math.inf
-    )
-
-
 def main() -> None:
     """Improve the file for a range of states."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--states', type=int, default=100)
     parser.add_argument('--first', type=int, default=0)
     arguments = parser.parse_args()
-    known = json.loads(BEST_KNOWN.read_text()) if BEST_KNOWN.exists() else {}
+    known = json.loads(BEST_KNOWN.read_text())
     for regime, torque in REGIMES.items():
         hanging = problem(torque, start_state('hanging')).task
         collocation = PendulumCollocation(hanging, INTERVALS, **IPOPT)
@@ -87,11 +76,11 @@ def main() -> None:
                 print(f'{regime} {seed}: nothing found', flush=True)
                 continue
             entry['switching'] = min(best.total, entry.get('switching', math.inf))
-            smooth = collocate(collocation, task, trajectory(task, best))
-            if smooth < math.inf:
+            outcome = collocation.solve(task, trajectory(task, best))
+            if outcome.converged:
+                smooth = collocation.motions(task, outcome)[PENDULUM_NAME].duration
                 entry['collocation'] = min(smooth, entry.get('collocation', math.inf))
             print(regime, seed, entry, flush=True)
-            BEST_KNOWN.parent.mkdir(exist_ok=True)
             BEST_KNOWN.write_text(json.dumps(known, indent=1, sort_keys=True) + '\n')
 
 

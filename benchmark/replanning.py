@@ -28,7 +28,7 @@ from functools import partial
 import math
 from typing import Any
 
-from benchmark.progress import counted
+from benchmark.measuring import counted
 from benchmark.receding import RecedingHorizon
 from benchmark.scenarios import (
     ARRIVED,

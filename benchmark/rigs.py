@@ -13,12 +13,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-import time
 from typing import Any
 
-from benchmark.progress import counted
+from benchmark.measuring import counted, Timed, timed
 import numpy as np
-from tdm_planner.exceptions import TdmError
+from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.solution import Solution
@@ -53,17 +52,7 @@ def rig(seed: int, hanging: bool = True) -> PendulumSwingUp:
     return PendulumSwingUp(plant=plant, limits=limits, start=start)
 
 
-def solved(problem: PendulumSwingUp, rest: Solution | None = None) -> dict[str, Any]:
-    """Solve with default settings; the plan or the code of the failure, and wall time [s]."""
-    began, plan, code = time.perf_counter(), None, ''
-    try:
-        plan = problem.solve(DEADLINE, warm_start=rest)
-    except TdmError as error:
-        code = error.code
-    return {'plan': plan, 'code': code, 'seconds': time.perf_counter() - began}
-
-
-def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> dict[str, Any]:
+def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> Timed:
     """Solve anew from half-way, from a state off the plan, with what is left of it."""
     elapsed, w0 = 0.5 * plan.duration, problem.plant.natural_frequency
     noise = AWAY * np.array([1.0, 1.0, w0, w0])
@@ -71,21 +60,22 @@ def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> dict[str, A
     state = state + noise * np.random.default_rng(seed).normal(size=4)
     state[1] = np.clip(state[1], -problem.limits.disk_angle, problem.limits.disk_angle)
     moved = replace(problem, start=PendulumStart(*state.tolist()))
-    return solved(moved, ActivePlan(problem, plan, 0.0).remainder(elapsed))
+    rest = ActivePlan(problem, plan, 0.0).remainder(elapsed)
+    return timed(moved, DEADLINE, warm_start=rest)
 
 
-def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(results: list[Timed]) -> dict[str, Any]:
     """Return counts, and quantiles of the times of those that gave plans [s]."""
-    plans = [result for result in results if result['plan'] is not None]
-    seconds = [result['seconds'] for result in plans]
+    plans = [result.plan for result in results if result.plan]
+    seconds = [result.wall for result in results if result.plan]
     return {
         'cases': len(results),
         'verified': len(plans),
-        'infeasible': sum(result['code'] == 'INFEASIBLE' for result in results),
+        'infeasible': sum(isinstance(result.error, Infeasible) for result in results),
         'p50_s': float(np.quantile(seconds, 0.5)) if plans else None,
         'p95_s': float(np.quantile(seconds, 0.95)) if plans else None,
-        'latest_s': max((result['seconds'] for result in results), default=None),
-        'most_arcs': max((result['plan'].parameters.size for result in plans), default=None),
+        'latest_s': max((result.wall for result in results), default=None),
+        'most_arcs': max((plan.parameters.size for plan in plans), default=None),
     }
 
 
@@ -93,11 +83,12 @@ def run(rigs: int = 200, first: int = 1000) -> dict[str, Any]:
     """Measure everything on the rigs of seeds `first` on."""
     rig(0).prepare()
     figures: dict[str, Any] = {}
-    groups: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    groups: dict[str, dict[str, list[Timed]]] = {}
     for seed in counted(range(first, first + rigs), 'rigs'):
         problem, elsewhere = rig(seed), rig(seed, hanging=False)
-        kinds = {'from hanging': solved(problem), 'from random states': solved(elsewhere)}
-        plan = kinds['from hanging']['plan']
+        from_hanging, anywhere = timed(problem, DEADLINE), timed(elsewhere, DEADLINE)
+        kinds = {'from hanging': from_hanging, 'from random states': anywhere}
+        plan = from_hanging.plan
         if plan is not None:
             kinds['replans half-way'] = half_way(problem, plan, seed)
         drive = problem.task.drive

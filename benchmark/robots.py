@@ -13,13 +13,11 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 import resource
-import time
 from typing import Any
 
-from benchmark.progress import counted
+from benchmark.measuring import counted, timed
 from benchmark.scenarios import crossing
 import numpy as np
-from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
 
 DATA = Path(__file__).parent / 'data' / 'robots_reference.json'
@@ -43,7 +41,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 
 def references() -> dict[int, float]:
-    """Costs J_ref of the three-robot crossings by seed, see `peers.robots_cases`."""
+    """Costs J_ref of the three-robot crossings by seed, see `peers.robots`."""
     costs = json.loads(DATA.read_text())['costs']
     return {int(seed): cost for seed, cost in costs.items() if cost is not None}
 
@@ -55,16 +53,14 @@ def measure(seeds: Sequence[int], n: int = 3, **changes: Any) -> dict[str, Any]:
     settings = {'solver.deadline': 8.0, 'arena.tracking_margin': MARGIN, **changes}
     for seed in counted(seeds, f'{n} robots'):
         problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**settings))
-        began = time.process_time()
-        try:
-            solution = problem.solve()
-        except TdmError as error:
-            failures.append(f'{seed}: {error}')
+        run = timed(problem)
+        if run.plan is None:
+            failures.append(f'{seed}: {run.error}')
             continue
-        times.append(1e3 * (time.process_time() - began))
+        times.append(1e3 * run.processor)
         if seed in known:
-            ratios.append(solution.cost / known[seed])
-        missed = solution.verification.terminal_error.reshape(n, 7)
+            ratios.append(run.plan.cost / known[seed])
+        missed = run.plan.verification.terminal_error.reshape(n, 7)
         ends.append(float(np.hypot(missed[:, 0], missed[:, 1]).max()))
         turns.append(float(np.abs(missed[:, 4]).max()))
     return {

@@ -26,7 +26,7 @@ import threading
 import time
 from typing import Any
 
-from benchmark.progress import MARK
+from benchmark.measuring import MARK
 from benchmark.sections import Section, SECTIONS, Settings
 
 ROOT = Path(__file__).parents[1]

@@ -41,10 +41,6 @@ class Section:
         text: str = import_module(f'benchmark.{self.name}').table(figures)
         return text
 
-    def described(self, settings: Settings) -> str:
-        """Return what was measured with these settings."""
-        return self.about.format(**settings)
-
 
 _SECTIONS = (
     Section(

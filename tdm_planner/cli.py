@@ -258,10 +258,16 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from tdm_sim.report.page import make_report
+    from tdm_sim.report.page import write_report
+    from tdm_sim.report.reader import read_mission
 
+    check_path(options.output, ('.html', '.htm'))
     with Progress(options.quiet) as progress:
-        make_report(options.source, options.output, progress, options.namespace, options.problem)
+        progress.phase(f'reading {options.source}')
+        problem = None if options.problem is None else load_problem(options.problem)
+        mission = read_mission(options.source, options.namespace, problem)
+        progress.phase(f'writing {options.output}')
+        write_report(mission, options.output)
     progress.line(f'written to {options.output}')
     if options.view:
         _show(options.output)

@@ -9,31 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-import time
 from typing import Any
 
+from benchmark.measuring import report, timed
 import numpy as np
-from tdm_planner.arrays import Array
-from tdm_planner.exceptions import TdmError
-from tdm_planner.plants.robot_replay import replay
-from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.verification import (
-    gas_used,
-    robot_constraints,
-    separation_constraints,
-)
-from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, verify
 
-# rad, rad/s: from there a linear feedback holds the pendulum.
-PENDULUM_TOLERANCE = np.array([0.05, 0.05, 0.5, 0.5])
-DISK_SLACK = 0.01  # rad
-# m, m/s, rad, rad/s; the thruster's angle is free.
-ROBOT_TOLERANCE = np.array([0.02, 0.02, 0.01, 0.01, 0.05, 0.02, np.inf])
-DISTANCE_SLACK = 0.01  # m
-_RESOLUTION = 0.02  # s
 OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 
 
@@ -79,12 +61,9 @@ class Cases(ABC):
     def problem(self, case: int, near: bool = False) -> Any:
         """Return the problem of a case, or one with a start nearby."""
 
+    @staticmethod
     @abstractmethod
-    def guess_plan(self, task: Any, plan: Solution) -> Any:
-        """Return a plan as a guess."""
-
-    @abstractmethod
-    def judge(self, task: Any, motions: Mapping[str, Trajectory]) -> tuple[tuple[str, ...], float]:
+    def judge(task: Any, motions: Mapping[str, Trajectory]) -> tuple[tuple[str, ...], float]:
         """Return the reasons why motions do not solve a task, and their cost."""
 
     def methods(self) -> dict[str, Method]:
@@ -99,23 +78,15 @@ class Cases(ABC):
     def ours(self, case: int, earlier: Solution | None = None) -> Attempt:
         """Solve by this package, from an earlier plan if given."""
         problem = self.problem(case)
-        began = time.process_time()
-        try:
-            plan = problem.solve(self.deadline, seed=0, warm_start=earlier)
-        except TdmError as error:
-            seconds = time.process_time() - began
+        plan, error, _, seconds = timed(problem, self.deadline, seed=0, warm_start=earlier)
+        if plan is None:
             return Attempt(case, False, False, seconds, reason=str(error))
-        seconds = time.process_time() - began
         reasons, cost = self.judge(problem.task, plan.trajectories)
         reason = '; '.join(reasons)
         return Attempt(case, True, not reasons, seconds, plan.evaluations, cost, reason)
 
     def _neighbour(self, case: int) -> Solution | None:
-        try:
-            plan: Solution = self.problem(case, near=True).solve(self.deadline, seed=0)
-        except TdmError:
-            return None
-        return plan
+        return timed(self.problem(case, near=True), self.deadline, seed=0).plan
 
     def collocate(self, name: str, case: int) -> Attempt:
         """Solve by collocation from the guess of a name."""
@@ -132,7 +103,7 @@ class Cases(ABC):
         if earlier is None:
             return Attempt(case, False, False, 0.0, reason='no neighbouring plan')
         task = self.problem(case, near=True).task
-        guess = self.guess_plan(task, earlier)
+        guess = self.collocation.guess_plan(task, earlier.trajectories)
         near = self.collocation.solve(task, guess)
         return self._collocate(case, near if near.converged else guess, warm=True)
 
@@ -166,11 +137,7 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
     )
 
 
-def alternate(
-    methods: Mapping[str, Method],
-    cases: Sequence[int],
-    report: Callable[[str], None],
-) -> dict[str, list[Attempt]]:
+def alternate(methods: Mapping[str, Method], cases: Sequence[int]) -> dict[str, list[Attempt]]:
     """Solve every case by every method in turn, each time beginning with another one."""
     names = list(methods)
     found: dict[str, list[Attempt]] = {name: [] for name in names}
@@ -217,67 +184,3 @@ def against(
         'time': float(np.median(times)) if times else None,
         'cost': float(np.median(costs)) if costs else None,
     }
-
-
-def judge_pendulum(task: SwingUpTask, motion: Trajectory) -> tuple[str, ...]:
-    """Reasons why a swing-up is none; empty if it lands and keeps the limits."""
-    constraints = (
-        Constraint(
-            'torque', lambda t, x, u: task.torque_limit - np.abs(u[:, 0]), 1e-9 * task.torque_limit
-        ),
-        Constraint(
-            'disk_angle', lambda t, x, u: task.disk_angle_limit - np.abs(x[:, 1]), DISK_SLACK
-        ),
-    )
-    anywhere = np.full(4, np.inf)
-    return verify(
-        task.plant,
-        motion,
-        task.goal_nearest(motion.states[-1]),
-        PENDULUM_TOLERANCE,
-        constraints,
-        consistency=anywhere,
-    ).reasons
-
-
-def judge_formation(task: FormationTask, motions: Mapping[str, Trajectory]) -> tuple[str, ...]:
-    """Reasons why a manoeuvre is none; empty if all robots land, keep limits and stay apart."""
-    goal = np.concatenate([task.goal, np.zeros((task.n, 2)), task.goal_yaw[:, None]], axis=1)
-    reasons: list[str] = []
-    for i, name in enumerate(task.names):
-        constraints = [
-            Constraint(c.name, c.margin, DISTANCE_SLACK if c.unit == 'm' else c.tolerance, c.unit)
-            for c in robot_constraints(task)
-        ]
-        reasons += verify(
-            task.plant,
-            motions[name],
-            np.array([*goal[i], 0.0, 0.0]),
-            ROBOT_TOLERANCE,
-            constraints,
-            consistency=np.full(7, np.inf),
-        ).reasons
-    apart = [
-        Constraint(c.name, c.margin, DISTANCE_SLACK, c.unit) for c in separation_constraints(task)
-    ]
-    times, states = _together(task, motions)
-    return (*reasons, *check(apart, times, states, np.zeros((times.size, 3 * task.n)))[2])
-
-
-def _together(task: FormationTask, motions: Mapping[str, Trajectory]) -> tuple[Array, Array]:
-    """Return common instants and the replayed states (n_times, n 7); who has arrived is parked."""
-    last = max(motion.duration for motion in motions.values())
-    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
-    states = []
-    for name in task.names:
-        own = np.union1d(times[times <= motions[name].duration], motions[name].times[-1])
-        flown = replay(task.plant, motions[name], own)
-        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
-    return times, np.concatenate(states, axis=1)
-
-
-def formation_cost(task: FormationTask, motions: Mapping[str, Trajectory]) -> float:
-    """J of (28), from the arrival times and the thrust that is flown."""
-    arrivals = np.array([motions[name].duration for name in task.names])
-    gas = np.array([gas_used(task.plant, motions[name]) for name in task.names])
-    return sum(task.cost_terms(arrivals, gas).values())

@@ -11,10 +11,9 @@ import os
 from typing import Any
 
 from benchmark.peers.attempts import alternate, best_of, Cases
-from benchmark.peers.pendulum_cases import PendulumCases
-from benchmark.peers.robots_cases import RobotsCases
+from benchmark.peers.pendulum import PendulumCases
+from benchmark.peers.robots import RobotsCases
 from benchmark.pendulum import best_known, REGIMES
-from benchmark.progress import report
 from benchmark.robots import references
 
 
@@ -30,7 +29,7 @@ def run(cases: int = 100) -> dict[str, Any]:
 
 
 def _problem(solvers: Cases, count: int, known: Mapping[int, float]) -> dict[str, Any]:
-    found = alternate(solvers.methods(), range(count), report)
+    found = alternate(solvers.methods(), range(count))
     several = zip(*(found[name] for name in solvers.guesses), strict=True)
     found['collocation, best of 3 guesses'] = [best_of(attempts) for attempts in several]
     return {

@@ -28,9 +28,9 @@ _COLOURS = {
 _NEAR = {'3 robots': 1.06}  # of the best known cost; elsewhere 1.02
 
 
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], align: str = 'r') -> str:
-    """Return a table, its first column to the left, the others to the right unless told."""
-    rule = ['---', *['---:' if align == 'r' else '---'] * (len(head) - 1)]
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table, its first column to the left, the others to the right."""
+    rule = ['---', *['---:'] * (len(head) - 1)]
     return '\n'.join('| ' + ' | '.join(row) + ' |' for row in (head, rule, *rows))
 
 

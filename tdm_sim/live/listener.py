@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 import time
 from typing import Any, NamedTuple
 import uuid
@@ -36,16 +36,9 @@ _DEPTH = 100  # as many nodes may speak at once
 _EVENTS = 200
 _LONGEST = 20.0  # s for an answer
 _LOOK = 0.002  # s between looks whether one has come
+# What a node has logged: its instant [s], its level as in rcl_interfaces/msg/Log, node and text.
+Event = tuple[float, int, str, str]
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-class Event(NamedTuple):
-    """Something that a node has logged; `level` as rcl_interfaces/msg/Log numbers it."""
-
-    instant: float
-    level: int
-    node: str
-    text: str
 
 
 class NodeStatus(NamedTuple):
@@ -100,8 +93,9 @@ class Listener:
         self.declared: dict[str, Declared] = {}
         self.events: deque[Event] = deque(maxlen=_EVENTS)
         self.changes = 0  # of parameters
-        self._parameters: dict[str, AsyncParameterClient] = {}  # by node
-        self._triggers: dict[str, Any] = {}  # clients by service
+        # Clients of a node's parameters, by its name, and of a service.
+        self._parameters = cache(lambda node: AsyncParameterClient(self.node, node, SERVICE))
+        self._trigger = cache(partial(self.node.create_client, Trigger, qos_profile=SERVICE))
         make = self.node.create_subscription
         make(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, _DEPTH)
         make(Log, '/rosout', self._on_log, _ROSOUT)
@@ -150,13 +144,13 @@ class Listener:
         if message.name.startswith(f'{space}.'.lstrip('.')):
             instant = nanoseconds_of(message.stamp) * 1e-9
             node = message.name.removeprefix(f'{space}.')
-            self.events.append(Event(instant, message.level, node, message.msg))
+            self.events.append((instant, message.level, node, message.msg))
 
     # Parameters.
 
     def _learn(self, node: str) -> None:
         """Ask a node for its parameters once its services are known."""
-        client = self._parameters_at(node)
+        client = self._parameters(node)
 
         def on_names(answer: Any) -> None:
             client.describe_parameters(answer.result().result.names, on_described)
@@ -190,7 +184,7 @@ class Listener:
         given = [Parameter(name, value=value) for name, value in values.items()]
         asked = []
         for node in nodes:
-            client = self._parameters_at(node)
+            client = self._parameters(node)
             _await(client.services_are_ready, f'{node} serves no parameters')
             asked.append((node, client.set_parameters(given)))
         for node, answer in asked:
@@ -201,20 +195,11 @@ class Listener:
 
     def trigger(self, service: str) -> str:
         """Call a std_srvs/Trigger; returns its message."""
-        if service not in self._triggers:
-            self._triggers[service] = self.node.create_client(
-                Trigger, service, qos_profile=SERVICE
-            )
-        client = self._triggers[service]
+        client = self._trigger(service)
         _await(client.service_is_ready, f'no node serves {service}')
         answer = client.call_async(Trigger.Request())
         _await(answer.done, f'{service} did not answer within {_LONGEST:g} s')
         return str(answer.result().message)
-
-    def _parameters_at(self, node: str) -> AsyncParameterClient:
-        if node not in self._parameters:
-            self._parameters[node] = AsyncParameterClient(self.node, node, SERVICE)
-        return self._parameters[node]
 
 
 def _await(condition: Callable[[], bool], otherwise: str) -> None:

@@ -165,7 +165,7 @@ class Operations:
         """Switch replanning on or off."""
 
         def act() -> str:
-            self._set_planner({'replan.rate': REPLAN_RATE if on else 0.0})
+            self._set(PLANNING, {'replan.rate': REPLAN_RATE if on else 0.0})
             return f'replanning at {REPLAN_RATE:g} Hz' if on else 'no replanning'
 
         self._plant_tasks.submit('replan', act, self._note)
@@ -210,11 +210,10 @@ class Operations:
             if handle.node == 'planner':
                 changes = handle.values_at(pose, self._values(PLANNING))
                 self._make_plan(changes)
-                self._set_planner(changes)
+                self._set(PLANNING, changes)
             else:
                 changes = handle.values_at(pose, self._values(SIMULATION))
-                plants = [node.name for node in self._listener.having(SIMULATION)]
-                self._listener.set_parameters(plants, changes)
+                self._set(SIMULATION, changes)
                 self._reset()
                 time.sleep(_ARRIVAL)
                 self._make_plan()
@@ -278,10 +277,9 @@ class Operations:
         ]
         return told[0] if told else 'there is no simulated plant'
 
-    def _set_planner(self, values: Mapping[str, Any]) -> None:
-        self._listener.set_parameters(
-            [node.name for node in self._listener.having(PLANNING)], values
-        )
+    def _set(self, role: str, values: Mapping[str, Any]) -> None:
+        nodes = [node.name for node in self._listener.having(role)]
+        self._listener.set_parameters(nodes, values)
 
     def _values(self, role: str) -> Mapping[str, Any]:
         declared = self._listener.parameters_of(role)

@@ -148,7 +148,7 @@ class Page:
 
     def _show_surroundings(self) -> None:
         still = [(self._rig.view.surroundings, Look())]
-        self._scene.show('still', picture(still, self._width))
+        self._scene.layers['still'].show(picture(still, self._width))
 
     def _show_motion(self) -> None:
         rig = self._rig
@@ -158,13 +158,13 @@ class Page:
             plan, now = rig.planned(name), instant * NANOSECOND
             if plan is not None and now < plan.end:
                 ghosts.append((rig.view.shapes(plan.reference(now)), GHOST))
-        self._scene.show('plants', picture(plants, self._width))
-        self._scene.show('ghost', picture(ghosts, self._width))
+        self._scene.layers['plants'].show(picture(plants, self._width))
+        self._scene.layers['ghost'].show(picture(ghosts, self._width))
 
     def _show_plan(self) -> None:
         rig = self._rig
         if rig.plan is None:
-            self._scene.show('plan', picture((), self._width))
+            self._scene.layers['plan'].show(picture((), self._width))
             return
         self._solve_times.add(rig.plan.plan_id, rig.plan.solve_time)
         goals, paths, along = [], [], []
@@ -182,7 +182,7 @@ class Page:
         if not self._whole and not rig.view.surroundings:
             self._place_camera(along)
         self._whole = True
-        self._scene.show('plan', picture(goals, self._width, paths))
+        self._scene.layers['plan'].show(picture(goals, self._width, paths))
 
     def _choose(self, vehicle: str) -> None:
         if vehicle in self._rig.vehicles:

@@ -17,7 +17,6 @@ import time
 from urllib.parse import urlsplit
 import webbrowser
 
-import rclpy
 from rclpy.context import Context
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
@@ -126,27 +125,25 @@ class Nodes(NodeProcesses):
 
 @contextmanager
 def _served(namespace: str) -> Iterator[Listener]:
-    context = Context()
-    rclpy.init(context=context)
-    listener = Listener(namespace, context)
-    executor = make_executor(context)
-    executor.add_node(listener.node)
-    ended = threading.Event()
+    with Context() as context:
+        listener = Listener(namespace, context)
+        executor = make_executor(context)
+        executor.add_node(listener.node)
+        ended = threading.Event()
 
-    def serve() -> None:
-        while not ended.is_set():
-            executor.spin_once(timeout_sec=LONGEST_WAIT)
+        def serve() -> None:
+            while not ended.is_set():
+                executor.spin_once(timeout_sec=LONGEST_WAIT)
 
-    thread = threading.Thread(target=serve, name='listener', daemon=True)
-    thread.start()
-    try:
-        yield listener
-    finally:
-        ended.set()
-        thread.join()
-        executor.shutdown()
-        listener.close()
-        rclpy.try_shutdown(context=context)
+        thread = threading.Thread(target=serve, name='listener', daemon=True)
+        thread.start()
+        try:
+            yield listener
+        finally:
+            ended.set()
+            thread.join()
+            executor.shutdown()
+            listener.close()
 
 
 def _server(host: str, port: int) -> viser.ViserServer:

@@ -281,21 +281,17 @@ class HandleView:
 
 
 class Scene:
-    """Everything in space: layers by name, handles, camera."""
+    """Everything in space: `layers` by name, handles, camera."""
 
     def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
         self._server, self._dragged = server, dragged
-        self._layers = {name: Layer(server, name) for name in ('still', 'plan', 'ghost')}
-        self._layers['plants'] = Layer(server, 'plants', pulled)
+        self.layers = {name: Layer(server, name) for name in ('still', 'plan', 'ghost')}
+        self.layers['plants'] = Layer(server, 'plants', pulled)
         self.handles: dict[str, HandleView] = {}
         self._grid: Any = None
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.configure_environment_map(environment_intensity=_LIGHT)
-
-    def show(self, layer: str, picture: Picture) -> None:
-        """Show a picture in a layer."""
-        self._layers[layer].show(picture)
 
     def look(self, view: View) -> None:
         """Set the camera of all browsers, present and future ones."""

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 import math
 import re
@@ -149,7 +149,7 @@ def _due(vehicle: RecordedVehicle) -> float:
     """Return when the first plan's own states are at its goal for good [s]; inf if never."""
     motion = vehicle.plans[0].trajectory
     times = np.linspace(0.0, motion.duration, min(int(motion.duration / _STEP) + 2, _MOST_STEPS))
-    states = Signals.of(motion, times, motion.sample(times).state, motion.state_names)
+    states, _ = Signals.both(motion, times, motion.sample(times))
     return held_from(*goal_errors(vehicle.view, motion, states))
 
 
@@ -247,16 +247,12 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
 def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
     """Root mean square and largest tracking error while plans were followed."""
     for vehicle, history in errors.items():
-        for name, unit, column in zip(history.names, history.units, history.values.T, strict=True):
-            if not np.isfinite(column).any():
-                continue
-            k = int(np.nanargmax(np.abs(column)))
-            rms = math.sqrt(float(np.nanmean(column**2)))
-            most, at = abs(float(column[k])), float(history.times[k])
+        for name, most in smallest(replace(history, values=-np.abs(history.values))).items():
+            unit, rms = most.unit, math.sqrt(float(np.nanmean(history.column(name) ** 2)))
             yield Entry('tracking', f'rms error of {name}', unit, None, rms, vehicle=vehicle)
-            yield Entry(
-                'tracking', f'largest error of {name}', unit, None, most, None, at, vehicle
-            )
+            largest = most._replace(worst=-most.worst)
+            entry = _smallest('tracking', f'largest error of {name}', None, largest)
+            yield entry._replace(vehicle=vehicle)
 
 
 def _planner(mission: Mission) -> Iterator[Entry]:

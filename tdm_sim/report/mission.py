@@ -38,19 +38,14 @@ class Signals:
     units: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, motion: Trajectory, times: Array, values: Array, names: tuple[str, ...]
-    ) -> Signals:
-        """Return histories whose names, and so their units, are those of a trajectory."""
-        return cls(times, values, names, tuple(motion.units.get(name, '') for name in names))
-
-    @classmethod
     def both(cls, motion: Trajectory, times: Array, sample: Sample) -> tuple[Signals, Signals]:
         """Return states and controls as they were read at `times` (n,) from a trajectory."""
-        return (
-            cls.of(motion, times, sample.state, motion.state_names),
-            cls.of(motion, times, sample.control, motion.control_names),
+        named = zip((motion.state_names, motion.control_names), sample, strict=True)
+        states, controls = (
+            cls(times, values, names, tuple(motion.units.get(name, '') for name in names))
+            for names, values in named
         )
+        return states, controls
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a history called `name`."""

@@ -22,14 +22,11 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
-from tdm_planner.plan_files import check_path, write_file
-from tdm_planner.problems.registry import load_problem
-from tdm_sim.progress import Progress
+from tdm_planner.plan_files import write_file
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
-from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
 
 _SCRIPTS = ('scene.js', 'charts.js', 'report.js')
@@ -197,26 +194,3 @@ def _key(mission: Mission) -> str:
         if there
     )
     return f'<ul class="key">{items}</ul>'
-
-
-def make_report(
-    source: Path,
-    output: Path,
-    progress: Progress,
-    namespace: str | None = None,
-    problem: str | None = None,
-) -> None:
-    """
-    Write the report on a recording or a plan file.
-
-    `namespace` chooses among several planners in one recording; `problem` names one that is not
-    installed, ``module:Class``.
-
-    Raise TdmError if the source cannot be read or the report not be written.
-    """
-    check_path(output, ('.html', '.htm'))
-    progress.phase(f'reading {source}')
-    given = None if problem is None else load_problem(problem)
-    mission = read_mission(source, namespace, given)
-    progress.phase(f'writing {output}')
-    write_report(mission, output)

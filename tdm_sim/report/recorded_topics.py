@@ -60,6 +60,7 @@ _ZSTD = b'\x28\xb5\x2f\xfd'
 _LONGEST = 2**30  # bytes of a record or a message; a longer one is damage
 
 Wanted = Callable[[str, str], bool]  # whether messages of a topic and type are
+Raw = tuple[str, str, int, bytes]  # topic, type, instant of its recording [ns], message
 
 
 def wanted(topic: str, kind: str) -> bool:
@@ -214,15 +215,6 @@ class UnreadableRecording(TdmError):
     code: ClassVar[str] = 'UNREADABLE'
 
 
-class Raw(NamedTuple):
-    """A message as recorded: received at `stamp` [ns]."""
-
-    topic: str
-    type_name: str
-    stamp: int
-    data: bytes
-
-
 def check_recording(path: Path) -> None:
     """Raise UnreadableRecording for what cannot be a recording, saying what it is instead."""
     if not path.exists():
@@ -331,7 +323,7 @@ def _of_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
             elif isinstance(record, Message) and record.channel_id in topics:
                 with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
                     data = _unpacked(record.data)
-                    yield Raw(*topics[record.channel_id], record.log_time, data)
+                    yield *topics[record.channel_id], record.log_time, data
 
 
 def _of_sqlite(path: Path, wanted: Wanted, untouched: bool) -> Iterator[Raw]:
@@ -346,4 +338,4 @@ def _of_sqlite(path: Path, wanted: Wanted, untouched: bool) -> Iterator[Raw]:
         query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
         for key, stamp, data in database.execute(query, chosen):
             with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
-                yield Raw(*known[key], int(stamp), _unpacked(bytes(data)))
+                yield *known[key], int(stamp), _unpacked(bytes(data))

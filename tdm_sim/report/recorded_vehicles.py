@@ -239,8 +239,7 @@ def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: Pla
     """Shift angles by whole turns to where the first plan that was followed has them."""
     for plan in plans[:1]:
         during = states.between(plan.start, plan.followed_until)
-        motion, read = plan.trajectory, plan.sample(during.times).state
-        planned = Signals.of(motion, during.times, read, motion.state_names)
+        planned, _ = Signals.both(plan.trajectory, during.times, plan.sample(during.times))
         away = during.values - planned.select(*states.names).values
         for k in (k for k, name in enumerate(states.names) if name in view.kind.angles):
             turns = np.round(away[np.isfinite(away[:, k]), k] / _TURN)

@@ -73,16 +73,12 @@ def figures(comparison: Comparison) -> list[tuple[str, str, str]]:
     ]
 
 
-def _is_detail(entry: Entry) -> bool:
-    """Whether an entry is told among every figure only."""
-    return entry.kind == 'tracking' or (entry.kind == 'distance' and ' - ' in entry.name)
-
-
 def _worst(entries: Iterable[Entry]) -> list[Entry]:
     """Return the figures of the summary, without details: of several vehicles the worst."""
     groups: dict[tuple[Kind, str], list[Entry]] = {}
     for entry in entries:
-        if not _is_detail(entry):
+        of_pair = entry.kind == 'distance' and ' - ' in entry.name
+        if entry.kind != 'tracking' and not of_pair:
             groups.setdefault((entry.kind, entry.name), []).append(entry)
     totals = {kind for kind, _ in groups if any(not e.vehicle for e in groups[kind, _])}
     return [
@@ -141,11 +137,8 @@ def _row(mission: Mission, entry: Entry) -> str:
     planned, achieved = entry.planned, entry.achieved
     if entry.kind == 'planner':
         # the planner's deadline, and its solve time
-        allowed = f'at most {number(planned)}' if planned else ''
-        if not executed:
-            allowed, achieved = number(achieved), None
-        cells = f'<td>{allowed}</td>'
-        cells += f'<td>{number(achieved)}</td>' if executed else ''
+        texts = [f'at most {number(planned)}' if planned else '', number(achieved)]
+        cells = ''.join(f'<td>{text}</td>' for text in (texts if executed else texts[1:]))
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
         cells = _cell(planned, entry.planned_at)

@@ -33,6 +33,7 @@ from tdm_planner.tracking import (
     TrajectoryTracker,
 )
 from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.trajectory import Sample
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.verdict import goal_errors, HOLD_TIME, judge
@@ -99,8 +100,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
             states.append(plant.state)
         controls.append(plant.control)
         moved = np.array(states)[:, : len(plan.state_names)]
-        seen = Signals.of(plan, times, moved, plan.state_names)
-        applied = Signals.of(plan, times, np.array(controls), plan.control_names)
+        seen, applied = Signals.both(plan, times, Sample(moved, np.array(controls)))
         own, followed = name if len(plans) > 1 else view.name, (FollowedPlan(plan, 0.0),)
         vehicles.append(RecordedVehicle(own, view, followed, states=seen, applied=applied))
     return Mission(problem.name, problem.name, tuple(vehicles))

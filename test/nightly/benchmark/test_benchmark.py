@@ -4,9 +4,8 @@
 """The benchmark runs for real, and the peers solve the same problems as this package."""
 
 from benchmark import runner
-from benchmark.peers.attempts import judge_formation, judge_pendulum
-from benchmark.peers.pendulum_collocation import energy_swing, HARD, PendulumCollocation
-from benchmark.peers.robots_collocation import FormationCollocation
+from benchmark.peers.pendulum import energy_swing, HARD, PendulumCases, PendulumCollocation
+from benchmark.peers.robots import FormationCollocation, RobotsCases
 from benchmark.pendulum import problem, start_state
 from benchmark.replanning import pendulum
 from benchmark.scenarios import crossing
@@ -20,11 +19,11 @@ def test_collocation_finds_the_time_this_package_finds():
     guess = energy_swing(task, HARD)
     collocation = PendulumCollocation(task, 50)
     found = collocation.solve(task, guess)
-    (motion,) = collocation.motions(task, found).values()
+    reasons, duration = PendulumCases.judge(task, collocation.motions(task, found))
     assert found.converged
-    assert judge_pendulum(task, motion) == ()
+    assert reasons == ()
     cost = problem(0.09, start_state(1)).solve(5.0).cost
-    assert motion.duration == pytest.approx(cost, rel=0.03)
+    assert duration == pytest.approx(cost, rel=0.03)
 
 
 def test_collocation_of_the_robots_lands_within_the_limits():
@@ -33,7 +32,7 @@ def test_collocation_of_the_robots_lands_within_the_limits():
     found = collocation.solve(task, collocation.guess_ways(task, 0.15))
     motions = collocation.motions(task, found)
     assert found.converged
-    assert judge_formation(task, motions) == ()
+    assert RobotsCases.judge(task, motions)[0] == ()
 
 
 def test_sections_for_real():

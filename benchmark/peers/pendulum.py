@@ -1,32 +1,41 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The quickest swing-up by Hermite-Simpson collocation (CasADi, Ipopt), and guesses for it."""
+"""The benchmark's swing-ups: by Hermite-Simpson collocation (CasADi, Ipopt), by this package."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+from benchmark.peers.attempts import Cases
 from benchmark.peers.collocation import defects, Outcome, Solver
+from benchmark.pendulum import problem, REGIMES, start_state
 import casadi
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import accelerations
+from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import verify
 
+INTERVALS = 50
+# rad, rad/s: from there a linear feedback holds the pendulum.
+TOLERANCE = np.array([0.05, 0.05, 0.5, 0.5])
+DISK_SLACK = 0.01  # rad
+_NEAR = np.array([0.05, 0.05, 0.25, 0.25])  # rad, rad/s: how far a neighbouring state is
 _PUMPED, _STEP = 3.0, 2e-3  # s
 _LONGEST = 200.0  # in 1 / w0
 _INSIDE = 0.9  # of the limit: torques of an initial guess stay off their bounds
 
 
-@dataclass(frozen=True)
-class Pumping:
+class Pumping(NamedTuple):
     """Gains of the energy controller, in units of the torque limit, rad and 1/w0."""
 
     energy: float
@@ -144,3 +153,45 @@ class PendulumCollocation:
         torques = np.clip(shares, -1.0, 1.0) * self.torque
         times = to_nanoseconds(np.linspace(0.0, outcome.x[-1] / self.unit[2], n + 1))
         return {PENDULUM_NAME: _motion(task, times, states, torques)}
+
+    def guess_plan(self, task: SwingUpTask, plan: Mapping[str, Trajectory]) -> Trajectory:
+        """Return a plan as a guess."""
+        return plan[PENDULUM_NAME]
+
+
+class PendulumCases(Cases):
+    """The solvers of one torque limit."""
+
+    deadline = 2.0
+
+    def __init__(self, regime: str) -> None:
+        self.torque = REGIMES[regime]
+        super().__init__()
+        self.collocation = PendulumCollocation(self.problem(0).task, INTERVALS)
+        self.guesses = {
+            'collocation, straight line': straight_line,
+            'collocation, swing': lambda task: energy_swing(task, HARD),
+            'collocation, slow swing': lambda task: energy_swing(task, GENTLE),
+        }
+
+    def problem(self, case: int, near: bool = False) -> PendulumSwingUp:
+        """Return the swing-up of a case, or one from a state nearby."""
+        away = np.random.default_rng([case, 7]).uniform(-1.0, 1.0, size=4) * _NEAR
+        return problem(self.torque, start_state(case) + near * away)
+
+    @staticmethod
+    def judge(
+        task: SwingUpTask, motions: Mapping[str, Trajectory]
+    ) -> tuple[tuple[str, ...], float]:
+        """Return the reasons why a motion is no swing-up, and how long it takes [s]."""
+        motion = motions[PENDULUM_NAME]
+        slack = {'torque': 1e-9 * task.torque_limit, 'disk_angle': DISK_SLACK}
+        checked = verify(
+            task.plant,
+            motion,
+            task.goal_nearest(motion.states[-1]),
+            TOLERANCE,
+            [replace(limit, tolerance=slack[limit.name]) for limit in task.constraints],
+            consistency=np.full(4, np.inf),
+        )
+        return checked.reasons, motion.duration

@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The robots' formation by Hermite-Simpson collocation: CasADi and Ipopt.
+The benchmark's crossings: by Hermite-Simpson collocation (CasADi, Ipopt), by this package.
+
+    python -m benchmark.peers.robots [--scenarios 100]
+
+writes the costs that plans are compared with to data/robots_reference.json.
 
 Every robot has all its states and controls at the nodes of common intervals: the time until the
 first arrival is one phase, each further arrival ends another. Separations are kept at nodes and
@@ -11,28 +15,50 @@ middles by all pairs until the last robot has arrived.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 import itertools
+import json
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+from benchmark.peers.attempts import best_of, Cases
 from benchmark.peers.collocation import defects, Outcome, Solver
+from benchmark.robots import DATA, MARGIN
+from benchmark.scenarios import crossing
 import casadi
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plants import FloatingRobot
+from tdm_planner.plants.robot_replay import replay
+from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.task import FormationTask
+from tdm_planner.problems.formation.verification import (
+    gas_used,
+    goal_state,
+    robot_constraints,
+    separation_constraints,
+)
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import check, Constraint, even_times, verify
 
+INTERVALS = 30, 4  # to the first arrival, between two arrivals
+BOWS = {'straight ways': 0.0, 'roundabout': 0.15, 'other roundabout': -0.15}
+# m, m/s, rad, rad/s; the thruster's angle is free.
+TOLERANCE = np.array([0.02, 0.02, 0.01, 0.01, 0.05, 0.02, np.inf])
+DISTANCE_SLACK = 0.01  # m
+_RESOLUTION = 0.02  # s
+_NEAR = 0.05  # m: how far the starts of a neighbouring crossing are, along either axis
 TIME_UNIT = 10.0  # s, unit of time
 STATE_UNITS = np.array([1.0, 1.0, 1.0 / TIME_UNIT, 1.0 / TIME_UNIT, 1.0, 1.0 / TIME_UNIT, 1.0])
 _LONGEST = 120.0
 _SHORTEST_PHASE = 0.05
+_FIRST = 33.0  # s, the first arrival of an initial guess
 
 
-@dataclass(frozen=True)
-class FormationGuess:
+class FormationGuess(NamedTuple):
     """Arrival times (n,) s, then states (M, 7) and controls (M, 3) of every robot's nodes."""
 
     arrivals: Array
@@ -177,9 +203,9 @@ class FormationCollocation:
             found[name] = Trajectory.of(task.plant, times, states, controls, 'linear')
         return found
 
-    def guess_ways(self, task: FormationTask, bow: float, first: float = 33.0) -> FormationGuess:
+    def guess_ways(self, task: FormationTask, bow: float) -> FormationGuess:
         """Quintic laws of time on the straight ways, bowed sideways by a share of them."""
-        arrivals = first + task.interval * np.arange(task.n, dtype=np.float64)
+        arrivals = _FIRST + task.interval * np.arange(task.n, dtype=np.float64)
         states, controls = [], []
         for i in range(task.n):
             t = self.instants(arrivals, i)
@@ -208,3 +234,79 @@ class FormationCollocation:
             states.append(sample.state)
             controls.append(sample.control)
         return FormationGuess(arrivals, states, controls)
+
+
+class RobotsCases(Cases):
+    """The solvers of crossings of three robots."""
+
+    deadline = 20.0
+    collocation: FormationCollocation
+
+    def __init__(self) -> None:
+        super().__init__()
+        # The cost is flat at its optimum: a tighter tolerance only costs time.
+        self.collocation = FormationCollocation(
+            self.problem(0).task, *INTERVALS, tol=1e-6, acceptable_tol=1e-4
+        )
+        self.guesses = {
+            f'collocation, {name}': partial(self.collocation.guess_ways, bow=bow)
+            for name, bow in BOWS.items()
+        }
+
+    def problem(self, case: int, near: bool = False) -> RobotFormation:
+        """Return the crossing of a case, or one with starts nearby."""
+        scenario = crossing(case)
+        # Collocation keeps no reserve of the thrust either.
+        values = scenario.parameters(**{'arena.tracking_margin': MARGIN, 'thrust_reserve': 0.0})
+        if near:
+            rng = np.random.default_rng([case, 7])
+            for name in scenario.names:
+                for axis in 'xy':
+                    values[f'{name}.start.{axis}'] += float(rng.uniform(-_NEAR, _NEAR))
+        return RobotFormation.from_parameters(values)
+
+    @staticmethod
+    def judge(
+        task: FormationTask, motions: Mapping[str, Trajectory]
+    ) -> tuple[tuple[str, ...], float]:
+        """Return the reasons why motions are no manoeuvre, and J of (28) as they are flown."""
+        reasons: list[str] = []
+        limits = list(map(_with_slack, robot_constraints(task)))
+        last = max(motion.duration for motion in motions.values())
+        times, states = even_times(0.0, last, _RESOLUTION), []
+        for i, name in enumerate(task.names):
+            motion = motions[name]
+            anywhere = np.full(7, np.inf)
+            goal = goal_state(task, i)
+            checked = verify(task.plant, motion, goal, TOLERANCE, limits, consistency=anywhere)
+            reasons += checked.reasons
+            own = np.union1d(times[times <= motion.duration], motion.times[-1])
+            flown = replay(task.plant, motion, own)
+            # who has arrived is parked
+            states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
+        apart = list(map(_with_slack, separation_constraints(task)))
+        none = np.zeros((times.size, 0))
+        reasons += check(apart, times, np.concatenate(states, axis=1), none)[2]
+        arrivals = np.array([motions[name].duration for name in task.names])
+        gas = np.array([gas_used(task.plant, motions[name]) for name in task.names])
+        return tuple(reasons), sum(task.cost_terms(arrivals, gas).values())
+
+
+def _with_slack(limit: Constraint) -> Constraint:
+    return replace(limit, tolerance=DISTANCE_SLACK) if limit.unit == 'm' else limit
+
+
+def main() -> None:
+    """Write the best cost that collocation finds from three guesses, for every crossing."""
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument('--scenarios', type=int, default=100)
+    cases = RobotsCases()
+    costs = {
+        str(case): best_of([cases.collocate(name, case) for name in cases.guesses]).cost
+        for case in range(arguments.parse_args().scenarios)
+    }
+    DATA.write_text(json.dumps({'robots': 3, 'costs': costs}, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
