@@ -94,7 +94,14 @@ class Car(DirectProblem, Validated):
 
 
 def changed(of: type, **change: Any) -> Any:
-    """Return the class `Changed`, whose functions and names are those of another or given."""
+    """
+    Return the class `Changed`, whose functions and names are those of another or given.
+
+    States and controls may be given with their units, `states={'x': 'm'}`.
+    """
+    for kind in ('state', 'control'):
+        if units := change.pop(f'{kind}s', None):
+            change |= {f'{kind}_names': tuple(units), f'{kind}_units': tuple(units.values())}
     return type('Changed', (of,), change)
 
 

@@ -30,10 +30,7 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
-PRODUCTS = (
-    lambda x: np.dot(x, x) - 0.5,
-    lambda x: x @ np.eye(4) @ x - 0.5,
-)
+PRODUCTS = (lambda x: np.dot(x, x) - 0.5, lambda x: x @ np.eye(4) @ x - 0.5)
 JUMP = (
     {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
     ['final_cost jumps by 1', 'np.tanh'],
@@ -145,11 +142,7 @@ def test_a_mistake_is_one_sentence(of, ask, change, words):
 
 
 @pytest.mark.parametrize(
-    'rates',
-    [
-        lambda s, x, u: (x[1], 1.01 * u[0]),
-        lambda s, x, u: (x[1], u[0] - 0.02 * x[1]),
-    ],
+    'rates', [lambda s, x, u: (x[1], 1.01 * u[0]), lambda s, x, u: (x[1], u[0] - 0.02 * x[1])]
 )
 def test_a_small_slip_is_named_by_the_check(rates):
     (reason,) = check_problem(changed(Cart, derivative=rates)())

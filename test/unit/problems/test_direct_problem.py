@@ -94,8 +94,7 @@ def test_where_a_plan_begins_and_ends_is_checked_against_what_is_asked(monkeypat
 LAYERED = changed(
     Cart,
     __doc__='One state that is at rest but for layers at both ends, of Rao and Mease.',
-    state_names=('x',),
-    state_units=('',),
+    states={'x': ''},
     outputs=lambda s: {'x': Output((1.5,), (1.0,), 10, derivatives=1)},
     invert=lambda s, y, z: (y['x'][:1], (y['x'][1] + y['x'][0] ** 3,)),
     derivative=lambda s, x, u: (u[0] - x[0] ** 3,),
@@ -277,8 +276,7 @@ def test_a_gain_is_found_however_much_there_is_at_first():
 def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
     """Integrated in steps from node to node it leaves the range of numbers."""
     plan = solve(
-        state_names=('x', 'v', 'temperature'),
-        state_units=('m', 'm/s', 'K'),
+        states={'x': 'm', 'v': 'm/s', 'temperature': 'K'},
         integrated=lambda s: {'temperature': Integrated(0.0)},
         invert=lambda s, y, z: ((*y['x'][:2], z['temperature']), y['x'][2:]),
         derivative=lambda s, x, u: (x[1], u[0], rate * (u[0] ** 2 - x[2])),
