@@ -6,6 +6,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
+from unittest.mock import create_autospec
 import warnings
 
 import pytest
@@ -103,6 +104,13 @@ def changed(of: type, **change: Any) -> Any:
         if units := change.pop(f'{kind}s', None):
             change |= {f'{kind}_names': tuple(units), f'{kind}_units': tuple(units.values())}
     return type('Changed', (of,), change)
+
+
+def noted(patch: pytest.MonkeyPatch, of: type, name: str) -> Any:
+    """Leave a method as it is; return the mock that notes its calls."""
+    method = getattr(of, name)
+    patch.setattr(of, name, create_autospec(method, side_effect=method))
+    return getattr(of, name)
 
 
 LONG = SolverParameters(deadline=60.0)

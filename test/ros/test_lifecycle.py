@@ -10,10 +10,9 @@ from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from pendulum_rig import measured_state
-from ros_harness import ros_arguments, Space
+from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.problems import Problem
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
@@ -222,42 +221,30 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     assert silent(ros, rig.commands)
 
 
-class FragileTracker(TrackerNode):
-    """Whose first activation and first deactivation break down, half-way."""
-
-    activations = deactivations = 0
-
-    def activate(self) -> None:
-        super().activate()
-        self.activations += 1
-        if self.activations == 1:
-            raise RuntimeError('something\nbroke')
-
-    def deactivate(self) -> None:
-        self.deactivations += 1
-        if self.deactivations == 2:  # the first is that of the broken activation
-            raise RuntimeError('something else broke')
-        super().deactivate()
-
-
-def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros):
-    process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
+def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, monkeypatch):
+    process = ros.start('tracker', WAITING, 'fragile')
     commands = ros.subscribe('/fragile/joint_command')
     manager = Manager(ros, '/fragile/tracker')
     manager.do('configure')
+    activate = process.node.activate
+    broken = Mock(side_effect=RuntimeError('something\nbroke'))
+    monkeypatch.setattr(process.node, 'activate', lambda: (activate(), broken()))
     assert manager.refuses('activate')
     assert manager.says(said := 'cannot activate: INTERNAL: RuntimeError: something broke')
     assert said in process.output
+    monkeypatch.undo()
     manager.do('configure', 'activate')
     states = ros.publisher('/fragile/joint_states')
     for _ in range(20):
         states.publish(measured_state(ros.now))
         ros.spin_for(0.01)
     assert commands
+    monkeypatch.setattr(process.node, 'deactivate', broken)
     assert manager.refuses('deactivate')
-    assert 'cannot deactivate: INTERNAL: RuntimeError: something else' in process.output
+    assert 'cannot deactivate: INTERNAL: RuntimeError: something broke' in process.output
     assert silent(ros, commands)
     assert commands[-1].effort[0] == 0.0
+    monkeypatch.undo()
     manager.do('configure', 'activate')
     process.end()
     assert process.output.count('Traceback') == 2

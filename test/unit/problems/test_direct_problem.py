@@ -13,7 +13,7 @@ import math
 import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
-from stated import Car, Cart, changed, LONG, QUICKEST, solve
+from stated import Car, Cart, changed, LONG, noted, QUICKEST, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -240,9 +240,7 @@ def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
 
 @pytest.mark.parametrize(('solver', 'best'), [(LONG, 2.0), (DIRECT, 2.156)])
 @pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
-def test_neither_the_unit_nor_a_constant_of_the_cost_changes_the_plan(
-    unit, constant, solver, best
-):
+def test_neither_unit_nor_constant_of_the_cost_changes_the_plan(unit, constant, solver, best):
     def cost(s, t, x):
         return unit * t + constant
 
@@ -286,18 +284,11 @@ def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
 
 
 def test_both_sides_of_an_obstacle_are_tried_before_solutions_agree(monkeypatch):
-    solved, tried = Refinement.solve, []
-
-    def counted(self, intervals, *given, **options):
-        tried.append(intervals)
-        return solved(self, intervals, *given, **options)
-
-    monkeypatch.setattr(Refinement, 'solve', counted)
-    assert RoundTheObstacle().solve(deadline=60.0).verification.ok
-    assert tried.count(12) == 8
-    tried.clear()
-    assert solve().verification.ok
-    assert tried.count(12) == 2
+    tried = noted(monkeypatch, Refinement, 'solve')
+    for problem, count in ((RoundTheObstacle(), 8), (Cart(solver=LONG), 2)):
+        tried.reset_mock()
+        assert problem.solve(deadline=60.0).verification.ok
+        assert [call.args[1] for call in tried.call_args_list].count(12) == count
 
 
 def test_a_refusal_counts_what_is_kept_in_reserve():

@@ -69,9 +69,7 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
 
 
 @pytest.mark.parametrize('leaps', [True, False])
-def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
-    leaps, monkeypatch
-) -> None:
+def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(leaps, monkeypatch):
     """It leaps over an obstacle between two nodes, or has no solution near: it was the plan."""
     first, finer, tried = Refinement.first, Refinement.finer, []
 
