@@ -176,9 +176,7 @@ def test_a_statement_need_not_mention_the_solver() -> None:
 def test_feedback_keeps_a_limit_in_any_unit() -> None:
     problem = Pushed(unit=1e-8)
     plan = problem.solve().trajectory
-    loop = Loop(tracked(tracker_of(problem), plan.states[0], 0.1, 1.0, 0))
-    loop.begin(plan)
-    loop.run(4.0)
+    loop = Loop(tracked(tracker_of(problem), plan.states[0], 0.1, 1.0, 0)).begin(plan).run(4.0)
     assert np.abs(loop.controls).max() <= 1.002 * problem.unit
     assert np.abs(loop.plant.state).max() < 0.01
 
