@@ -106,6 +106,14 @@ def changed(of: type, **change: Any) -> Any:
     return type('Changed', (of,), change)
 
 
+def forced(force: Callable[..., Any]) -> dict[str, Any]:
+    """Return how a cart moves on which another force acts, x'' = u + `force`(x, x')."""
+    return {
+        'invert': lambda s, y, z: (y['x'][:2], (y['x'][2] - force(*y['x'][:2]),)),
+        'derivative': lambda s, x, u: (x[1], u[0] + force(x[0], x[1])),
+    }
+
+
 def noted(patch: pytest.MonkeyPatch, of: type, name: str) -> Any:
     """Leave a method as it is; return the mock that notes its calls."""
     method = getattr(of, name)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from replays import central
 from scipy.optimize import rosen, rosen_der, rosen_hess
-from stated import Cart, changed
+from stated import Cart, changed, forced
 from tdm_planner.direct_method import Budget, Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method import nonlinear_program as programs
 from tdm_planner.direct_method.bases import chebyshev_nodes, quadrature_weights
@@ -147,19 +147,11 @@ def damped(damping=0.1):
         Cart,
         outputs=lambda s: {'x': Output((0.3, 0.0), (1.0, 0.0), free=1)},
         duration=lambda s: Duration(2.0),
-        invert=lambda s, y, z: (
-            y['x'][:2],
-            (y['x'][2] + 9.81 * np.sin(y['x'][0]) + damping * y['x'][1],),
-        ),
-        derivative=lambda s, x, u: (x[1], u[0] - 9.81 * np.sin(x[0]) - damping * x[1]),
+        **forced(lambda x, v: -9.81 * np.sin(x) - damping * v),
     )()
 
 
-ESCAPING = changed(
-    Cart,
-    invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - y['x'][1] ** 3,)),
-    derivative=lambda s, x, u: (x[1], u[0] + x[1] ** 3),
-)
+ESCAPING = changed(Cart, **forced(lambda x, v: v**3))
 
 
 def plan(intervals, interpolation='linear', size=20.0):

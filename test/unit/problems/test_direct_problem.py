@@ -13,7 +13,7 @@ import math
 import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
-from stated import Car, Cart, changed, LONG, noted, QUICKEST, solve
+from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -123,8 +123,7 @@ WEAK = changed(
     Cart,
     outputs=lambda s: {'x': Output((np.pi, 0.0), (0.0, 0.0), 6)},
     duration=lambda s: Duration(8.0, fixed=True),
-    invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - np.sin(y['x'][0]),)),
-    derivative=lambda s, x, u: (x[1], u[0] + np.sin(x[0])),
+    **forced(lambda x, v: np.sin(x)),
     margins=DirectProblem.margins,
     control_limits=lambda s: {'u': (-0.05, 0.05)},
 )
