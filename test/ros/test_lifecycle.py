@@ -48,13 +48,6 @@ class Manager:
             assert self.state == states[transition]
 
 
-def silent(ros: Stepped, received: list) -> bool:
-    ros.settle()
-    count = len(received)
-    ros.spin_for(0.3)
-    return len(received) == count
-
-
 def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     space = Space(ros, 'twice')
     events = space.hear('planner/transition_event', TransitionEvent)
@@ -74,7 +67,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
         manager.do('deactivate')
         assert manager.says('inactive')
         assert space.refusal()[0] == 'INACTIVE'
-        assert silent(ros, plans)
+        assert ros.silent(plans)
         assert space.latched('trajectory')  # the plan stays active
         manager.do('cleanup')
         assert ros.meet(lambda: not ros.node.count_publishers('/twice/trajectory'))
@@ -169,7 +162,7 @@ class Rig(Space):
 
 def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros):
     rig = Rig(ros, 'swing')
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
     rig.tracker.do('configure', 'activate')
     rig.planner.do('configure', 'activate')
     rig.plan()
@@ -209,7 +202,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.planner.do('configure', 'activate')
     rig.set('planner', start__delay=1.0)
     rig.plan()
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
     rig.tracker.do('activate')
     rig.tracked()
     rig.planner.do('deactivate', 'cleanup')  # the tracker has the plan
@@ -218,7 +211,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.planner.do('shutdown')
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
 
 
 def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, monkeypatch):
@@ -242,7 +235,7 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, m
     monkeypatch.setattr(process.node, 'deactivate', broken)
     assert manager.refuses('deactivate')
     assert 'cannot deactivate: INTERNAL: RuntimeError: something broke' in process.output
-    assert silent(ros, commands)
+    assert ros.silent(commands)
     assert commands[-1].effort[0] == 0.0
     monkeypatch.undo()
     manager.do('configure', 'activate')
