@@ -103,7 +103,7 @@ class Loop:
     def controls(self) -> np.ndarray:
         return np.array([command.control for command in self.commands])
 
-    def run(self, duration: float) -> None:
+    def run(self, duration: float) -> 'Loop':
         for _ in range(round(duration / self.tick)):
             now = self.now
             self._samples.append((self.plant.measure(), now))
@@ -115,16 +115,18 @@ class Loop:
             self.plant.command(self.commands[-1].control)
             self.plant.step(self.tick - self.late)
             self.states.append(self.plant.state)
+        return self
 
     def upright(self, last: float) -> bool:
         count = round(last / self.tick)
         return bool(np.abs(wrapped(np.array(self.states[-count:])[:, 0])).max() < 0.05)
 
-    def begin(self, plan: Trajectory, start: float = 0.1) -> None:
+    def begin(self, plan: Trajectory, start: float = 0.1) -> 'Loop':
         """Measure for a moment, then accept a plan that starts `start` s after the beginning."""
         begun = self.now
         self.run(0.06)
         self.tracker.accept(plan, begun + start, self.now)
+        return self
 
     def push(self, *change: float) -> None:
         self.plant.push(lambda state: moved(state, *change))

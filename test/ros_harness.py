@@ -146,15 +146,15 @@ class NodeProcess(Started):
     def running(self) -> bool:
         return self.process.poll() is None
 
-    def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
+    def end(self, number: int = signal.SIGINT) -> int:
         if self.running:
             os.killpg(self.process.pid, number)
         try:
-            return self.process.wait(timeout)
+            return self.process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
-            told = f'{self.command} did not end within {timeout} s of {number}:\n{self.output}'
+            told = f'{self.command} did not end within {PATIENCE} s of {number}:\n{self.output}'
             raise AssertionError(told) from None
 
 

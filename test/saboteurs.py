@@ -37,10 +37,7 @@ def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
     """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
     for module in (candidates, direct_minima, formation_search):
 
-        def minimise(
-            program: Any, xi: Any, options: Any = None, budget: Any = None,
-            right: Any = module.minimise,
-        ) -> Any:  # fmt: skip
+        def minimise(program, xi, options=None, budget=None, right=module.minimise):
             return change(right, program, xi, options, budget)
 
         patch.setattr(module, 'minimise', minimise)
@@ -111,9 +108,7 @@ CHANGES = {
 }  # fmt: skip
 
 
-def sabotaged(
-    change: Callable[..., Trajectory], patch: Patch, rng: Generator, size: float
-) -> None:
+def sabotaged(change: Callable[..., Any], patch: Patch, rng: Generator, size: float) -> None:
     """Change every trajectory before it is checked."""
     check = SwingUpTask.plan
 

@@ -6,6 +6,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
+from unittest.mock import create_autospec
 import warnings
 
 import pytest
@@ -94,8 +95,30 @@ class Car(DirectProblem, Validated):
 
 
 def changed(of: type, **change: Any) -> Any:
-    """Return the class `Changed`, whose functions and names are those of another or given."""
+    """
+    Return the class `Changed`, whose functions and names are those of another or given.
+
+    States and controls may be given with their units, `states={'x': 'm'}`.
+    """
+    for kind in ('state', 'control'):
+        if units := change.pop(f'{kind}s', None):
+            change |= {f'{kind}_names': tuple(units), f'{kind}_units': tuple(units.values())}
     return type('Changed', (of,), change)
+
+
+def forced(force: Callable[..., Any]) -> dict[str, Any]:
+    """Return how a cart moves on which another force acts, x'' = u + `force`(x, x')."""
+    return {
+        'invert': lambda s, y, z: (y['x'][:2], (y['x'][2] - force(*y['x'][:2]),)),
+        'derivative': lambda s, x, u: (x[1], u[0] + force(x[0], x[1])),
+    }
+
+
+def noted(patch: pytest.MonkeyPatch, of: type, name: str) -> Any:
+    """Leave a method as it is; return the mock that notes its calls."""
+    method = getattr(of, name)
+    patch.setattr(of, name, create_autospec(method, side_effect=method))
+    return getattr(of, name)
 
 
 LONG = SolverParameters(deadline=60.0)

@@ -234,6 +234,13 @@ class Stepped(Ros):
             assert (self.meet if still else self.spin_until)(future.done)
             return future.result()
 
+    def silent(self, received: list[Any], seconds: float = 0.3) -> bool:
+        """Whether nothing is received for a while."""
+        self.settle()
+        count = len(received)
+        self.spin_for(seconds)
+        return len(received) == count
+
     def settle(self) -> None:
         """Serve all there is, and wait for solves under way, while time stands still."""
         self.spin_for(0.0)

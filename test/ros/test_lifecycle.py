@@ -10,10 +10,9 @@ from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 from pendulum_rig import measured_state
-from ros_harness import ros_arguments, Space
+from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.problems import Problem
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
@@ -49,13 +48,6 @@ class Manager:
             assert self.state == states[transition]
 
 
-def silent(ros: Stepped, received: list) -> bool:
-    ros.settle()
-    count = len(received)
-    ros.spin_for(0.3)
-    return len(received) == count
-
-
 def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
     space = Space(ros, 'twice')
     events = space.hear('planner/transition_event', TransitionEvent)
@@ -75,7 +67,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(ros):
         manager.do('deactivate')
         assert manager.says('inactive')
         assert space.refusal()[0] == 'INACTIVE'
-        assert silent(ros, plans)
+        assert ros.silent(plans)
         assert space.latched('trajectory')  # the plan stays active
         manager.do('cleanup')
         assert ros.meet(lambda: not ros.node.count_publishers('/twice/trajectory'))
@@ -170,7 +162,7 @@ class Rig(Space):
 
 def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(ros):
     rig = Rig(ros, 'swing')
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
     rig.tracker.do('configure', 'activate')
     rig.planner.do('configure', 'activate')
     rig.plan()
@@ -210,7 +202,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.planner.do('configure', 'activate')
     rig.set('planner', start__delay=1.0)
     rig.plan()
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
     rig.tracker.do('activate')
     rig.tracked()
     rig.planner.do('deactivate', 'cleanup')  # the tracker has the plan
@@ -219,45 +211,33 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     rig.planner.do('shutdown')
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
-    assert silent(ros, rig.commands)
+    assert ros.silent(rig.commands)
 
 
-class FragileTracker(TrackerNode):
-    """Whose first activation and first deactivation break down, half-way."""
-
-    activations = deactivations = 0
-
-    def activate(self) -> None:
-        super().activate()
-        self.activations += 1
-        if self.activations == 1:
-            raise RuntimeError('something\nbroke')
-
-    def deactivate(self) -> None:
-        self.deactivations += 1
-        if self.deactivations == 2:  # the first is that of the broken activation
-            raise RuntimeError('something else broke')
-        super().deactivate()
-
-
-def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros):
-    process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
+def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, monkeypatch):
+    process = ros.start('tracker', WAITING, 'fragile')
     commands = ros.subscribe('/fragile/joint_command')
     manager = Manager(ros, '/fragile/tracker')
     manager.do('configure')
+    activate = process.node.activate
+    broken = Mock(side_effect=RuntimeError('something\nbroke'))
+    monkeypatch.setattr(process.node, 'activate', lambda: (activate(), broken()))
     assert manager.refuses('activate')
     assert manager.says(said := 'cannot activate: INTERNAL: RuntimeError: something broke')
     assert said in process.output
+    monkeypatch.undo()
     manager.do('configure', 'activate')
     states = ros.publisher('/fragile/joint_states')
     for _ in range(20):
         states.publish(measured_state(ros.now))
         ros.spin_for(0.01)
     assert commands
+    monkeypatch.setattr(process.node, 'deactivate', broken)
     assert manager.refuses('deactivate')
-    assert 'cannot deactivate: INTERNAL: RuntimeError: something else' in process.output
-    assert silent(ros, commands)
+    assert 'cannot deactivate: INTERNAL: RuntimeError: something broke' in process.output
+    assert ros.silent(commands)
     assert commands[-1].effort[0] == 0.0
+    monkeypatch.undo()
     manager.do('configure', 'activate')
     process.end()
     assert process.output.count('Traceback') == 2

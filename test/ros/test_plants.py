@@ -73,15 +73,6 @@ def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_t
     assert rig.told('command time-outs')[2] == [1]
 
 
-def test_noise_is_measured(ros):
-    given = {'noise.theta': 0.01, 'mismatch': 0.05, 'mismatch_seed': 3}
-    rig = Plant(ros, 'pendulum_plant', 'noisy', given)
-    assert rig.told()[0] == OK
-    thetas = np.array([state.position[0] for state in rig.states])
-    assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
-    assert thetas.std() == pytest.approx(0.01, rel=0.3)
-
-
 def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):
     """At a tenth of the speed the pendulum covers a tenth of its velocity in the clock's time."""
     given = {'real_time_factor': 0.1, 'disturbance.impulse': 1e-4}
@@ -173,8 +164,13 @@ def test_push_reset_and_a_command_that_names_no_wheel_to_a_robot_with_a_name_of_
     robot.set('robot_plant', arena__robot_radius=0.2)
 
 
-def test_states_stream_commands_saturate_and_parameters_act_at_once(ros):
-    rig = Plant(ros, 'pendulum_plant', 'shared', {})
+def test_states_stream_with_noise_commands_saturate_and_parameters_act_at_once(ros):
+    rig = Plant(ros, 'pendulum_plant', 'shared', {'noise.theta': 0.01, 'mismatch': 0.05})
+    assert rig.told()[0] == OK
+    thetas = np.array([state.position[0] for state in rig.states])
+    assert (thetas.mean(), thetas.std()) == pytest.approx((math.pi, 0.01), abs=0.003)
+    rig.set('pendulum_plant', noise__theta=0.0, mismatch=0.0)
+    rig.trigger('reset')
     rig.listen(1.0)
     assert (np.diff(times(rig.states)) == 5_000_000).all()
     assert len(rig.states) == pytest.approx(200, abs=1)

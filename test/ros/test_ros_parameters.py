@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -112,18 +113,15 @@ def test_all_or_none_are_set_atomically(ros, example):
 
 
 def test_what_breaks_down_after_values_were_set_is_logged(ros, example, monkeypatch):
-    def fail() -> None:
-        raise RuntimeError('of\nmass')
-
-    monkeypatch.setattr(example, 'values_changed', fail)
+    broken = Mock(side_effect=RuntimeError('of\nmass'))
+    monkeypatch.setattr(example, 'values_changed', broken)
     assert ros.set_parameters('example', mass=1.0) == ['']
     assert ros.log[-1][1].endswith('parameters were set, but: RuntimeError: of mass')
 
 
 def test_parameters_describe_themselves(ros, example):
-    request = DescribeParameters.Request(
-        names=['mass', 'count', 'order', 'turns', 'kind', 'fixed']
-    )
+    names = ['mass', 'count', 'order', 'turns', 'kind', 'fixed']
+    request = DescribeParameters.Request(names=names)
     answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, order, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'

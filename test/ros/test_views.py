@@ -46,12 +46,6 @@ class Viewer:
         showing = lambda: bool(self.arrays) and condition(self.scene)  # noqa: E731
         return self.ros.publish_until(publish or (lambda: None), showing)
 
-    def shows_nothing(self) -> bool:
-        self.ros.settle()
-        self.arrays.clear()
-        self.ros.spin_for(0.3)
-        return not self.arrays
-
     def stamps(self) -> list[int]:
         return [nanoseconds_of(array.markers[0].header.stamp) for array in self.arrays]
 
@@ -83,7 +77,7 @@ def test_the_simulated_pendulum_draws_itself(ros):
     arm = lambda scene: scene['body', 0].points[-1]  # noqa: E731
     assert viewer.shows(lambda scene: math.hypot(arm(scene).x, arm(scene).y) > 0.19)
     space.set('pendulum_plant', markers__rate=0.0)
-    assert viewer.shows_nothing()
+    assert ros.silent(viewer.arrays)
 
 
 class Robots(Space):
@@ -211,7 +205,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros, robots):
 
 def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     viewer = Viewer(robots, 'robot2/plant_markers')
-    assert viewer.shows_nothing()  # nothing is measured yet
+    assert ros.silent(viewer.arrays)  # nothing is measured yet
     odometry, joints = map(robots.publisher, ('robot2/odom', 'robot2/joint_states'))
     message = Odometry()
     message.header.frame_id, pose = 'arena', message.pose.pose
@@ -226,7 +220,7 @@ def test_a_real_robot_is_drawn_by_the_planner(ros, robots):
     assert (where.x, where.y, viewer.scene['name'].text) == (1.5, 2.5, 'robot2')
     assert cmath.phase(jet(viewer.scene)) == pytest.approx(0.7 - math.pi)
     ros.spin_for(0.5)
-    assert viewer.shows_nothing()  # what is too old is drawn no more
+    assert ros.silent(viewer.arrays)  # what is too old is drawn no more
 
 
 CONFIG = SOURCE / 'config'

@@ -152,21 +152,14 @@ def test_definitions_have_their_members_and_the_hash_of_the_wire(name: str) -> N
 
 @pytest.mark.parametrize('quiet', [False, True])
 def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, quiet):
-    failures: list[Exception] = []
-
-    def pretend(*_) -> Figures:
-        if failures:
-            raise failures[0]
-        return DONE
-
-    monkeypatch.setattr(recorder, 'record', pretend)
+    failures = IncompleteRecording('full'), RecordingError('x')
+    monkeypatch.setattr(recorder, 'record', Mock(side_effect=[DONE, *failures]))
     assert str(DONE) == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
     assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == 0
     shown = capsys.readouterr().out
     for words in ('written to bag, 2 dropped', '       4  /b'):
         assert (words in shown) != quiet
-    for failure, code in ((IncompleteRecording('full'), 1), (RecordingError('x'), 2)):
-        failures[:] = [failure]
+    for failure, code in zip(failures, (1, 2), strict=True):
         assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
 

@@ -34,8 +34,7 @@ def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
     values = {node: read_parameters(path, node=node, namespace='/pendulum') for node in nodes}
     follower = PendulumTracker(build(PendulumTrackerParameters, values['tracker']))
     plan = PendulumSwingUp.from_parameters(values['planner']).solve(deadline=5.0).trajectory
-    loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0))
-    loop.begin(plan)
+    loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0)).begin(plan)
     loop.run(plan.duration + 24.0 / follower.parameters.plant.natural_frequency)
     assert loop.tracker.phase is Phase.HOLDING
     assert loop.upright(0.8)

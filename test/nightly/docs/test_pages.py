@@ -167,9 +167,11 @@ DIRECT = DirectSolverParameters(deadline=120.0, refine=False)
 REFINED = DirectSolverParameters(deadline=120.0)
 
 
-def check_plan(solution):
+def planned(problem):
+    solution = problem.solve()
     assert solution.verification.ok
     assert min(solution.verification.worst.values(), default=0.0) > -1e-4
+    return solution
 
 
 def test_double_integrator_approaches_the_optimum_with_every_parameter():
@@ -183,10 +185,8 @@ def test_double_integrator_approaches_the_optimum_with_every_parameter():
 def test_brachistochrone_is_the_cycloid():
     for across, down in ((2.0, 1.0), (0.5, 1.0)):
         problem = Brachistochrone(across=across, down=down, solver=DIRECT)
-        solution = problem.solve()
-        check_plan(solution)
         best = cycloid_time(across, down, 9.81)
-        assert solution.cost == pytest.approx(best, rel=1e-4)
+        assert planned(problem).cost == pytest.approx(best, rel=1e-4)
         straight = replace(problem, free=1).solve()
         slide = np.sqrt(2 * (across**2 + down**2) / (9.81 * down))
         assert straight.cost == pytest.approx(slide, rel=1e-4)
@@ -195,22 +195,19 @@ def test_brachistochrone_is_the_cycloid():
 def test_round_the_obstacle():
     best = shortest_time(2.0, 1.0, 1.0)
     problem = RoundTheObstacle(solver=DIRECT)
-    plain, quicker = problem.solve(), replace(problem, speed_factor_order=3).solve()
+    plain, quicker = planned(problem), planned(replace(problem, speed_factor_order=3))
     for solution in (plain, quicker):
-        check_plan(solution)
         x, y = solution.trajectory.states.T
         assert np.hypot(x, y).min() > 1.0 - 1e-3
     assert best * (1 - 1e-4) < quicker.cost < plain.cost
     assert quicker.cost < 1.005 * best
-    refined = replace(problem, solver=REFINED).solve()
-    check_plan(refined)
+    refined = planned(replace(problem, solver=REFINED))
     assert best * (1 - 1e-4) < refined.cost < 1.0005 * best
 
 
 def test_landing_against_collocation():
     problem = Landing(solver=DIRECT)
-    solution = problem.solve()
-    check_plan(solution)
+    solution = planned(problem)
     start, end = solution.trajectory.states[[0, -1]]
     np.testing.assert_allclose(start, [0, 0, 60, 25, 0, 0], atol=1e-6)
     np.testing.assert_allclose(end, [500, 300, 2, 16, -0.06, 2.2], atol=1e-6)
@@ -218,8 +215,7 @@ def test_landing_against_collocation():
     best, finer = (collocation(problem, solution.trajectory, n).cost for n in (40, 80))
     assert best == pytest.approx(finer, rel=1e-4)  # the optimum of the problem, not of the grid
     assert finer * (1 - 1e-4) < solution.cost < 1.01 * finer
-    refined = replace(problem, solver=REFINED).solve()
-    check_plan(refined)
+    refined = planned(replace(problem, solver=REFINED))
     assert refined.cost == pytest.approx(finer, rel=1e-3)
     quicker = replace(problem, free=3).solve().cost
     assert quicker < 0.999 * replace(problem, free=3, speed_factor_order=0).solve().cost

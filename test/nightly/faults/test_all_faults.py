@@ -11,9 +11,8 @@ from pathlib import Path
 import time
 
 from data_faults import FAULTS, misled_rig
-from pendulum_rig import COMMAND_TIMEOUT, held_rig, note, PendulumRig, SCENARIOS, STATE_TIMEOUT
+from pendulum_rig import COMMAND_TIMEOUT, held_rig, note, SCENARIOS, STATE_TIMEOUT
 import pytest
-from ros_harness import Ros
 from rosbags.highlevel import AnyReader
 from signal_scenes import SCENES, WAYS
 
@@ -33,9 +32,7 @@ def test_signals_end_a_process_in_every_phase(ros, scene, way):
             assert reader.message_count > 10
 
 
-@pytest.fixture(scope='module')
-def held(ros: Ros) -> PendulumRig:
-    return held_rig(ros)
+held = pytest.fixture(held_rig, scope='module', name='held')
 
 
 @again

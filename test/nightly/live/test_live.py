@@ -75,7 +75,8 @@ class Live:
         driver.get(self.address)
         self.wait_for('.tdm-status', 'ready')
 
-    def click(self, name: str) -> None:
+    def click(self, name: str, *told: str) -> None:
+        """Click a button, and wait for what is to be told of it: selector and word."""
         script = (
             'const found = [...document.querySelectorAll("button")]'
             '.find(b => b.innerText.trim() === arguments[0] && !b.disabled);'
@@ -83,6 +84,8 @@ class Live:
         )
         found = self.until(lambda: bool(self.driver.execute_script(script, name)))
         assert found, f'no button {name!r}\n{self.output}'
+        if told:
+            self.wait_for(*told)
 
     @property
     def output(self) -> str:
@@ -225,20 +228,16 @@ def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(ros, open_pa
     page = open_page(OWN)
     page.driver.switch_to.new_window('tab')
     other = open_page(space)  # joins the nodes that run
-    other.click('Start a recording')
-    other.wait_for('.tdm-note', 'recording to')
-    other.click('Plan')
-    other.wait_for('.tdm-status', 'holding')
+    other.click('Start a recording', '.tdm-note', 'recording to')
+    other.click('Plan', '.tdm-status', 'holding')
     assert other.until(lambda: other.shows('/plants/box_100'))  # by its drawing
     begin = len(states)
     other.click('Push')
     assert other.until(lambda: any(abs(s.position[1]) > 0.05 for s in states[begin:]))  # v
     assert other.until(lambda: bool(np.abs(states[-1].position).max() < 0.01))
     other.wait_for('.tdm-status', 'holding')
-    other.click('End the recording')
-    other.wait_for('.tdm-note', 'recorded to')
-    other.click('Make a report')
-    other.wait_for('.tdm-note', 'report in')
+    other.click('End the recording', '.tdm-note', 'recorded to')
+    other.click('Make a report', '.tdm-note', 'report in')
     (report,) = other.folder.glob('*.html')
     assert '"kind":"box"' in report.read_text(encoding='utf-8')  # of its drawing
     assert other.complaints() == []

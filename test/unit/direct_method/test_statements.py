@@ -160,8 +160,7 @@ def test_what_makes_no_sense_together(make, words):
 
 LOADED = changed(
     Cart,
-    state_names=('x', 'v', 'angle'),
-    state_units=('m', 'm/s', 'rad'),
+    states={'x': 'm', 'v': 'm/s', 'angle': 'rad'},
     outputs=lambda s: {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)},
     integrated=lambda s: {'angle': Integrated(0.3)},
     duration=lambda s: Duration(2.0),

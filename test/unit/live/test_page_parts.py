@@ -260,9 +260,7 @@ def test_only_own_pages_may_ask(server) -> None:
     ],
     ids=str,
 )
-def test_nodes_of_a_namespace_are_joined_and_those_of_a_plant_started(
-    words, does, tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_namespace_is_joined_and_a_plant_started(words, does, tmp_path, monkeypatch, capsys):
     def told(text: str) -> None:
         raise InvalidProblem(text)
 

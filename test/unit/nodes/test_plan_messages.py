@@ -47,9 +47,9 @@ ALWAYS = [  # drawn: what, its name, and what is always to be seen of it
 ]
 
 
-def switched(kind: PlantKind, count: int = 20) -> Trajectory:
+def switched(kind: PlantKind) -> Trajectory:
     """Consistent enough to be a message: controls jump in the middle, states are arbitrary."""
-    rng = np.random.default_rng(1)
+    rng, count = np.random.default_rng(1), 20
     times = to_nanoseconds(np.concatenate([[0.0], np.cumsum(rng.uniform(1e-3, 5e-3, count - 1))]))
     states = rng.normal(size=(count, len(kind.state_names)))
     later = np.arange(count)[:, None] >= count // 2

@@ -222,9 +222,8 @@ def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at)
 def test_a_plan_is_followed_or_awaited_where_a_tracker_says_so(plan):
     told = {'robot1': None}
     tracker = SimpleNamespace(followed=lambda now: told['robot1'])
-    it = SimpleNamespace(
-        plans=ActivePlans(), vehicles={'robot1': SimpleNamespace(tracker=tracker)}
-    )
+    vehicles = {'robot1': SimpleNamespace(tracker=tracker)}
+    it = SimpleNamespace(plans=ActivePlans(), vehicles=vehicles)
     first, second = (TimedTrajectory(plan.trajectory, at) for at in (10.0, 19.0))
     for made in (first, second):
         it.plans.add(made)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
-from stated import Car, Cart, changed, LONG, QUICKEST, refused, solve
+from stated import Car, Cart, changed, forced, LONG, QUICKEST, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
@@ -30,10 +30,7 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
-PRODUCTS = (
-    lambda x: np.dot(x, x) - 0.5,
-    lambda x: x @ np.eye(4) @ x - 0.5,
-)
+PRODUCTS = (lambda x: np.dot(x, x) - 0.5, lambda x: x @ np.eye(4) @ x - 0.5)
 JUMP = (
     {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
     ['final_cost jumps by 1', 'np.tanh'],
@@ -145,11 +142,7 @@ def test_a_mistake_is_one_sentence(of, ask, change, words):
 
 
 @pytest.mark.parametrize(
-    'rates',
-    [
-        lambda s, x, u: (x[1], 1.01 * u[0]),
-        lambda s, x, u: (x[1], u[0] - 0.02 * x[1]),
-    ],
+    'rates', [lambda s, x, u: (x[1], 1.01 * u[0]), lambda s, x, u: (x[1], u[0] - 0.02 * x[1])]
 )
 def test_a_small_slip_is_named_by_the_check(rates):
     (reason,) = check_problem(changed(Cart, derivative=rates)())
@@ -243,11 +236,7 @@ def test_a_start_inside_a_reserve_is_named_where_no_plan_is_found():
 
 
 def test_rates_that_differ_by_rounding_or_at_a_kink_agree():
-    stiff = changed(
-        Cart,
-        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + 1e13 * y['x'][0],)),
-        derivative=lambda s, x, u: (x[1], u[0] - 1e13 * x[0]),
-    )
+    stiff = changed(Cart, **forced(lambda x, v: -1e13 * x))
     speedy = changed(  # a kink at rest
         Cart,
         invert=lambda s, y, z: ((y['x'][0], np.abs(y['x'][1])), y['x'][2:]),

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
-from stated import Car, Cart, changed, LONG, QUICKEST, solve
+from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -94,8 +94,7 @@ def test_where_a_plan_begins_and_ends_is_checked_against_what_is_asked(monkeypat
 LAYERED = changed(
     Cart,
     __doc__='One state that is at rest but for layers at both ends, of Rao and Mease.',
-    state_names=('x',),
-    state_units=('',),
+    states={'x': ''},
     outputs=lambda s: {'x': Output((1.5,), (1.0,), 10, derivatives=1)},
     invert=lambda s, y, z: (y['x'][:1], (y['x'][1] + y['x'][0] ** 3,)),
     derivative=lambda s, x, u: (u[0] - x[0] ** 3,),
@@ -124,8 +123,7 @@ WEAK = changed(
     Cart,
     outputs=lambda s: {'x': Output((np.pi, 0.0), (0.0, 0.0), 6)},
     duration=lambda s: Duration(8.0, fixed=True),
-    invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - np.sin(y['x'][0]),)),
-    derivative=lambda s, x, u: (x[1], u[0] + np.sin(x[0])),
+    **forced(lambda x, v: np.sin(x)),
     margins=DirectProblem.margins,
     control_limits=lambda s: {'u': (-0.05, 0.05)},
 )
@@ -241,9 +239,7 @@ def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
 
 @pytest.mark.parametrize(('solver', 'best'), [(LONG, 2.0), (DIRECT, 2.156)])
 @pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
-def test_neither_the_unit_nor_a_constant_of_the_cost_changes_the_plan(
-    unit, constant, solver, best
-):
+def test_neither_unit_nor_constant_of_the_cost_changes_the_plan(unit, constant, solver, best):
     def cost(s, t, x):
         return unit * t + constant
 
@@ -277,8 +273,7 @@ def test_a_gain_is_found_however_much_there_is_at_first():
 def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
     """Integrated in steps from node to node it leaves the range of numbers."""
     plan = solve(
-        state_names=('x', 'v', 'temperature'),
-        state_units=('m', 'm/s', 'K'),
+        states={'x': 'm', 'v': 'm/s', 'temperature': 'K'},
         integrated=lambda s: {'temperature': Integrated(0.0)},
         invert=lambda s, y, z: ((*y['x'][:2], z['temperature']), y['x'][2:]),
         derivative=lambda s, x, u: (x[1], u[0], rate * (u[0] ** 2 - x[2])),
@@ -288,18 +283,11 @@ def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
 
 
 def test_both_sides_of_an_obstacle_are_tried_before_solutions_agree(monkeypatch):
-    solved, tried = Refinement.solve, []
-
-    def counted(self, intervals, *given, **options):
-        tried.append(intervals)
-        return solved(self, intervals, *given, **options)
-
-    monkeypatch.setattr(Refinement, 'solve', counted)
-    assert RoundTheObstacle().solve(deadline=60.0).verification.ok
-    assert tried.count(12) == 8
-    tried.clear()
-    assert solve().verification.ok
-    assert tried.count(12) == 2
+    tried = noted(monkeypatch, Refinement, 'solve')
+    for problem, count in ((RoundTheObstacle(), 8), (Cart(solver=LONG), 2)):
+        tried.reset_mock()
+        assert problem.solve(deadline=60.0).verification.ok
+        assert [call.args[1] for call in tried.call_args_list].count(12) == count
 
 
 def test_a_refusal_counts_what_is_kept_in_reserve():

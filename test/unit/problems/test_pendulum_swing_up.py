@@ -279,9 +279,7 @@ def test_the_torque_that_brakes_stops_the_disk_beyond_its_least_reach(seed):
     assert stopped.size or task.least_reach > abs(task.start[1])
 
 
-def program(
-    arcs: int, disk_angle: float = 2.0, torques: np.ndarray | None = None
-) -> SwitchingData:
+def program(arcs: int, disk_angle: float = 2.0, torques=None) -> SwitchingData:
     torques = 0.09 * (-1.0) ** np.arange(arcs) if torques is None else torques
     mesh = np.full(arcs, 12), np.full(12 * arcs, 1.0 / 12.0)
     return SwitchingData(PLANT.coefficients, START, torques, 0.0, disk_angle, W0, *mesh)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from replays import replayed
 from scipy.linalg import expm
-from stated import Car, Cart, changed, LONG, Quickest
+from stated import Car, Cart, changed, LONG, noted, Quickest
 from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.parameters import parameter
@@ -40,10 +40,8 @@ def margins_of_slalom(self, t, x, u):
 
 SLALOM = changed(
     Quickest,
-    state_names=('x', 'y', 'yaw', 'v'),
-    state_units=('m', 'm', 'rad', 'm/s'),
-    control_names=('a', 'omega'),
-    control_units=('m/s^2', 'rad/s'),
+    states={'x': 'm', 'y': 'm', 'yaw': 'rad', 'v': 'm/s'},
+    controls={'a': 'm/s^2', 'omega': 'rad/s'},
     guess=6.0,
     outputs=lambda s: {'yaw': Output((0.0,), (0.0,), **FREE), 'v': Output((0.5,), (0.5,), **KEPT)},
     integrated=lambda s: {'x': Integrated(0.0, 14.0), 'y': Integrated(0.0, 0.0)},
@@ -118,10 +116,8 @@ def test_an_unstable_plant_lands_where_its_controls_lead() -> None:
     stiffness = 6.5**2  # 1/s^2
     problem = changed(
         Quickest,
-        state_names=('x', 'v', 'phi', 'omega'),
-        state_units=('m', 'm/s', 'rad', 'rad/s'),
-        control_names=('a',),
-        control_units=('m/s^2',),
+        states={'x': 'm', 'v': 'm/s', 'phi': 'rad', 'omega': 'rad/s'},
+        controls={'a': 'm/s^2'},
         outputs=lambda s: {'phi': Output(start=(0.0, 0.0), end=(0.0, 0.0), free=10)},
         integrated=lambda s: {'x': Integrated(-3.0, 0.0), 'v': Integrated(0.0, 0.0)},
         invert=lambda s, y, z: (
@@ -180,9 +176,7 @@ def test_a_statement_need_not_mention_the_solver() -> None:
 def test_feedback_keeps_a_limit_in_any_unit() -> None:
     problem = Pushed(unit=1e-8)
     plan = problem.solve().trajectory
-    loop = Loop(tracked(tracker_of(problem), plan.states[0], 0.1, 1.0, 0))
-    loop.begin(plan)
-    loop.run(4.0)
+    loop = Loop(tracked(tracker_of(problem), plan.states[0], 0.1, 1.0, 0)).begin(plan).run(4.0)
     assert np.abs(loop.controls).max() <= 1.002 * problem.unit
     assert np.abs(loop.plant.state).max() < 0.01
 
@@ -297,9 +291,8 @@ def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) ->
     plan = changed(Boat, drag=lambda s, vx, vy: 0.0)(solver=LONG).solve()
     first, second = checked[:2]
     assert len(second.trajectory.times) == len(first.trajectory.times)
-    assert 1.0 - np.hypot(*second.trajectory.controls[1:-1].T).max() == pytest.approx(
-        0.015, rel=0.1
-    )
+    largest = np.hypot(*second.trajectory.controls[1:-1].T).max()
+    assert 1.0 - largest == pytest.approx(0.015, rel=0.1)
     assert plan.verification.ok
 
 
@@ -312,10 +305,8 @@ FALLING = {'x': (380.0, -20.0), 'z': (400.0, -30.0)}
 LANDING = changed(
     Quickest,
     __doc__='Least propellant to a point on the limit: the tip of a cone to stay in.',
-    state_names=('x', 'z', 'vx', 'vz', 'm'),
-    state_units=('m', 'm', 'm/s', 'm/s', 'kg'),
-    control_names=('fx', 'fz'),
-    control_units=('N', 'N'),
+    states={'x': 'm', 'z': 'm', 'vx': 'm/s', 'vz': 'm/s', 'm': 'kg'},
+    controls={'fx': 'N', 'fz': 'N'},
     guess=20.0,
     outputs=lambda s: {n: Output(start, (0.0, 0.0), free=6) for n, start in FALLING.items()},
     integrated=lambda s: {'m': Integrated(1.0, scale=1.0)},
@@ -334,15 +325,9 @@ LANDING = changed(
 
 def test_a_goal_on_a_limit_is_met_as_closely_as_the_limit_asks(monkeypatch) -> None:
     """The end was off by 12 mm, which no reserve mends: one was added again and again."""
-    solve, reserves = Refinement.solve, [0.0]
-
-    def watched(self, *given, reserve=0.0, **options):
-        reserves.append(np.max(reserve))
-        return solve(self, *given, reserve=reserve, **options)
-
-    monkeypatch.setattr(Refinement, 'solve', watched)
+    tried = noted(monkeypatch, Refinement, 'solve')
     assert LANDING(solver=LONG).solve().verification.ok
-    assert max(reserves) == 0.0
+    assert not any(np.any(call.kwargs.get('reserve', 0.0)) for call in tried.call_args_list)
 
 
 @given(st.integers(0, 100), st.sampled_from([1e-6, 1e-2, 1.0, 20.0]))
@@ -358,8 +343,7 @@ def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None
     """A row that is zero had no place in the program, bounds that cross by rounding none left."""
     fixed = changed(
         Cart,
-        control_names=('u', 'spare'),
-        control_units=('m/s^2', 'm'),
+        controls={'u': 'm/s^2', 'spare': 'm'},
         invert=lambda s, y, z: (y['x'][:2], (y['x'][2], 0.0 * y['x'][0])),
         end_conditions=lambda s, t, x: [0.0 * x[0]],
         margins=lambda s, t, x, u: {'up': u[1], 'down': -1e-17 - u[1]},

@@ -37,10 +37,8 @@ REST, SHAPE = (0.0, 0.0, 0.0), {'free': 8, 'derivatives': 3}
 WINDOW = changed(
     Quickest,
     __doc__='A planar quadrotor through a gap in a thin wall: beside the wall, or within the gap.',
-    state_names=('x', 'z', 'vx', 'vz', 'pitch'),
-    state_units=('m', 'm', 'm/s', 'm/s', 'rad'),
-    control_names=('thrust', 'rate'),
-    control_units=('m/s^2', 'rad/s'),
+    states={'x': 'm', 'z': 'm', 'vx': 'm/s', 'vz': 'm/s', 'pitch': 'rad'},
+    controls={'thrust': 'm/s^2', 'rate': 'rad/s'},
     outputs=lambda s: {
         'x': Output(start=REST, end=(6.0, 0.0, 0.0), scale=3.0, **SHAPE),
         'z': Output(start=REST, end=REST, scale=2.0, **SHAPE),
@@ -71,9 +69,7 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
 
 
 @pytest.mark.parametrize('leaps', [True, False])
-def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(
-    leaps, monkeypatch
-) -> None:
+def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(leaps, monkeypatch):
     """It leaps over an obstacle between two nodes, or has no solution near: it was the plan."""
     first, finer, tried = Refinement.first, Refinement.finer, []
 
@@ -160,10 +156,8 @@ def flowing(self, x, u):
 TANKS = changed(
     Quickest,
     __doc__="The lower of two tanks is emptied to a level, in least time, by the upper's pump.",
-    state_names=('upper', 'lower'),
-    state_units=('m', 'm'),
-    control_names=('pump',),
-    control_units=('L/s',),
+    states={'upper': 'm', 'lower': 'm'},
+    controls={'pump': 'L/s'},
     guess=60.0,
     outputs=lambda s: {'lower': Output(start=(0.3, 0.0), end=(0.12, 0.0), free=6)},
     invert=pumped,

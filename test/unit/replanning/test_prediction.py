@@ -31,14 +31,8 @@ TRACKED += [(Mode.FOLLOWING, True, known) for known in (True, False)]
 AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
-@pytest.fixture(scope='module')
-def swing():
-    return closed_loop.swing_up()
-
-
-@pytest.fixture(scope='module')
-def flight():
-    return closed_loop.crossing()
+swing = pytest.fixture(closed_loop.swing_up, scope='module', name='swing')
+flight = pytest.fixture(closed_loop.crossing, scope='module', name='flight')
 
 
 def outlook(execution, plan, at, states):

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from stated import noted
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
@@ -49,9 +50,7 @@ def test_near_the_goal_nothing_better_is_looked_for(outlook, whole, improvement)
     assert reviewing.worth_improving(outlook, whole, improvement) == wanted
 
 
-@pytest.fixture(scope='module')
-def swing() -> ActivePlan:
-    return swing_up()
+swing = pytest.fixture(swing_up, scope='module', name='swing')
 
 
 @pytest.fixture
@@ -113,14 +112,9 @@ def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
 
 @pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
 def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
-    guesses, solve, at = [], PendulumSwingUp.solve, 0.3
-
-    def noted(self: PendulumSwingUp, *args: Any, **options: Any) -> Any:
-        guesses.append(options['warm_start'])
-        return solve(self, *args, **options)
-
-    monkeypatch.setattr(PendulumSwingUp, 'solve', noted)
+    solve, at = noted(monkeypatch, PendulumSwingUp, 'solve'), 0.3
     replanner.review(SWING, seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0]), at)
+    guesses = [call.kwargs['warm_start'] for call in solve.call_args_list]
     if mode is Mode.RECOVERING:
         assert guesses == [None]
     else:

@@ -30,7 +30,7 @@ from tdm_planner.nodes import messages
 from tdm_planner.plant_kind import PENDULUM, QUANTITIES, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import SECOND, Trajectory
 from tdm_sim.report import mission as parts
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 
@@ -50,7 +50,6 @@ EVIL = (  # strings that would do something if they could
 ALONE = {'robots': ['robot1'], 'robot1.start.x': 0.5, 'robot1.start.y': 2.0}
 ALONE |= {'formation.anchor': [0.0, 0.0, 0.0], 'formation.robot1': [1.0, 2.0, 0.0]}
 START = 1_700_000_000_250_000_000  # ns
-SECOND = 10**9
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -93,13 +92,10 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     found: dict[str, Signals] = {}
     if measured:
         at = np.arange(-1.0, 4.0, 0.01)
-        moving = np.clip(at, 0.0, DURATION)
+        planned = plan.sample(np.clip(at, 0.0, DURATION))
         errors = np.tile([0.02, -0.01, 0.0, 0.0], (at.size, 1))
-        states = pendulum_states(moving) + errors
-        kinds = {'names': plan.state_names, 'units': PENDULUM.state_units}
-        found = {'states': Signals(at, states, **kinds)}
-        found['tracking_error'] = Signals(at, errors, **kinds)
-        applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
+        states, applied = Signals.both(plan, at, planned._replace(state=planned.state + errors))
+        found = {'states': states, 'tracking_error': replace(states, values=errors)}
         found['commands'] = found['applied'] = applied
     view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
     events = (
@@ -124,10 +120,9 @@ def robots_mission(measured=True, rate=100.0, after=1.0, **changes: Any) -> Miss
         found: dict[str, Signals] = {}
         if measured:
             at = np.arange(0.0, DURATION + after, 1.0 / rate)
-            moving = np.clip(at, 0.0, DURATION)
-            values = robot_states(moving, number) + 0.01 * np.eye(7)[0]
-            states = Signals(at, values, ROBOT.state_names, ('m', 'm', *[''] * 5))
-            applied = Signals(at, plan.sample(moving).control, ROBOT.control_names, ('N', '', ''))
+            planned = plan.sample(np.clip(at, 0.0, DURATION))
+            off = planned._replace(state=planned.state + 0.01 * np.eye(7)[0])
+            states, applied = Signals.both(plan, at, off)
             found = {'states': states, 'applied': applied, 'tracking_error': states}
         vehicles.append(RecordedVehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)

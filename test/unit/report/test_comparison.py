@@ -13,7 +13,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity, Signals
@@ -33,8 +33,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     psi = np.where(np.isclose(at, 1.0), -0.9, 0.5 * np.clip(at / DURATION, 0.0, 1.0))
     measured = np.stack([theta, psi, 0 * at, 0 * at], axis=1)
     torque = np.where(np.isclose(at, 0.5), -peak, 0.01)[:, None]
-    seen = Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units)
-    applied = Signals(at, torque, ('torque',), ('N m',))
+    seen, applied = Signals.both(plan, at, Sample(measured, torque))
     view, plans = PendulumView(problem=PendulumSwingUp()), (FollowedPlan(plan, 0.0),)
     vehicle = mission.RecordedVehicle('pendulum', view, plans, states=seen, applied=applied)
     margins, error = {'torque': mission.Margin(0.006, 0.25, 'N m')}, {'theta': 2e-5}

@@ -19,7 +19,7 @@ from tdm_planner.drawing import Disc
 from tdm_planner.plan_files import plan_document, save_plan
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotFormation, Solution
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
@@ -171,11 +171,10 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     states, controls = motion.sample(np.minimum(at, LENGTH))
     states = states + np.array([off.get('x', 0.0), off.get('v', 0.0)])
     controls = (at[:, None] < LENGTH) * controls + off.get('u', 0.0)
-    measured = {'states': Signals(at, states, ('x', 'v'), ('m', 'm/s'))}
-    measured['commands'] = Signals(at, controls, ('u',), ('m/s^2',))
-    vehicle = RecordedVehicle(
-        'sled', StatedView(problem), (FollowedPlan(motion, 0.0),), **measured
-    )
+    states, commands = Signals.both(motion, at, Sample(states, controls))
+    measured = {'states': states, 'commands': commands}
+    plans = (FollowedPlan(motion, 0.0),)
+    vehicle = RecordedVehicle('sled', StatedView(problem), plans, **measured)
     return Mission('Sled', problem.name, (vehicle,))
 
 

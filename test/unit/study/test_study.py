@@ -16,7 +16,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from stated import Cart, changed
+from stated import Cart, changed, forced
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.exceptions import InvalidProblem
@@ -147,8 +147,7 @@ def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) 
         Cart,
         outputs=lambda s: {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)},
         duration=lambda s: Duration(5.0 / growth, fixed=True),
-        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] - growth**2 * y['x'][0],)),
-        derivative=lambda s, x, u: (x[1], growth**2 * x[0] + u[0]),
+        **forced(lambda x, v: growth**2 * x),
         margins=DirectProblem.margins,
     )()
     tracker = StatedTracker(falling, TrackerParameters(rate=200.0))

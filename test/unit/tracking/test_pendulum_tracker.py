@@ -31,9 +31,7 @@ def plan() -> Trajectory:
 
 @pytest.fixture
 def loop(plan: Trajectory) -> Loop:
-    made = Loop(pendulum(pendulum_tracker()))
-    made.begin(plan)
-    return made
+    return Loop(pendulum(pendulum_tracker())).begin(plan)
 
 
 def held(loop: Loop, run: float, last: float = 0.5) -> bool:
@@ -52,8 +50,7 @@ def seeing(state: np.ndarray = HANGING, at: float = 0.0, **values) -> PendulumTr
 def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None:
     if limit == WEAK:
         plan = swing_up().solution.trajectory
-    loop = Loop(pendulum(pendulum_tracker(limit)))
-    loop.begin(plan)
+    loop = Loop(pendulum(pendulum_tracker(limit))).begin(plan)
     while loop.now < 0.1 + plan.duration - loop.tick:
         loop.run(loop.tick)
         assert loop.tracker.phase is not Phase.HOLDING
@@ -67,8 +64,7 @@ def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None
 def test_a_start_between_two_commands_loses_no_torque(plan: Trajectory, ahead: float) -> None:
     loop = Loop(pendulum(pendulum_tracker()))
     start = 0.1 - ahead * loop.tick
-    loop.begin(plan, start)
-    loop.run(0.1 + loop.tick - loop.now)
+    loop.begin(plan, start).run(0.1 + loop.tick - loop.now)
     assert (np.flatnonzero(loop.controls) * loop.tick)[0] == pytest.approx(0.1 - loop.tick)
     wanted = plan.control_integral(plan.times[0] + loop.now - start)
     assert loop.controls.sum() * loop.tick == pytest.approx(float(wanted[0]), rel=0.02)
@@ -86,8 +82,7 @@ def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, l
 
 
 def test_a_known_delay_is_compensated(plan: Trajectory, loop: Loop) -> None:
-    late = Loop(pendulum(pendulum_tracker()), delay=4)
-    late.begin(plan)
+    late = Loop(pendulum(pendulum_tracker()), delay=4).begin(plan)
     assert held(loop, 1.5)
     assert held(late, 1.5)
     # with a perfect model the delayed loop sends the same commands
@@ -98,8 +93,7 @@ def test_a_known_delay_is_compensated(plan: Trajectory, loop: Loop) -> None:
 def test_a_delay_of_commands_that_nobody_told_of_is_found(plan: Trajectory, mismatch: float):
     late = 0.004
     tracker = pendulum_tracker()
-    loop = Loop(pendulum(tracker, mismatch=mismatch, noise=1.0), late=late)
-    loop.begin(plan)
+    loop = Loop(pendulum(tracker, mismatch=mismatch, noise=1.0), late=late).begin(plan)
     loop.run(plan.duration + 0.1)
     found = tracker.estimator.delay
     assert found == pytest.approx(late, abs=5e-4)
@@ -176,9 +170,7 @@ def test_a_trajectory_under_way_is_joined_and_changed_parameters_act_without_a_j
 def test_old_states_switch_the_torque_off_until_they_return(plan: Trajectory) -> None:
     tracker = pendulum_tracker(state_timeout=0.05)
     assert 'no state' in tracker.command(0.0).problem
-    loop = Loop(pendulum(tracker))
-    loop.begin(plan)
-    loop.run(1.0)
+    loop = Loop(pendulum(tracker)).begin(plan).run(1.0)
     last = loop.now - loop.tick
     assert all(tracker.command(t).action is not None for t in (loop.now, last + 0.0499))
     late = tracker.command(last + 0.0501)
@@ -281,9 +273,7 @@ def test_a_stuck_sensor_switches_the_torque_off_and_stays_stuck_for_other_parame
 @pytest.mark.parametrize('push', [30.0, -60.0])
 def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(plan, push):
     tracker = pendulum_tracker(replan__on_deviation=True)
-    loop = Loop(pendulum(tracker, mismatch=0.05, noise=1.0))
-    loop.begin(plan)
-    loop.run(1.0)
+    loop = Loop(pendulum(tracker, mismatch=0.05, noise=1.0)).begin(plan).run(1.0)
     loop.push(0.0, 0.0, push, 0.0)
     loop.run(0.3)
     assert tracker.phase is Phase.RECOVERING

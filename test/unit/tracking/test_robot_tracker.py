@@ -84,8 +84,7 @@ def followed(loop: Loop, plan: Trajectory) -> Loop:
 
 
 def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(plan):
-    loop = followed(Loop(robot(plan.states[0], mismatch=0.05, noise=1.0)), plan)
-    loop.run(8.0)
+    loop = followed(Loop(robot(plan.states[0], mismatch=0.05, noise=1.0)), plan).run(8.0)
     assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, True)
     late = np.array(loop.states[-200:])
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.02
@@ -113,9 +112,7 @@ def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(
 
 
 def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
-    loop = Loop(robot(plan.states[0], mismatch=0.2, noise=1.0, seed=2))
-    loop.begin(plan)
-    loop.run(DURATION)
+    loop = Loop(robot(plan.states[0], mismatch=0.2, noise=1.0, seed=2)).begin(plan).run(DURATION)
     setup = loop.plant.setup
     true_gain = setup.gains[0] * FloatingRobot().mass / setup.plant.mass
     assert abs(true_gain - 1) > 0.05
@@ -140,8 +137,7 @@ def test_yaw_may_be_wrapped_and_the_thruster_whole_turns_away() -> None:
         return np.array([*state[:4], math.remainder(state[4], math.tau), *state[5:]])
 
     plan = there_and_stop(turn=4.0)
-    loop = Loop(robot(plan.states[0] + 4 * math.pi * ALPHA), seen_as=wrap)
-    loop.begin(plan, 0.2)
+    loop = Loop(robot(plan.states[0] + 4 * math.pi * ALPHA), seen_as=wrap).begin(plan, 0.2)
     loop.run(DURATION + 3.0)
     assert away(loop, plan) < 0.01
     assert abs(math.remainder(loop.plant.state[4] - plan.states[-1, 4], math.tau)) < 0.02
@@ -200,8 +196,6 @@ def test_a_robot_that_does_not_reach_its_goal_has_missed_it_and_goes_on_to_hold(
 
 
 def test_the_thruster_turns_before_the_start_and_nothing_is_fired(plan: Trajectory) -> None:
-    loop = Loop(robot(plan.states[0] + 1.5 * ALPHA))
-    loop.begin(plan, 2.0)
-    loop.run(1.8)
+    loop = Loop(robot(plan.states[0] + 1.5 * ALPHA)).begin(plan, 2.0).run(1.8)
     assert loop.plant.state[6] == pytest.approx(plan.states[0, 6], abs=0.02)
     assert not loop.controls[:, [0, 2]].any()
