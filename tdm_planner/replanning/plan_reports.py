@@ -24,11 +24,11 @@ def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) ->
 
     `warnings` are sentences about what is not connected; without any, the key is absent.
     """
-    figures = plan.solution.figures
+    solution = plan.solution
     document = {
         'plan_id': plan_id,
-        **{name: figures[name] for name in _ANSWERED},
-        'summary': ' '.join(plan.solution.summary.split()),
+        **{name: getattr(solution, name) for name in _ANSWERED},
+        'summary': ' '.join(solution.summary.split()),
         **({'warnings': list(warnings)} if warnings else {}),
     }
     return json.dumps(finite(document), allow_nan=False)
