@@ -45,7 +45,7 @@ HINTS = {
     'mean(': 'write what holds at one node: there are no sums over nodes',
     'sum(': 'write what holds at one node: there are no sums over nodes',
 }
-_SPECS = [find_spec(name) for name in ('casadi', 'numpy', __name__)]
+_SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', __name__)]
 _LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
 HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
@@ -276,8 +276,10 @@ class CheckedFormulation:
                 'each a number or an array over the nodes'
             ) from None
         if len(parts) != len(names):
+            one = getattr(values, 'shape', None) == shape
+            given = 'one array over the nodes' if one else f'{len(parts)} components'
             expected = f'{len(names)}: {", ".join(names)}'
-            raise InvalidProblem(f'{what} has {len(parts)} components, expected {expected}')
+            raise InvalidProblem(f'{what} has {given}, expected {expected}')
         rows = zip(names, parts, strict=True)
         return np.stack([self._shaped(f"{what}: '{n}'", part, shape) for n, part in rows], axis=-1)
 

@@ -275,7 +275,7 @@ class Duration:
     def allowed(self) -> str:
         """Return what is allowed, in words."""
         shortest, longest = self.bounds
-        return f'{self.guess:g} s' if self.fixed else f'{shortest:g} to {longest:g} s'
+        return f'{self.guess:.4g} s' if self.fixed else f'{shortest:.3g} to {longest:.3g} s'
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,11 @@ def _load(name: str, address: str) -> type[Problem]:
         found = getattr(import_module(module.strip()), attribute.strip())
     except Exception as error:  # noqa: B902
         # Whatever the registered package's import raises.
+        missing = isinstance(error, ModuleNotFoundError) and module.startswith(error.name or ':')
+        hint = ' (write module:Class, and run it in the folder of module.py)' if missing else ''
         raise InvalidProblem(
-            f"problem '{name}' cannot be loaded from {address}: {type(error).__name__}: {error}"
+            f"problem '{name}' cannot be loaded from {address}: "
+            f'{type(error).__name__}: {error}{hint}'
         ) from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise InvalidProblem(

@@ -42,11 +42,12 @@ from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
 _MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
-# No further guess once so many solutions are alike in cost, within a share, or so many are solved.
-_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4
+# No further guess once most solutions, so many at least, are alike in cost, within a share; or so
+# many are solved.
+_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
-_BENDS = 0.1, 0.25, 0.1, 0.25, 1.0, 3.0, 0.5, 2.0, 5.0  # of lines
+_BENDS = 0.25, 0.5, 1.0, 2.0, 0.1, 0.25, 0.5, 3.0, 5.0  # of lines
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
@@ -128,9 +129,8 @@ class DirectSearch(Search[Candidate]):
         return self._warm
 
     def widen(self) -> bool:
-        """Without refinement, try a few more rounds while none leads to a feasible motion."""
-        rounds = 1 if self._refines else _GUESS_ROUNDS
-        return not (self._found or self._until_check.spent) and self._rounds < rounds
+        """Try a few more rounds of the direct method while none leads to a feasible motion."""
+        return not (self._found or self._until_check.spent) and self._rounds < _GUESS_ROUNDS
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -204,7 +204,8 @@ class DirectSearch(Search[Candidate]):
                 sides = self.budget.part(share * self.budget.seconds)
             best = min(solved, key=lambda found: found.cost)
             again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-            enough = again >= _AGREED or len(solved) >= _ENOUGH
+            alike = again >= _AGREED and 2 * again > len(solved)
+            enough = alike or len(solved) >= _ENOUGH
             if self._past(_STARTS_SHARE) or (enough and sides.spent):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)

@@ -240,6 +240,10 @@ REFUSALS = {  # function: (what it is instead or returns, words)
             'controls, the second ... has 2 components, expected 1: u',
         ),
         (
+            lambda s, y, z: ((0.0,) * 3, y['x'][0]),
+            'controls, the second ... has one array over the nodes',
+        ),
+        (
             ((0.0, None, 0.0), (0.0,)),
             "states, the first ... 'v' = None, which is not a real number",
         ),

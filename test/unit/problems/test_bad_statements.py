@@ -149,6 +149,20 @@ def test_a_small_slip_is_named_by_the_check(rates):
     assert reason.startswith("derivative gives the rate of 'v' = ")
 
 
+def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
+    of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
+    made = changed(Cart, **of_its_own, end_conditions=lambda s, t, x: [x[1], t - 2.0])
+    console = Console(record=True, width=100)
+    assert check_problem(made(), console) == []
+    told = console.export_text()
+    assert 'runing_cost is never called: did you mean running_cost' in told
+    assert 'end_conditions: 2 beside these' in told
+    assert told.count('is never called') + told.count('beside these') == 2
+    rate = {'rate': parameter(1.0, 'taken'), '__annotations__': {'rate': float}}
+    (reason,) = check_problem(dataclass(frozen=True)(type('Taken', (Cart,), rate))())
+    assert reason == "parameter 'rate' of Taken is one of the node's own: name it otherwise"
+
+
 class Forgotten(Cart):
     track: float = parameter(1.0, 'length', unit='m')
 
