@@ -200,7 +200,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         for k, candidate in enumerate(found[:_POLISHED]):
             if candidate.point.cost < _PROMISING * found[0].point.cost and not self.budget.spent:
                 finer = self._polished(program, candidate.point.xi, _FINE)
-                found[k] = min(candidate, *finer, key=lambda each: each.point.cost)
+                found[k] = min([candidate, *finer], key=lambda each: each.point.cost)
         return sorted(found, key=lambda each: each.point.cost)
 
     def _resumed(self) -> Iterator[Arcs]:

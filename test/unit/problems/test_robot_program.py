@@ -23,6 +23,7 @@ from tdm_planner.problems.formation.polynomial_search import guesses, Polynomial
 from tdm_planner.problems.formation.program import CLOSENESS, scaled, TIME
 from tdm_planner.problems.formation.reference_motion import arcs_at, end_derivatives, MotionForm
 from tdm_planner.problems.formation.thrust_arcs_program import ThrustArcProgram
+from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.thrust_arcs_search import guesses as seeds
 
 TASK = FORMATION.task
@@ -381,3 +382,8 @@ def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_mo
     errors = [lateral_error(wanted, angle) for angle in angles]
     assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
     assert errors[0] < errors[1] < errors[2]
+
+
+def test_minima_that_cannot_be_polished_are_planned_with(monkeypatch):
+    monkeypatch.setattr(ArcSearch, '_polished', lambda *_: [])  # as where the time is up meanwhile
+    assert problem(1).solve().verification.ok
