@@ -10,7 +10,6 @@ from timeit import timeit
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
@@ -68,16 +67,17 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     for name, pair_of in zip(names, given, strict=True):
         table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in pair_of))
     console.print(table)
-    for function, count in _conditions(stated, ends).items():
-        console.print(f'{function}: {count} beside these')
+    for function in (plant.trace.start_conditions, plant.trace.end_conditions):
+        if count := function.numel_out(0):
+            console.print(f'{function.name()}: {count} beside these')
     table = Table('limit', 'margin at the start', 'at the end')
     for name, values in limits.items():
         known = ['depends on free values' if v is None else f'{v:.4g}' for v in values]
         table.add_row(name, *known)
     if limits:
         console.print(table)
-    for name in _unused(type(problem)):
-        console.print(f'[bold red]{name} is never called: {suggestion(name, dir(DirectProblem))}')
+    for name, question in _misspelt(type(problem)).items():
+        console.print(f'[bold red]{name} is never called: {question}')
     if program.trace.fixed:
         console.print(
             'constants of the traced functions, for `if`, math or float on them; to change one '
@@ -100,21 +100,13 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits)
 
 
-def _conditions(stated: CheckedFormulation, ends: Ends) -> dict[str, int]:
-    """Return how many conditions are stated beside the boundary values, by function."""
-    state = np.nan_to_num(ends.states[:1])
-    functions = ('start_conditions', 'end_conditions')
-    found = {function: len(stated.parts(function, np.zeros(1), state)) for function in functions}
-    return {function: count for function, count in found.items() if count}
-
-
-def _unused(problem: type[DirectProblem]) -> list[str]:
-    """Return methods whose names are like, but not, those that the library calls."""
+def _misspelt(problem: type[DirectProblem]) -> dict[str, str]:
+    """Return methods that are like, but not, those that the library calls: what was meant."""
     own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
     found = {name for kind in own for name, value in vars(kind).items() if callable(value)}
     known = dir(DirectProblem)
     others = sorted(name for name in found - {*known} if not name.startswith('_'))
-    return [name for name in others if suggestion(name, known)]
+    return {name: question for name in others if (question := suggestion(name, known))}
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

@@ -65,8 +65,9 @@ def _load(name: str, address: str) -> type[Problem]:
         found = getattr(import_module(module.strip()), attribute.strip())
     except Exception as error:  # noqa: B902
         # Whatever the registered package's import raises.
-        missing = isinstance(error, ModuleNotFoundError) and module.startswith(error.name or ':')
-        hint = ' (write module:Class, and run it in the folder of module.py)' if missing else ''
+        absent = error.name if isinstance(error, ModuleNotFoundError) else None
+        own = f'{module}.'.startswith(f'{absent}.')  # not a module that it imports
+        hint = ' (write module:Class, and run it in the folder of module.py)' if own else ''
         raise InvalidProblem(
             f"problem '{name}' cannot be loaded from {address}: "
             f'{type(error).__name__}: {error}{hint}'

@@ -196,16 +196,17 @@ class DirectMinima:
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
-        Yield those in sight, an `earlier` solution, the initial guess if untried, changes of it.
+        Yield changes of the initial guess; if `plain`, what none has been tried of before them.
 
-        With an earlier solution no changes are tried: replanning is to be quick.
+        That are those in sight, an `earlier` solution, the initial guess itself. With an earlier
+        solution no changes are tried: replanning is to be quick.
         """
         program, first = self.program, self.program.first_guess
-        yield from self.in_sight
-        if plain and earlier is not None and earlier.shape == first.shape:
-            yield from (earlier, first)
-            return
         if plain:
+            yield from self.in_sight
+            if earlier is not None and earlier.shape == first.shape:
+                yield from (earlier, first)
+                return
             yield first
         for attempt in range(1, self._problem.starts):
             if program.has_end_conditions:

@@ -54,7 +54,7 @@ _AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 
 @dataclass(frozen=True)
 class DirectSolverParameters(SolverParameters):
-    """How long and how hard to search; the search ends when a few initial guesses are refined."""
+    """How long and how hard to search; the search ends once most initial guesses agree."""
 
     deadline: float = parameter(
         3.0,

@@ -113,7 +113,8 @@ class DirectSearch(Search[Candidate]):
         if self._best is None:
             yield from self._direct()
         if self._best is None:
-            yield from self._aside
+            aside, self._aside = self._aside, []  # another round need not check them again
+            yield from aside
 
     def is_worth_checking(self, candidate: Candidate, plan: Solution) -> bool:
         """Whether its cost is lower by more than rounding."""

@@ -165,6 +165,7 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
         'class Another(PendulumSwingUp): name = "another"\ndef solve(): pass\n'
     )
     (tmp_path / 'broken_package.py').write_text('1 / 0\n')
+    (tmp_path / 'absent_cart.py').write_text('import absent\n')
     monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
     assert load_problem('pendulum_swing_up') is PendulumSwingUp
     assert problem_names()[:2] == ['pendulum_swing_up', 'robot_formation']
@@ -176,6 +177,8 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
         ('a_function', 'another_package:solve is not a subclass'),
         ('nothing', 'AttributeError'),
         ('broken', 'ZeroDivisionError: division by zero'),
+        ('nowhere:Cart', r"No module named 'nowhere' \(write module:Class, and run it in"),
+        ('absent_cart:Cart', "No module named 'absent'$"),
     ):
         with pytest.raises(InvalidProblem, match=says):
             load_problem(name)

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from replays import replayed
 from scipy.linalg import expm
-from stated import Car, Cart, changed, LONG, noted, Quickest
+from stated import Car, Cart, changed, LONG, noted, QUICKEST, Quickest
 from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
+from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, Solution
+from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import _exponentials, DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
@@ -349,3 +351,12 @@ def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None
         margins=lambda s, t, x, u: {'up': u[1], 'down': -1e-17 - u[1]},
     )(solver=LONG)
     assert fixed.solve().cost == pytest.approx(12.0 / fixed.time**3, rel=1e-3)
+
+
+def test_no_initial_guess_is_minimised_twice(monkeypatch):
+    tried = []
+    monkeypatch.setattr(Refinement, 'first', lambda *_, **__: None)
+    monkeypatch.setattr(DirectMinima, 'tight', lambda self, _, xi, __: tried.append(xi.tobytes()))
+    with pytest.raises(Infeasible):
+        changed(Cart, **QUICKEST)(solver=LONG).solve()
+    assert len(set(tried)) == len(tried) > 2 * Cart.starts
