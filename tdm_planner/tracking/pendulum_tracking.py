@@ -14,6 +14,8 @@ A pendulum may swing more slowly than its model, and a weak motor cannot make up
 tracker therefore shifts the plan in time towards the instant s at which it is nearest to the
 state. It plays the plan at the pendulum's own pace, the root of its gravity over the model's; that
 gravity is estimated on the way. Planned rates grow with the pace, planned torques with its square.
+Where commands turn out to act later than was known at the start, it is played a little faster, so
+that it ends when it was to end.
 
 The other constants are estimated, too. Their errors are a constant part of x: the feedback takes
 into account what they do along the rest of the plan.
@@ -60,6 +62,7 @@ _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
+_HURRY = 0.003  # of an interval, by which lateness is made up for in one, at most: any motor can
 PACES = 0.85, 1.15  # at which a plan may be played
 UPRIGHT = 0.05  # rad from upright that counts as reached
 _TOLD_APART = 3.0  # standard deviations of measured angles
@@ -256,7 +259,10 @@ class PendulumTracker(TrajectoryTracker):
         most = _AHEAD / plant.natural_frequency
         ahead = min(max(law.ahead(elapsed, rates, error), -most), most)
         pace = float(np.clip(math.sqrt(max(state[4], 0.0)), *PACES))
-        return motion.played(time, elapsed + min(_SHIFT * step, 1.0) * ahead, pace)
+        # Commands that act later than was known at the start have made it so late.
+        owed = min(motion.late, self.estimator.delay - self.parameters.command_delay)
+        hurry = min(max(step * owed, 0.0), _HURRY * self.parameters.interval)
+        return motion.played(time, elapsed + min(_SHIFT * step, 1.0) * ahead + hurry, pace)
 
     @staticmethod
     def _scale(pace: float) -> Array:

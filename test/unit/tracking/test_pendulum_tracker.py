@@ -60,6 +60,17 @@ def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None
     assert held(loop, 0.01 + loop.tick, loop.tick)
 
 
+def test_a_plan_that_began_late_ends_in_time() -> None:
+    plan = swing_up().solution.trajectory
+    loop = Loop(pendulum(pendulum_tracker(WEAK)), late=0.003).begin(plan)
+    lateness = []
+    while loop.now < 0.1 + plan.duration - loop.tick:
+        loop.run(loop.tick)
+        lateness.append(loop.tracker.current.late)
+    assert max(lateness) > 5e-4
+    assert abs(lateness[-1]) < 1e-4
+
+
 @pytest.mark.parametrize('ahead', [0.1, 0.5, 0.9])
 def test_a_start_between_two_commands_loses_no_torque(plan: Trajectory, ahead: float) -> None:
     loop = Loop(pendulum(pendulum_tracker()))
