@@ -25,7 +25,6 @@ from tdm_planner.exceptions import (
     InvalidProblem,
     VerificationFailed,
 )
-from tdm_planner.plants.pendulum_replay import roll_states
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     COARSE_STEPS,
@@ -72,6 +71,9 @@ _CUTOFF = 1.05  # polishing stops where the time stays above this share of the b
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
 _COLLOCATED = 0.42, 0.5, 0.55  # begun, left, and polished until these shares of the deadline
+# Where the disk's range is narrow there is more to gain: again after a gain, and after pumping
+# that left collocation nothing, more is pumped.
+_COLLOCATED_NARROW, _COLLOCATED_AGAIN, _PUMPED_AGAIN = (0.7, 0.78, 0.84), 0.02, 0.3
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
@@ -134,12 +136,17 @@ class SwitchingSearch(Search[Candidate]):
         """Shoot from initial guesses and minimise the times of the quickest arrivals."""
         if self._previous is not None:
             return self._warm(self._previous)
-        pumped = self._pumped() if self._pumping else []
-        quicker = self._collocated(pumped[0]) if pumped and self._narrow else []
+        pumped, quicker = list[Candidate](), list[Candidate]()
+        while self._pumping and not quicker:
+            before, pumped = pumped[:1], distinct(pumped + self._pumped())
+            if self._narrow and pumped[:1] != before:
+                quicker = self._collocated(pumped[0])
+            if not (self._narrow and pumped) or self._later_than(_PUMPED_AGAIN):
+                break
         latest = _ENOUGH_BESIDE if pumped else _SEARCH_UNTIL
         arrived = self._arrivals(latest) if self._narrow or not self._pumping else []
         if quicker:  # than the pumped ones, which need no polish then
-            found = quicker + pumped + self._polished(distinct(arrived))
+            found = self._polished(distinct(quicker + arrived)) + pumped
         else:
             found = self._polished(distinct(pumped + arrived))
         return sorted(found, key=lambda c: c.total)[:_CHECKED]
@@ -206,6 +213,9 @@ class SwitchingSearch(Search[Candidate]):
         """Return what remains until that share of the deadline."""
         return self.budget.part(share * self.budget.seconds - self.budget.elapsed)
 
+    def _later_than(self, share: float) -> bool:
+        return self.budget.elapsed > share * self.budget.seconds
+
     def _checked(self, candidate: Candidate, violation: float) -> Solution:
         """Return the motion with its check, which may end a little after the deadline."""
         if self._short_of_time(candidate, _REPLAY_TIME, _OVERTIME):
@@ -244,7 +254,7 @@ class SwitchingSearch(Search[Candidate]):
         # From near upright random starts arrive, however weak the motor: they get one turn.
         tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
         self._pumping = tried or self._narrow or not self._pumping
-        return self.budget.elapsed < _SEARCH_UNTIL * self.budget.seconds
+        return not self._later_than(_SEARCH_UNTIL)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -257,7 +267,7 @@ class SwitchingSearch(Search[Candidate]):
         if peak > self._task.disk_angle_limit:
             found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
             return Infeasible(self._task.unstoppable + found)
-        return DeadlineExceeded(self._reason())
+        return DeadlineExceeded(self._missed())
 
     def _pumped(self) -> list[Candidate]:
         """Pump and shoot the tails; the quickest distinct arrivals, quickest first."""
@@ -274,22 +284,19 @@ class SwitchingSearch(Search[Candidate]):
 
         Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
         """
-        budget, found = self.budget, list[Candidate]()
-        again = self._rounds > 0
+        found, again = list[Candidate](), self._rounds > 0
         strong = self._task.swing_drive >= _PUMPED_FIRST
         steps = _GUESSED[self._task.plant.quickness > 1.0].finer(self._finer)
         # Fewer where one round would use all the time up.
-        size = min(_STARTS, max(_FEWEST_STARTS, round(budget.seconds / _START_TIME)))
+        size = min(_STARTS, max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
-            late = budget.elapsed > (min(_ENOUGH, latest) if found else latest) * budget.seconds
-            if late or (found and again):
+            if self._later_than(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
             found += shot(self._task, batch, steps, self._part(latest))
-            index = int(np.argmin(batch.costs))
-            if batch.costs[index] < (math.inf if self._closest is None else self._closest[0]):
-                row = batch.rows(np.array([index]))
-                self._closest = float(row.costs[0]), row.durations[0], row.torques[0]
+            best = batch.rows(np.array([np.argmin(batch.costs)]))
+            if best.costs[0] < (math.inf if self._closest is None else self._closest[0]):
+                self._closest = float(best.costs[0]), best.durations[0], best.torques[0]
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
@@ -297,7 +304,7 @@ class SwitchingSearch(Search[Candidate]):
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
         """Minimise the times of the quickest candidates, unless collocation shortens the first."""
-        if candidates and (quicker := self._collocated(candidates[0])):
+        if candidates and (quicker := self._quicker(candidates[0])):
             return quicker + candidates
         done, best, until = list[Candidate](), math.inf, self._part(_COARSE)
         for candidate in candidates[:_POLISHED]:
@@ -345,17 +352,28 @@ class SwitchingSearch(Search[Candidate]):
                 break
         return best
 
+    def _quicker(self, candidate: Candidate) -> list[Candidate]:
+        """Return ever quicker arcs that collocation leads to, the quickest first."""
+        found = list[Candidate]()
+        while more := self._collocated(candidate):
+            gained = 1.0 - more[0].total / candidate.total
+            candidate, found = more[0], more + found
+            if not self._narrow or gained < _COLLOCATED_AGAIN:
+                break
+        return found
+
     def _collocated(self, candidate: Candidate) -> list[Candidate]:
         """
-        Return quicker arcs that collocation leads to from a candidate, if any: the first.
+        Return quicker arcs that collocation leads to from a candidate, if any.
 
         It pays for a strong motor whose candidate has many arcs, but no more than intervals.
         """
-        strong, budget = self._task.drive >= _WEAK_DRIVE, self.budget
+        strong = self._task.drive >= _WEAK_DRIVE
         least = 1 if self._narrow else _FEWEST_COLLOCATED
         pays = strong and least <= candidate.durations.size <= INTERVALS and not self._replans
-        if pays and budget.elapsed < _COLLOCATED[0] * budget.seconds:
-            left, until = map(self._part, _COLLOCATED[1:])
+        begun, *parts = _COLLOCATED_NARROW if self._narrow else _COLLOCATED
+        if pays and not self._later_than(begun):
+            left, until = map(self._part, parts)
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for read in collocated(self._task, candidate, left):
                     found = self._shot_again(read, until)
@@ -365,7 +383,7 @@ class SwitchingSearch(Search[Candidate]):
                         return [better if violation < _FEASIBLE else quickest]
         return []
 
-    def _reason(self) -> str:
+    def _missed(self) -> str:
         task = self._task
         search = (
             f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
@@ -374,25 +392,9 @@ class SwitchingSearch(Search[Candidate]):
         if self._arrived:
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
         search += 'gave no swing-up'
+        more = 'try a longer solver.deadline or more limits.'
         if task.drive < _WEAK_DRIVE:
-            search += (
-                f'; with a drive of {task.drive:.2g} it takes many swings: a longer '
-                'solver.deadline or more limits.torque may help'
-            )
+            search += f'; with a drive of {task.drive:.2g} it takes many swings: {more}torque'
         elif task.swing_drive < _WEAK_DRIVE:
-            search += (
-                "; the disk's range limits what a swing gains: a longer solver.deadline or more "
-                'limits.disk_angle may help'
-            )
-        states = roll_states(task.plant, task.start, *self._closest[1:]) if self._closest else None
-        if states is None or not np.isfinite(states).all():
-            return search
-        w0 = task.plant.natural_frequency
-        error = np.abs(states[-1] - task.goal_nearest(states[-1]))
-        scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
-        worst = int(np.argmax(scaled))
-        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle_limit
-        if excess > scaled[worst]:
-            return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
-        name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
-        return f'{search}; the closest missed {name} by {error[worst]:.2g} {unit}'
+            search += f"; the disk's range limits what a swing gains: {more}disk_angle"
+        return search + (task.missed(*self._closest[1:]) if self._closest else '')
