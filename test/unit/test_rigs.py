@@ -49,6 +49,12 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
     assert arrival(*mission.vehicles) < plan.duration + 3.0
 
 
+@pytest.mark.parametrize(('seed', 'start', 'longest'), [(90134, 0, 1.5), (90121, 21, 2.0)])
+def test_a_narrow_range_of_the_disk_is_searched_again(seed: int, start: int, longest: float):
+    """A second collocation shortens one by a third, a second pumping the other to a sixth."""
+    assert rig(seed).solve(DEADLINE, seed=start).duration < longest
+
+
 @pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9697, True)])
 def test_a_swing_up_that_uses_all_it_may_of_the_range_is_held(seed: int, slow: bool) -> None:
     """Sensors are noisy, it settles at its own pace; a tenth of the torque's reserve is left."""

@@ -70,10 +70,10 @@ _COARSE = 0.75  # share of the deadline after which no more are polished
 _CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
-_COLLOCATED = 0.42, 0.5, 0.55  # begun, left, and polished until these shares of the deadline
-# Where the disk's range is narrow there is more to gain: again after a gain, and after pumping
-# that left collocation nothing, more is pumped.
-_COLLOCATED_NARROW, _COLLOCATED_AGAIN, _PUMPED_AGAIN = (0.7, 0.78, 0.84), 0.02, 0.3
+_COLLOCATED = 0.4, 0.46, 0.5  # begun, left, and polished until these shares of the deadline
+# Where the disk's range is narrow it goes on after such a gain; where it had nothing to go on
+# from, more is pumped until that share of the deadline.
+_COLLOCATED_AGAIN, _PUMPED_AGAIN = 0.02, 0.2
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
@@ -371,9 +371,8 @@ class SwitchingSearch(Search[Candidate]):
         strong = self._task.drive >= _WEAK_DRIVE
         least = 1 if self._narrow else _FEWEST_COLLOCATED
         pays = strong and least <= candidate.durations.size <= INTERVALS and not self._replans
-        begun, *parts = _COLLOCATED_NARROW if self._narrow else _COLLOCATED
-        if pays and not self._later_than(begun):
-            left, until = map(self._part, parts)
+        if pays and not self._later_than(_COLLOCATED[0]):
+            left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for read in collocated(self._task, candidate, left):
                     found = self._shot_again(read, until)
