@@ -139,7 +139,7 @@ def robots(
     }
 
 
-def run(seeds: int = 30, mismatch: float = MISMATCH) -> dict[str, Any]:
+def run(seeds: int = 20, mismatch: float = MISMATCH) -> dict[str, Any]:
     """Measure everything."""
     figures: dict[str, Any] = {'pendulum': {}, 'robots': {}}
     with workers() as client:
