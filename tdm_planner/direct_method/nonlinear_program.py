@@ -60,6 +60,10 @@ class Budget:
         """Whether the deadline has passed."""
         return self.remaining <= 0
 
+    def past(self, share: float) -> bool:
+        """Whether more than that share of the time is over."""
+        return self.elapsed > share * self.seconds
+
     def part(self, seconds: float) -> Budget:
         """Return a budget of so many seconds [s] from now, whose count is that of the whole."""
         part = Budget(seconds)

@@ -207,7 +207,7 @@ class DirectSearch(Search[Candidate]):
             again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
             alike = again >= _AGREED and 2 * again > len(solved)
             enough = alike or len(solved) >= _ENOUGH
-            if self._past(_STARTS_SHARE) or (enough and sides.spent):
+            if self.budget.past(_STARTS_SHARE) or (enough and sides.spent):
                 break
         others = sorted(solved[1:], key=lambda found: found.cost)
         for before, motion in zip([*solved[:1], *others], others, strict=False):
@@ -229,7 +229,7 @@ class DirectSearch(Search[Candidate]):
                 raise
             minima = None
         for attempt in range(_MOST):
-            late = self._past(_STARTS_SHARE)
+            late = self.budget.past(_STARTS_SHARE)
             direct = late and minima is not None and bool(minima.in_sight)  # takes its time, too
             if (attempt >= _TRIED and (self._found or late)) or (direct and not self._found):
                 break
@@ -251,7 +251,7 @@ class DirectSearch(Search[Candidate]):
         more on them.
         """
         solutions = _SOLUTIONS if self._best is None else 1
-        last = COARSE if self._best is None and self._past(1.0 / (1.0 + _HURRY)) else most
+        last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _HURRY)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
         first, leaps, failed = motion, False, False
         while intervals <= last and self._refinement.affords(intervals, solutions):
@@ -281,7 +281,7 @@ class DirectSearch(Search[Candidate]):
         until = self._until_check
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
-            if until.spent or (found and self._past(_SEARCH_SHARE)):
+            if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
                 break
             minimum = minima.tight(minima.program, xi, until)
             if minimum is None:
@@ -310,9 +310,6 @@ class DirectSearch(Search[Candidate]):
     @property
     def _until_check(self) -> Budget:
         return self.budget.part(self._latest - self.budget.elapsed)
-
-    def _past(self, share: float) -> bool:
-        return self.budget.elapsed > share * self.budget.seconds
 
     def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""

@@ -156,7 +156,7 @@ class FormationSearch(Search[C]):
                 # Where a separation binds, other sides to pass on may be cheaper.
                 nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
                 alone = candidate.converged and not (nearest < _KEPT or self.rejected)
-            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
+            late = self.budget.past(_SEARCH_SHARE)
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break
         return sorted(found, key=lambda each: each.point.cost)

@@ -320,7 +320,7 @@ def pumped_candidates(
     """
 
     def few(near: int) -> bool:
-        return near < (_MANY if until.elapsed < _AT_LEISURE * until.seconds else 1) * LANES
+        return near < (1 if until.past(_AT_LEISURE) else _MANY) * LANES
 
     swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
@@ -328,7 +328,7 @@ def pumped_candidates(
         swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
     swings, landed = _nearest(task, swings), list[Candidate]()
     for first in range(0, len(swings), _AT_ONCE):
-        late = until.elapsed > _ONE_DOES * until.seconds
+        late = until.past(_ONE_DOES)
         if until.spent or len(landed) >= (1 if late else _ENOUGH):
             break
         some = slice(first, first + _AT_ONCE)
@@ -366,7 +366,7 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
         )  # fmt: skip
 
     for first in range(0, _VARIANTS, _AT_ONCE):
-        near, late = np.count_nonzero(distances < _NEAR), until.elapsed > _PUMPED * until.seconds
+        near, late = np.count_nonzero(distances < _NEAR), until.past(_PUMPED)
         if until.spent or near >= 4 * LANES or (near >= LANES and late):
             break
         steps = shared_out(work, range(first, first + _AT_ONCE, LANES))

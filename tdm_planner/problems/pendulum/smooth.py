@@ -164,7 +164,7 @@ class ContinuousTorqueSearch(Search[Solution]):
             plan = self._continuous(turns, share * self.budget.remaining, previous)
             if plan is not None:
                 yield plan
-                if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
+                if self.budget.past(_ANOTHER_SHARE):
                     return
 
     def _attempts(self) -> Iterator[tuple[int, float, Solution | None]]:

@@ -141,7 +141,7 @@ class SwitchingSearch(Search[Candidate]):
             before, pumped = pumped[:1], distinct(pumped + self._pumped())
             if self._narrow and pumped[:1] != before:
                 quicker = self._collocated(pumped[0])
-            if not (self._narrow and pumped) or self._later_than(_PUMPED_AGAIN):
+            if not (self._narrow and pumped) or self.budget.past(_PUMPED_AGAIN):
                 break
         latest = _ENOUGH_BESIDE if pumped else _SEARCH_UNTIL
         arrived = self._arrivals(latest) if self._narrow or not self._pumping else []
@@ -213,9 +213,6 @@ class SwitchingSearch(Search[Candidate]):
         """Return what remains until that share of the deadline."""
         return self.budget.part(share * self.budget.seconds - self.budget.elapsed)
 
-    def _later_than(self, share: float) -> bool:
-        return self.budget.elapsed > share * self.budget.seconds
-
     def _checked(self, candidate: Candidate, violation: float) -> Solution:
         """Return the motion with its check, which may end a little after the deadline."""
         if self._short_of_time(candidate, _REPLAY_TIME, _OVERTIME):
@@ -254,7 +251,7 @@ class SwitchingSearch(Search[Candidate]):
         # From near upright random starts arrive, however weak the motor: they get one turn.
         tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
         self._pumping = tried or self._narrow or not self._pumping
-        return not self._later_than(_SEARCH_UNTIL)
+        return not self.budget.past(_SEARCH_UNTIL)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -290,7 +287,7 @@ class SwitchingSearch(Search[Candidate]):
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
-            if self._later_than(min(_ENOUGH, latest) if found else latest) or (found and again):
+            if self.budget.past(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
             found += shot(self._task, batch, steps, self._part(latest))
@@ -371,7 +368,7 @@ class SwitchingSearch(Search[Candidate]):
         strong = self._task.drive >= _WEAK_DRIVE
         least = 1 if self._narrow else _FEWEST_COLLOCATED
         pays = strong and least <= candidate.durations.size <= INTERVALS and not self._replans
-        if pays and not self._later_than(_COLLOCATED[0]):
+        if pays and not self.budget.past(_COLLOCATED[0]):
             left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for read in collocated(self._task, candidate, left):
