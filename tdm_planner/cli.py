@@ -127,9 +127,9 @@ def _parser() -> argparse.ArgumentParser:
         'nodes',
         nargs='?',
         default='/',
-        metavar='/NAMESPACE | PLANT',
-        help='a namespace begins with /: nodes that run there are joined, / by default; of '
-        'pendulum, robots or a stated problem they are started',
+        metavar='NAMESPACE | PLANT',
+        help='nodes that run in this namespace are joined, / by default; of pendulum, robots or '
+        'a stated problem they are started if none run',
     )
     live.add_argument(
         '-o',
@@ -142,7 +142,9 @@ def _parser() -> argparse.ArgumentParser:
     live.add_argument(
         '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
     )
-    live.add_argument('--port', type=int, default=8080, help='or the next one that is free')
+    live.add_argument(
+        '--port', type=_number(1, 65535), default=8080, help='or the next one that is free'
+    )
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
 
     record = add(_record, 'record topics to a rosbag2', quiet)
@@ -182,10 +184,24 @@ def _parser() -> argparse.ArgumentParser:
     study.add_argument('--seeds', type=int, metavar='N', help='flights of every plan, default 1')
     study.add_argument('--scheduler', metavar='HOST:PORT', help='of a Dask cluster')
     study.add_argument(
-        '--processes', type=int, metavar='N', help='on this machine; default: one a core'
+        '--processes',
+        type=_number(1, 1000),
+        metavar='N',
+        help='on this machine; default: one a core',
     )
     study.add_argument('--csv', action='store_true', help='write table.csv, not table.parquet')
     return parser
+
+
+def _number(least: int, most: int) -> Callable[[str], int]:
+    """Return the type of an option that is an integer in [least, most]."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f'must be an integer in [{least}, {most}]')
+        return int(text)
+
+    return number
 
 
 def _problem(options: argparse.Namespace) -> Problem:

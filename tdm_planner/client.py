@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 import json
 import threading
@@ -54,8 +54,7 @@ class PlanResult:
     A plan that was made and published.
 
     `start` is the instant at which the motion starts [ns of the planner's clock], `trajectories`
-    are the motions by vehicle; times in s, SI units. `parameters` are those it was made with;
-    `warnings` sentences about what may prevent its execution.
+    are the motions by vehicle; times in s, SI units. `parameters` are those it was made with.
     """
 
     plan_id: int
@@ -68,7 +67,6 @@ class PlanResult:
     start: int
     trajectories: Mapping[str, Trajectory]
     parameters: Mapping[str, Any]
-    warnings: tuple[str, ...] = ()
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -184,14 +182,13 @@ class PlanClient:
         answer = json.loads(result.reason)
         if not result.successful:
             raise _BY_CODE[answer['code']](answer['reason'])
-        warnings, plan_id = tuple(answer.pop('warnings', ())), answer['plan_id']
 
         def found() -> PlanResult | None:
             told = [s for s in list(self._summaries) if answer.items() <= s.items()]
             return self._read(told[-1]) if told else None
 
-        missing = f'the messages of plan {plan_id} did not come within {timeout:g} s'
-        return replace(self._wait(found, end - time.monotonic(), missing), warnings=warnings)
+        missing = f'the messages of plan {answer["plan_id"]} did not come within {timeout:g} s'
+        return self._wait(found, end - time.monotonic(), missing)
 
     @property
     def newest(self) -> PlanResult | None:

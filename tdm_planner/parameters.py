@@ -10,6 +10,7 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field, replace
@@ -166,6 +167,8 @@ def _short(value: Any) -> str:
         return f'an integer of {value.bit_length()} bits'  # too long to be written out
     if isinstance(value, str):
         value = repr(value[:_LONGEST_VALUE])
+    if isinstance(value, array):  # as services hand lists over
+        value = value.tolist()
     try:
         text = ' '.join(str(value).split())
     except (ValueError, RecursionError):

@@ -121,6 +121,14 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
     write_file(path, WRITERS[path.suffix.lower()](plan))
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder unless it is there; raises UnusableFile if that cannot be done."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UnusableFile(f"the folder '{path}' cannot be made: {error.strerror}") from None
+
+
 def write_file(path: Path, data: bytes) -> None:
     """Write a file; raises UnusableFile if that cannot be done."""
     try:

@@ -10,12 +10,13 @@ numbers is which state or control, this table says.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Final, NamedTuple, TYPE_CHECKING
+from typing import Any, Final, NamedTuple, TYPE_CHECKING
 
+import numpy as np
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -135,9 +136,15 @@ def kind_of(problem: Formulation) -> PlantKind:
     """
     Return the plant of a stated problem: its `joints`, the other states and controls by name.
 
-    Raise InvalidProblem if `joints` names what is not a state.
+    Raise InvalidProblem if `joints` names what is not a state, or gives a joint no pair.
     """
-    joints = [(name, *pair) for name, pair in problem.joints().items()]
+    given: Any = problem.joints()
+    if not isinstance(given, Mapping) or any(np.shape(pair) != (2,) for pair in given.values()):
+        raise InvalidProblem(
+            'joints must give every joint by name the states that are its position and velocity: '
+            "{'arm': ('angle', 'rate')}"
+        )
+    joints = [(name, *pair) for name, pair in given.items()]
     for name, *pair in joints:
         for state in pair:
             if state not in problem.state_names:

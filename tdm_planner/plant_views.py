@@ -252,9 +252,8 @@ class StatedView(PlantView):
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
         """Return the range of every state (nx,) along a plan, and whether its end can be held."""
         if plan not in self._known:
-            tracker = StatedTracker(self.problem, TrackerParameters())
-            held = tracker.prepare(plan).end is not None
-            self._known[plan] = tracker.ranges, held
+            law = StatedTracker(self.problem, TrackerParameters()).prepare(plan)
+            self._known[plan] = law.ranges, law.end is not None
         return self._known[plan]
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:

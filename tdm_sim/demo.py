@@ -24,7 +24,7 @@ from rich.table import Table
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
-from tdm_planner.plan_files import save_plan, UnusableFile, VEHICLE_FIGURES
+from tdm_planner.plan_files import make_folder, save_plan, UnusableFile, VEHICLE_FIGURES
 from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, Scene
 from tdm_sim.progress import Progress
@@ -94,7 +94,7 @@ def _prepare_folder(folder: Path) -> None:
     """Clear the files of an earlier demo; reject a folder that holds anything else."""
     if folder.exists() and not folder.is_dir():
         raise UnusableFile(f"'{folder}' is a file, not a folder for the demo")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     others = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
     if others:
         raise UnusableFile(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 import json
 import math
 import os
@@ -17,6 +18,7 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.node import Node
@@ -26,8 +28,9 @@ from std_msgs.msg import String
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.reading import seconds_of
+from tdm_planner.nodes.reading import nanoseconds_of, seconds_of
 from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.nodes.tracker_plans import TOPIC as STATUSES
 from tdm_planner.parameter_files import config_file, read_parameters
 from tdm_planner.parameters import specifications
 from tdm_planner.plant_views import view_of
@@ -36,6 +39,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import robot_nodes
 from tdm_planner.starting import NODES, uninterrupted
+from tdm_planner.trajectory import NANOSECOND, SECOND
 from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
@@ -159,6 +163,8 @@ class Scene:
         self._view = view_of(problem)
         self._plan: dict[str, Any] = {}
         self._figures: dict[str, dict[str, str]] = {}  # by node
+        # When a tracker said that the goal of a plan is reached [s], by its namespace and plan.
+        self._reached: dict[tuple[str, int], float] = {}
 
     def nodes(self) -> list[tuple[str, str, list[str]]]:
         """Name, module and arguments of every node to start."""
@@ -187,6 +193,9 @@ class Scene:
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
         first = f'{self.plants[0].namespace}/joint_states'
         node.create_subscription(JointState, first, self._on_state, qos_profile_sensor_data)
+        for plant in self.plants:
+            told, space = partial(self._on_statuses, plant.namespace), plant.namespace
+            node.create_subscription(GoalStatusArray, f'{space}/{STATUSES}', told, LATCHED)
 
     def take_diagnostics(self, message: DiagnosticArray) -> None:
         """Keep the figures of nodes."""
@@ -196,6 +205,12 @@ class Scene:
 
     def _on_plan(self, message: String) -> None:
         self._plan, self.heard_at = json.loads(message.data), time.monotonic()
+
+    def _on_statuses(self, space: str, message: GoalStatusArray) -> None:
+        for status in message.status_list:
+            if status.status == GoalStatus.STATUS_SUCCEEDED:
+                plan = nanoseconds_of(status.goal_info.stamp)
+                self._reached.setdefault((space, plan), self.now)
 
     def _on_state(self, message: JointState) -> None:
         now = seconds_of(message.header.stamp)
@@ -228,10 +243,15 @@ class Scene:
         return bool(self._plan)
 
     @property
+    def _start(self) -> int:
+        """Instant at which the plan starts [ns]."""
+        stamp = self._plan['stamp']
+        return int(stamp['sec']) * SECOND + int(stamp['nanosec'])
+
+    @property
     def _since(self) -> float:
         """Time [s] since the start of the plan."""
-        stamp = self._plan['stamp']
-        return self.now - float(stamp['sec'] + 1e-9 * stamp['nanosec'])
+        return self.now - self._start * NANOSECOND
 
     @property
     def over(self) -> bool:
@@ -239,7 +259,10 @@ class Scene:
         if not self.planned:
             return False
         duration = float(self._plan['duration'])
-        return self._since > duration + self._view.settling(duration) + HOLD_TIME + _AFTER
+        latest = duration + self._view.settling(duration)
+        reached = [self._reached.get((p.namespace, self._start), math.inf) for p in self.plants]
+        since = max(duration, max(reached) - self._start * NANOSECOND)
+        return self._since > min(latest, since) + HOLD_TIME + _AFTER
 
     def status(self) -> str:
         """Return the live line."""
@@ -268,8 +291,11 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     elif built_in:
         parts = [Part(name, space) for name in (f'{plant}_plant', 'tracker', 'planner')]
     else:
-        named = ('plant', 'problem'), ('tracker', 'kind'), ('planner', 'problem')
-        parts = [Part(node, space, {parameter: plant}) for node, parameter in named]
+        parts = [
+            Part('plant', space, {'problem': plant, 'held': True}),  # until there is a plan
+            Part('tracker', space, {'kind': plant}),
+            Part('planner', space, {'problem': plant}),
+        ]
     return Scene(kind.from_parameters(values), space, tuple(parts), file and file.resolve())
 
 

@@ -23,8 +23,10 @@ import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
+from tdm_planner.nodes.services import check_name
 from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
@@ -155,6 +157,10 @@ def record(
     the folder exists or cannot be made, or the storage is unknown; IncompleteRecording if the disk
     gets full: the bag holds, and is closed with, what was recorded until then.
     """
+    for topic in topics:
+        check_name(topic, 'TOPIC')
+    if namespace:
+        check_name(f'/{namespace.strip("/")}', "'--namespace'", validate_namespace)
     ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
     with (
         handled_by(lambda *_: ended.set()),  # instead of interrupting a write

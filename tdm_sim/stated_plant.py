@@ -60,7 +60,7 @@ class StatedPlantParameters(SimulationParameters):
     """Parameters of the node beside those of the problem and of every state."""
 
     held: bool = parameter(
-        True,
+        False,
         'stay in the initial state until a tracker executes a plan (tracker_status), or until the '
         'first command that is not zero',
     )

@@ -87,9 +87,6 @@ JSON_KEYS: Mapping[str, str] = {
     'solve_time': 'time spent searching [s]',
     'evaluations': 'motions computed during the search',
     'summary': 'one sentence for people',
-    'warnings': (
-        'sentences about what is not connected, or that the plan came late; absent if none'
-    ),
     'code': 'why there is no plan: one of the codes below',
     'reason': 'the same in one sentence',
     'times': 'instants of the samples, from 0, strictly increasing [s]',

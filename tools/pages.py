@@ -139,9 +139,7 @@ def json_keys() -> dict[str, tuple[str, ...]]:
         ActivePlan(problem, problem.solve(deadline=30.0), 1.0) for problem in (single, several)
     ]
     documents: dict[str, list[Any]] = {
-        'Answer of the service `plan`, a plan': [
-            json.loads(plan_answer(plans[0], 1, ['a sentence']))
-        ],
+        'Answer of the service `plan`, a plan': [json.loads(plan_answer(plans[0], 1))],
         'Answer of the service `plan`, no plan': [
             json.loads(Failure.of(InvalidProblem('a sentence')).to_json())
         ],

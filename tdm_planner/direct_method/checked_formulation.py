@@ -165,8 +165,12 @@ class CheckedFormulation:
 
     def reserves(self, names: Sequence[str]) -> Array:
         """Return the share of every limit, by its margin's name, that is kept for feedback."""
-        shares = np.zeros(len(names))
-        for limit, share in dict(getattr(self.formulation, 'reserve', {})).items():
+        shares, given = np.zeros(len(names)), getattr(self.formulation, 'reserve', {})
+        if not isinstance(given, Mapping):
+            raise InvalidProblem(
+                f'reserve = {shown(given)} is not allowed: must be a mapping of limits to shares'
+            )
+        for limit, share in given.items():
             meant = [n == limit or n.rpartition(', ')[0] == limit for n in names]
             if not any(meant):
                 raise InvalidProblem(

@@ -89,6 +89,11 @@ class Planner(ManagedNode):
             create_plan_service(self, kind, name, self._on_request)
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
+        if values['start.source'] == 'measured' and not self._adapter.measures:
+            self.get_logger().warning(
+                f'{problem.name} has no parameters start.<state>: plans begin at its stated '
+                'start, whatever is measured'
+            )
         recoverable = self._adapter.vehicles if problem.assess is not Problem.assess else {}
         prefixes = {name: vehicle.prefix for name, vehicle in recoverable.items()}
         self._recovery = Recovery(self, self._adapter.kind, prefixes)
@@ -224,7 +229,8 @@ class Planner(ManagedNode):
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             if request.answer is not None:
-                answer = plan_answer(plan, self._plan_id, self._warnings(plan))
+                answer = plan_answer(plan, self._plan_id)
+                self._warn(plan)
         except Exception as error:  # noqa: B902
             answer = self._failure = Failure.of(error)
             self._failures += 1
@@ -237,8 +243,8 @@ class Planner(ManagedNode):
             request.answer(answer)
         self._diagnostics.update()
 
-    def _warnings(self, plan: ActivePlan) -> list[str]:
-        """Log and return what is not connected, and that a plan comes late."""
+    def _warn(self, plan: ActivePlan) -> None:
+        """Log what is not connected, and that a plan comes late."""
         warnings, late = self._adapter.warnings(), self._time.now() - plan.start
         if late > 0:
             warnings.append(
@@ -247,7 +253,6 @@ class Planner(ManagedNode):
             )
         for sentence in warnings:
             self.get_logger().warning(sentence)
-        return warnings
 
     # The active plan.
 

@@ -158,8 +158,8 @@ def make_plan(
     delays = [share * values['start.delay'] for share in _SHARES]
     starts = [now + delay for delay in delays]
     for delay, start, sooner in zip(delays, starts, [*starts[1:], None], strict=True):
-        begin = adapter.measured_start(values, now, start) if measured else {}
         try:
+            begin = adapter.measured_start(values, clock.now(), start) if measured else {}
             problem = problem_class.from_parameters({**values, **begin})
             allowed = problem.solver.deadline
             if failure is not None:
@@ -179,6 +179,10 @@ def make_plan(
             if not measured or (final and failure is None):
                 raise
             failure = failure or _with_prediction_note(error, delay)
+        except NoState:
+            if failure is None:
+                raise
+            break
     assert failure is not None
     raise failure
 

@@ -32,6 +32,7 @@ from tdm_planner.nodes.messages import command_message, from_wire, joint_states,
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.services import check_name
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
@@ -41,7 +42,7 @@ from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
 
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
-FIRST_STATE = 1.0  # s from activation until a first state must have come
+FIRST_STATE = 3.0  # s from activation until a first state must have come
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
 _WAITING = 'waiting for the first state'
@@ -68,6 +69,7 @@ class TrackerNode(ManagedNode):
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
         self.type = tracker_type(self.parameter_values[_KIND.name])
         self.declare(specifications(self.type.parameters))
+        check_name(self.parameter_values['planner_service'], "parameter 'planner_service'")
         self.warn_of_unknown_overrides()
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
@@ -261,8 +263,9 @@ class TrackerNode(ManagedNode):
             # The actuators must be off now, not when the node has died.
             command = self.tracker.break_down(now, self._sentence_of(fault))
         self._send(command.control, stamp)
-        if command.action is not None:
-            self._deviation = self.tracker.deviation(command.action.error)
+        motion = self.tracker.current
+        if command.action is not None and motion is not None:
+            self._deviation = self.tracker.deviation(motion, command.action.error)
             self._tell_error(command.action, stamp)
         self._note_changes(command)
         self._status.update(self.tracker)

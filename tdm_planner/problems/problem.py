@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, one_line, VerificationFailed
+from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -149,6 +150,8 @@ class Problem(ABC):
     def from_parameters(cls: type[P], parameters: Mapping[str, Any]) -> P:
         """
         Make a problem from a mapping as in the YAML files, nested or with dotted names.
+
+        Of a whole file's document the section of the node `planner` counts.
 
         Raises
         ------
@@ -342,6 +345,8 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     """
     cls.check_class()
     values = flatten(parameters)
+    if any('.ros__parameters.' in name for name in values):  # a whole file's document
+        values = ros_parameters(parameters)
     specs = cls.parameter_specifications(values)
     known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
     unknown = [name for name in values if name not in known]

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import json
 from typing import Any
 
@@ -18,18 +17,13 @@ from tdm_planner.trajectory import SECOND
 _ANSWERED = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
-def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:
-    """
-    Return the response of the `plan` service with a plan, one line of JSON.
-
-    `warnings` are sentences about what is not connected; without any, the key is absent.
-    """
+def plan_answer(plan: ActivePlan, plan_id: int) -> str:
+    """Return the response of the `plan` service with a plan, one line of JSON."""
     solution = plan.solution
     document = {
         'plan_id': plan_id,
         **{name: getattr(solution, name) for name in _ANSWERED},
         'summary': ' '.join(solution.summary.split()),
-        **({'warnings': list(warnings)} if warnings else {}),
     }
     return json.dumps(finite(document), allow_nan=False)
 

@@ -155,6 +155,11 @@ def longest_step(plant: RotaryPendulum) -> float:
     return min(PREDICTION_STEP, _FINE / plant.natural_frequency / plant.quickness)
 
 
+def _ends_upright(motion: Motion) -> bool:
+    """Whether a plan ends above the pivot, as swing-ups do; others may be sent to a tracker."""
+    return math.cos(motion.trajectory.states[-1, 0]) > 0.0
+
+
 class PendulumTracker(TrajectoryTracker):
     """
     Tracker of the rotary pendulum; states theta, psi, theta_dot, psi_dot, control torque.
@@ -233,7 +238,7 @@ class PendulumTracker(TrajectoryTracker):
         spacing = longest_step(plant)
         return PlanLaw.along(EstimatedPendulum(plant), trajectory, weights, terminal, spacing)
 
-    def deviation(self, error: Array) -> float:
+    def deviation(self, motion: Motion, error: Array) -> float:
         """Return the larger deviation: of theta [rad], of the disk as a share of its range."""
         return float(max(abs(error[0]), abs(error[1]) / self.parameters.limits.disk_angle))
 
@@ -270,23 +275,24 @@ class PendulumTracker(TrajectoryTracker):
         return np.array([1.0, 1.0, pace, pace])
 
     def at_goal(self, motion: Motion, state: Array) -> bool:
-        """Whether it is nearly upright, and the regulator holds it there."""
+        """Whether it is near the plan's last angle; upright, whether the regulator holds it."""
         goal = motion.trajectory.states[-1]
-        lean = abs(self.error(state, goal)[0])
-        return bool(lean < UPRIGHT and self.level(state, goal) < 1.0)
+        near = abs(self.error(state, goal)[0]) < UPRIGHT
+        return bool(near and (self.level(state, goal) < 1.0 or not _ends_upright(motion)))
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
-        """Feedback about upright, the disk at the plan's last angle."""
+        """Feedback about the plan's end: upright or, after a plan that ends below, hanging."""
         goal = motion.trajectory.states[-1] * np.array([1.0, 1.0, 0.0, 0.0])
-        return self._action(np.zeros(1), self.upright.gain, state, goal)
+        gain = self.upright.gain if _ends_upright(motion) else self.recovery_gain[None]
+        return self._action(np.zeros(1), gain, state, goal)
 
     def captured(self, motion: Motion, time: float, state: Array) -> bool:
         """Whether the regulator about upright is active: at the end, or where the plan is lost."""
         if time >= motion.end:
             return True
-        away = self.deviation(self.error(state, motion.reference(time)))
-        goal = motion.trajectory.states[-1]
-        return away > self.parameters.tolerance.path and self.level(state, goal) < 1.0
+        away = self.deviation(motion, self.error(state, motion.reference(time)))
+        lost = away > self.parameters.tolerance.path and _ends_upright(motion)
+        return lost and self.level(state, motion.trajectory.states[-1]) < 1.0
 
     def recover(self, state: Array) -> Array:
         """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""

@@ -242,7 +242,7 @@ class RobotTracker(TrajectoryTracker):
         lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
         return RobotLaw(lower, upper, burns)
 
-    def deviation(self, error: Array) -> float:
+    def deviation(self, motion: Motion, error: Array) -> float:
         """Return the distance from the planned position [m]."""
         return math.hypot(error[0], error[1])
 
@@ -298,7 +298,7 @@ class RobotTracker(TrajectoryTracker):
         """Whether it is in its place, as near as station-keeping is to keep it, and calm."""
         error = self.error(state, motion.trajectory.states[-1])
         near = max(GOAL_DISTANCE, self.parameters.feedback.coasting)
-        placed = self.deviation(error) < near and abs(error[_YAW]) < GOAL_TURN
+        placed = self.deviation(motion, error) < near and abs(error[_YAW]) < GOAL_TURN
         return bool(placed and self.calm(state, _GOAL_CALM))
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:

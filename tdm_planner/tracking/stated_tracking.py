@@ -32,7 +32,8 @@ _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at it
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
-_LEAST_RANGE = 1e-2  # of the largest range of a state of the same unit
+# Ranges of states: of the largest of the same unit; of the problem's ends and earlier plans.
+_LEAST_RANGE, _SHORT = 1e-2, 0.1
 _LEAST_REACH = 1e-4  # of what the controls could change a state by
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
 
@@ -51,10 +52,12 @@ class StatedLaw:
     """
     What is prepared of a plan: its law, and how both ends are held.
 
-    `touched` is what feedback may violate limits by in which controls have a part.
+    `ranges` (nx,) are those of the states, in shares of which deviations count; `touched` is what
+    feedback may violate limits by in which controls have a part.
     """
 
     law: PlanLaw
+    ranges: Array
     begin: Hold | None
     end: Hold | None
     touched: Array
@@ -74,8 +77,10 @@ class StatedTracker(TrajectoryTracker):
         estimator = StateEstimator(self._plant, noise, [], gap, delay=delay)
         super().__init__(parameters, self._plant, estimator)
         self._lower, self._upper = self._plant.control_range
-        self._ends_at_goal = np.isfinite(Ends.of(self._plant.stated).states[1])  # (nx,)
-        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
+        ends = Ends.of(self._plant.stated).states
+        self._ends_at_goal = np.isfinite(ends[1])  # (nx,)
+        # A plan from beside the goal to the goal must not make a deviation of nothing a large one.
+        self._least_ranges = _SHORT * np.nan_to_num(np.abs(np.diff(ends, axis=0)[0]))
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
         """Compute the gains along the plan."""
@@ -87,22 +92,23 @@ class StatedTracker(TrajectoryTracker):
         begin, _ = self._held(smooth, 0, *weights)
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
         law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
-        self.ranges = ranges
+        self._least_ranges = np.maximum(self._least_ranges, _SHORT * ranges)
         samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
         left = np.array([plant.control_margins(*sample) for sample in samples])
         touched = _TOUCHED * np.minimum(np.abs(np.nan_to_num(left)).max(axis=0), 1.0)
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.growth_rate = float(growths.max(initial=0.0))
-        return StatedLaw(law, begin, hold, touched)
+        return StatedLaw(law, ranges, begin, hold, touched)
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """
         Return the range of every state (nx,), not less than a share of others of its unit.
 
-        Nor less than a share of what the controls could change it by: all of a unit may rest.
+        Nor less than a share of that between the problem's ends, and along earlier plans, and of
+        what the controls could change it by: all of a unit may rest.
         """
-        found = np.ptp(trajectory.states, axis=0)
+        found = np.maximum(np.ptp(trajectory.states, axis=0), self._least_ranges)
         least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
         jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
@@ -154,9 +160,11 @@ class StatedTracker(TrajectoryTracker):
             return not_held
         return Hold(state, control, found.gain), found.cost_to_go
 
-    def deviation(self, error: Array) -> float:
+    def deviation(self, motion: Motion, error: Array) -> float:
         """Return the largest deviation as a share of what the plan's states run through."""
-        return float((np.abs(error) / self.ranges).max())
+        prepared = motion.law is not None
+        ranges = motion.law.ranges if prepared else self._scales(motion.trajectory)
+        return float((np.abs(error) / ranges).max())
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned control plus time-varying feedback."""
@@ -173,17 +181,25 @@ class StatedTracker(TrajectoryTracker):
     def at_goal(self, motion: Motion, state: Array) -> bool:
         """Whether every state whose end is given is near to it."""
         away = np.abs(self.error(state, motion.trajectory.states[-1]))
-        return bool((away < ALLOWED * self.ranges)[self._ends_at_goal].all())
+        return bool((away < ALLOWED * motion.law.ranges)[self._ends_at_goal].all())
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""
         return self._about(motion, motion.law.end, state)
 
     def _check_start(self, motion: Motion, now: float) -> None:
-        """Compare the state with the planned one; a start ahead is compared when it has come."""
-        self.ranges = self._scales(motion.trajectory)
+        """
+        Compare the state with the planned one.
+
+        It stays as it is until a start ahead at which it can be held; where it cannot be, it is
+        compared when the start has come.
+        """
         if now >= motion.start or self.phase in (Phase.TRACKING, Phase.HOLDING):
             super()._check_start(motion, now)
+        elif self.state_age(now) <= self.parameters.state_timeout:
+            smooth = motion.trajectory.with_rates(self._plant.derivative)
+            if self._held(smooth, 0, *self._weights(smooth, self._scales(smooth)))[0]:
+                self._compare(motion, self.estimator.predict(now), motion.start)
 
     @property
     def lead(self) -> float:

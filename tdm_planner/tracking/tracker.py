@@ -82,8 +82,8 @@ class TrajectoryTracker(ABC):
         """Do what can be done before the start (gains); the result comes back as `motion.law`."""
 
     @abstractmethod
-    def deviation(self, error: Array) -> float:
-        """Return the error as one number, in the unit of the plant's tolerances."""
+    def deviation(self, motion: Motion, error: Array) -> float:
+        """Return an error along a motion as one number, in the unit of the plant's tolerances."""
 
     @abstractmethod
     def track(self, motion: Motion, time: float, state: Array) -> Action:
@@ -244,12 +244,12 @@ class TrajectoryTracker(ABC):
         midway = time > motion.start + self.parameters.interval
         name, place = ('path', 'present point') if midway else ('start', 'start')
         error = self.error(state, motion.reference(time))
-        if far := self._too_far(error, f'trajectory at its {place}', name):
+        if far := self._too_far(motion, error, f'trajectory at its {place}', name):
             raise TrajectoryMissed(far)
 
-    def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
+    def _too_far(self, motion: Motion, error: Array, what: str, name: str = 'path') -> str:
         """Tell that the tolerance `name` is exceeded; empty where it is not."""
-        away, allowed = self.deviation(error), getattr(self.parameters.tolerance, name)
+        away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
         told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
         return '' if away <= allowed else f'{told} = {allowed:g}'
 
@@ -338,7 +338,7 @@ class TrajectoryTracker(ABC):
                 self.phase = Phase.HOLDING
         tracking = self.phase is Phase.TRACKING
         action = (self.track if tracking else self.hold)(motion, time, state)
-        far = self._too_far(action.error, 'trajectory' if tracking else 'goal')
+        far = self._too_far(motion, action.error, 'trajectory' if tracking else 'goal')
         if not tracking and motion.reached is None:
             self.current = motion = motion.judged(time, self.at_goal(motion, state), self.settling)
             if motion.reached is False:

@@ -11,15 +11,18 @@ import io
 import ipaddress
 import os
 from pathlib import Path
+import socket
 import sys
 import threading
 import time
 from urllib.parse import urlsplit
 import webbrowser
 
+import rclpy
 from rclpy.context import Context
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
+from tdm_planner.plan_files import make_folder
 from tdm_planner.starting import require_one_ros
 from tdm_sim.live.listener import Listener
 from tdm_sim.live.operations import Recordings
@@ -30,6 +33,7 @@ import viser
 FRAME_RATE = 25.0  # Hz
 LOCAL = '127.0.0.1'
 
+_DISCOVERY, _LOOK = 1.5, 0.05  # s for which nodes are looked for, and between two looks
 _CURVES = 5  # frames between updates of the curves
 _NEWS = 12  # frames between updates of what is read
 _RESTART = 2.0  # s, the least time between two starts of a node
@@ -47,22 +51,22 @@ def run_live(
     """
     Serve the page until the process is interrupted.
 
-    `nodes` are a namespace, '/robots', in which they run, or a plant whose nodes are started here.
-    Recordings and logs go to the folder `output`.
+    `nodes` are a namespace in which they run, or a plant whose nodes are started here if none run
+    in its namespace. Recordings and logs go to the folder `output`.
 
-    Raise InvalidProblem if there is no such problem, or the parameter file cannot be used.
+    Raise InvalidProblem if there is no such problem, or the parameter file or the address cannot
+    be used; UnusableFile if the folder cannot be made.
     """
     require_one_ros()
-    joins = nodes.startswith('/')
-    if joins and parameters is not None:
-        raise InvalidProblem(f"'--params' is for nodes that are started: those in {nodes} run")
+    _check_address(host)
+    namespace, scene = _meant(nodes, parameters)
+    if scene is None and parameters is not None:
+        raise InvalidProblem(f"'--params' is for nodes that are started: those in {namespace} run")
     with ExitStack() as stack:
-        own, namespace = None, nodes
-        if not joins:
+        own = None
+        if scene is not None:
             os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-            output.mkdir(parents=True, exist_ok=True)
-            scene = make_scene(nodes, parameters)
-            namespace = scene.namespace
+            make_folder(output)
             own = Nodes(scene, output / 'log')
             stack.enter_context(own)
         listener = stack.enter_context(_served(namespace))
@@ -81,6 +85,35 @@ def run_live(
         if browser:
             webbrowser.open(address)
         _show(page, own)
+
+
+def _meant(nodes: str, parameters: Path | None) -> tuple[str, Scene | None]:
+    """Return the namespace that a word means, and the scene to start there if nothing runs."""
+    if nodes.startswith('/'):
+        return nodes, None
+    try:
+        scene = make_scene(nodes, parameters)
+    except InvalidProblem:
+        if not _runs(f'/{nodes}'):
+            raise
+        return f'/{nodes}', None
+    return scene.namespace, None if _runs(scene.namespace) else scene
+
+
+def _runs(namespace: str) -> bool:
+    """Whether nodes run in a namespace or below it."""
+    with Context() as context:
+        node = rclpy.create_node('live_look', context=context, start_parameter_services=False)
+        try:
+            end = time.monotonic() + _DISCOVERY
+            while time.monotonic() < end:
+                spaces = [f'{space}/' for _, space in node.get_node_names_and_namespaces()]
+                if any(space.startswith(f'{namespace}/') for space in spaces):
+                    return True
+                time.sleep(_LOOK)
+        finally:
+            node.destroy_node()
+    return False
 
 
 def _show(page: Page, nodes: Nodes | None) -> None:
@@ -162,6 +195,16 @@ def _server(host: str, port: int) -> viser.ViserServer:
 
     connections.on_client_connect(only_own_pages)
     return server
+
+
+def _check_address(host: str) -> None:
+    """Raise InvalidProblem if this computer cannot serve on an address."""
+    try:
+        family, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family) as tried:
+            tried.bind(address)
+    except OSError as error:
+        raise InvalidProblem(f"cannot serve on '--host' {host}: {error.strerror}") from None
 
 
 def _may_ask(origin: str, host: str) -> bool:

@@ -233,7 +233,7 @@ def check_recording(path: Path) -> None:
     elif not _storage(path):
         raise UnreadableRecording(
             f"'{path}' is no recording: a report is made of a rosbag2 folder, a .mcap or .db3 "
-            'file, or a plan (.json)'
+            'file, or a plan as .json, which alone holds its problem and its check'
         )
 
 

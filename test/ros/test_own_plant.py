@@ -118,7 +118,9 @@ def test_a_problem_of_another_kind_is_served_by_names(ros):
     space.plan()
     assert plans[-1].points[0].positions[0] == -2.0
     # Where there is nothing to measure, parameters say enough.
-    start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'}).plan()
+    bead = start(ros, 'brachistochrone:Brachistochrone', **{'start.source': 'measured'})
+    bead.plan()
+    assert 'plans begin at its stated start, whatever is measured' in bead.here.output
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ class Loop(Space):
 
     def __init__(self, ros: Stepped, problem: str, **planner: float) -> None:
         super().__init__(ros, 'own')
-        self.start('plant', {'problem': problem, 'mismatch': 0.02})
+        self.start('plant', {'problem': problem, 'mismatch': 0.02, 'held': True})
         self.start('tracker', {'kind': problem})
         self.start('planner', {'problem': problem, 'start.source': 'parameters', **planner})
         self.states, plans = self.hear('joint_states'), self.hear('trajectory')

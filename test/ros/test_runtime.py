@@ -20,6 +20,7 @@ from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import runtime
 from tdm_planner.nodes.planner import Planner
+from tdm_planner.nodes.tracker import TrackerNode
 from tdm_planner.starting import ignore_signals, Interrupted, interruptible
 from tdm_sim import demo
 from tdm_sim.progress import Progress
@@ -111,6 +112,12 @@ def invalid() -> Node:
         (invalid, [], 2, 'fatal: there is no such problem'),
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
         (Planner, ['--ros-args', '-p', 'method:=foo'], 2, "'method' = 'foo' is not allowed: must"),
+        (
+            TrackerNode,
+            ['--ros-args', '-p', 'planner_service:="a plan"'],
+            2,
+            "'planner_service' = 'a plan' is not allowed: Invalid topic name: topic name must not",
+        ),
     ],
 )
 def test_the_end_of_a_node_that_is_made(capfd, make, args, code, says):

@@ -89,8 +89,8 @@ def plans(bench: Bench) -> Iterator:
 
 
 def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros, bench):
-    """After the first second: the middleware takes its time, and the plant may start later."""
-    ros.spin_for(0.9)
+    """After three seconds: the middleware takes its time, and the plant may start later."""
+    ros.spin_for(2.9)
     assert 'waiting for the first state' in bench.tracker.output
     assert bench.status.message.startswith('idle: waiting for the first state')
     assert '[ERROR]' not in bench.tracker.output

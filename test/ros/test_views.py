@@ -128,9 +128,7 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
         robots.set('planner', arena__length=length)
         wide = lambda scene, x=length: max(p.x for p in scene['body', 0].points) == x  # noqa: E731
         assert robots.picture.shows(wide)
-    answer = robots.plan()
-    # Trackers and plants that are missing are named.
-    assert all(f"'robot{k}'" in ' '.join(answer['warnings']) for k in (1, 2, 3))
+    robots.plan()
     assert robots.picture.shows(lambda scene: 'planned_path' in scene.namespaces)
     array = robots.picture.arrays[-1]
     check_markers(array, 'arena', 0.0)

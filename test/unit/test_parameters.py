@@ -11,11 +11,13 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from ros_harness import SOURCE
 from stated import refused
 from tdm_planner import parameters
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build, group, parameter, specifications, to_mapping, Validated
+from tdm_planner.problems import RobotFormation
 from tools.parameter_texts import parameter_file, yaml_value
 import yaml
 
@@ -111,6 +113,13 @@ def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
         parameter_file({'node': (SPECS, {'plant.mass': -1})})
     with pytest.raises(KeyError, match=r"no parameter 'plant\.mas'"):
         parameter_file({'node': (SPECS, {'plant.mas': 1.0})})
+
+
+def test_a_problem_takes_a_files_document() -> None:
+    document = yaml.safe_load((SOURCE / 'config' / 'robots.yaml').read_text())
+    assert RobotFormation.from_parameters(document) == RobotFormation.from_parameters({})
+    with pytest.raises(InvalidProblem, match=r'no section for node'):
+        RobotFormation.from_parameters({'other': {'ros__parameters': {'robots': ['a']}}})
 
 
 def test_a_field_of_a_type_that_no_parameter_has_is_named():

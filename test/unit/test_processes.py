@@ -267,7 +267,8 @@ def test_mistakes_get_a_sentence_and_a_code(command, code, words, folder, monkey
 
 
 def test_usage_version_and_without_a_package_the_way_out_are_told(monkeypatch, capsys):
-    for words in ([], ['plan', 'pendulum'], ['live', '--attach', '/pendulum'], ['--version']):
+    wrong = ['live', '--port', '99999'], ['study', 'pendulum', '--processes', '-3']
+    for words in ([], ['plan', 'pendulum'], *wrong, ['--version']):
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == (0 if words == ['--version'] else 2)
@@ -291,6 +292,14 @@ def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreig
         assert main(['demo', 'pendulum', f'--speed={speed}', '-o', 'out']) == 2
         assert "parameter 'speed'" in capsys.readouterr().err
     assert not list(folder.iterdir())
+    for command in ('demo', 'live'):
+        assert main([command, 'pendulum', '-o', '/proc/out']) == 2
+        assert "FILE: the folder '/proc/out' cannot be made" in capsys.readouterr().err
+    assert main(['live', '/pendulum', '--host', '192.0.2.1']) == 2
+    assert "cannot serve on '--host' 192.0.2.1" in capsys.readouterr().err
+    for name in (['bad topic'], ['--namespace', 'bad ns']):
+        assert main(['record', '-o', 'out', *name]) == 2
+        assert 'must not contain characters' in capsys.readouterr().err
     mine = folder / foreign
     mine.parent.mkdir(exist_ok=True)
     mine.write_text('mine')

@@ -103,8 +103,8 @@ def test_scales_follow_the_rig() -> None:
     assert weak.warning.startswith('limits.torque holds the pendulum within 0.00')
     assert pendulum_tracker(limits__torque=2e-4, estimator__angle_noise=1e-4).warning == ''
     wide = pendulum_tracker(limits__disk_angle=4.0)
-    assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
-    assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
+    assert wide.deviation(None, np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
+    assert wide.deviation(None, np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
 
 
 def test_a_request_compiles_nothing_that_was_not_compiled_before() -> None:

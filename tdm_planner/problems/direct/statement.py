@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -33,6 +33,7 @@ _CONTRADICTED, _REFUSED = 1e-4, 1e-2
 _NEAR, _MOVED = 1e-9, 10.0  # share by which states are moved to see rounding; times its effect
 # Of the range of a cost between two looks; looks between these, turns, to find where it is.
 _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
+_TINY = 1e-12  # share of the largest weight that an eigenvalue may be off by
 _NODES = 5, 10_000
 _STARTS = 1, 10_000
 
@@ -71,13 +72,28 @@ def check_statement(problem: Formulation) -> None:
             )
     given = problem.feedback_weights()
     if given is not None:
-        sizes = len(stated.state_names), len(stated.control_names)
-        for what, weights, count in zip('QR', given, sizes, strict=True):
-            shape = np.shape(np.atleast_2d(weights))
-            if shape != (count, count):
-                raise InvalidProblem(
-                    f'feedback_weights gives {what} of shape {shape}, expected {(count, count)}'
-                )
+        _check_weights(given, len(stated.state_names), len(stated.control_names))
+
+
+def _check_weights(given: Any, *sizes: int) -> None:
+    """Check the pair of weights Q and R; raise InvalidProblem saying what is wrong with which."""
+    if not isinstance(given, Sequence) or len(given) != 2:
+        raise InvalidProblem(f'feedback_weights gives {shown(given)}, expected a pair (Q, R)')
+    for what, weights, count in zip('QR', given, sizes, strict=True):
+        try:
+            matrix = np.atleast_2d(np.asarray(weights, dtype=float))
+        except (TypeError, ValueError):
+            raise InvalidProblem(f'feedback_weights gives {what} that is no matrix') from None
+        if matrix.shape != (count, count):
+            raise InvalidProblem(
+                f'feedback_weights gives {what} of shape {matrix.shape}, expected {(count, count)}'
+            )
+        rounding = _TINY * np.abs(matrix).max()
+        fits = np.isfinite(rounding) and np.allclose(matrix, matrix.T, atol=rounding)
+        least = np.linalg.eigvalsh(matrix).min() if fits else -np.inf
+        if not (least > rounding if what == 'R' else least >= -rounding):
+            kind = 'definite' if what == 'R' else 'semidefinite'
+            raise InvalidProblem(f'feedback_weights gives {what} that is not positive {kind}')
 
 
 @np.errstate(all='ignore')

@@ -32,7 +32,7 @@ from tdm_planner.problems.formation.parameters import (
     RobotStart,
 )
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.task import check_task, FormationTask
+from tdm_planner.problems.formation.task import check_reach, check_task, FormationTask
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
 from tdm_planner.problems.problem import Problem
@@ -192,7 +192,12 @@ class RobotFormation(FormationParameters, Problem):
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> PolynomialSearch | ArcSearch:
-        """Return the search; the remaining motion of an earlier plan is the initial guess."""
+        """
+        Return the search; the remaining motion of an earlier plan is the initial guess.
+
+        Raise Infeasible if a goal is out of reach in the longest time.
+        """
+        check_reach(self.task)
         method = PolynomialSearch if self.method == 'polynomials' else ArcSearch
         return method(self.task, self, rng, budget, previous)
 

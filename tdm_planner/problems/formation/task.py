@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 from tdm_planner.arrays import Array, Mask
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
 
 # Planned distances exceed the required ones by this share, for what happens between instants.
@@ -161,7 +161,6 @@ def check_task(task: FormationTask) -> None:
             )
     _check_places(task, 'start', task.start)
     _check_places(task, 'goal', task.goal)
-    _check_reach(task)
 
 
 def _check_places(task: FormationTask, place: str, points: Array) -> None:
@@ -193,8 +192,12 @@ def _check_places(task: FormationTask, place: str, points: Array) -> None:
             )
 
 
-def _check_reach(task: FormationTask) -> None:
-    """Check a lower bound of every arrival: along the straight way alone, and of the turn."""
+def check_reach(task: FormationTask) -> None:
+    """
+    Check a lower bound of every arrival: along the straight way alone, and of the turn.
+
+    Raise Infeasible if a robot cannot be at its goal in time.
+    """
     away = task.goal - task.start
     way = np.linalg.norm(away, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
@@ -204,7 +207,7 @@ def _check_reach(task: FormationTask) -> None:
     least = np.maximum(moving, turning)
     if least.max(initial=0.0) > task.longest:
         robot = int(np.argmax(least))
-        raise InvalidProblem(
+        raise Infeasible(
             f"goal of '{task.names[robot]}' cannot be reached within solver.longest = "
             f'{task.longest:g} s: at least {least[robot]:.3g} s are needed with limits.thrust and '
             'limits.torque'

@@ -256,6 +256,10 @@ def test_only_own_pages_may_ask(server) -> None:
         ([], 'joins /'),
         (['/robots'], 'joins /robots'),
         (['pendulum'], 'starts /pendulum'),
+        (['robots'], 'joins /robots'),  # where nodes run
+        (['fleet'], 'joins /fleet'),
+        (['fleets'], "parameter 'problem' = 'fleets'"),
+        (['robots', '--params', 'a.yaml'], "'--params' is for nodes that are started"),
         (['/robots', '--params', 'a.yaml'], "'--params' is for nodes that are started"),
     ],
     ids=str,
@@ -265,6 +269,7 @@ def test_a_namespace_is_joined_and_a_plant_started(words, does, tmp_path, monkey
         raise InvalidProblem(text)
 
     monkeypatch.setattr(run, '_served', lambda space: told(f'joins {space}'))
+    monkeypatch.setattr(run, '_runs', lambda space: space in ('/robots', '/fleet'))
     monkeypatch.setattr(run, 'Nodes', lambda scene, _: told(f'starts {scene.namespace}'))
     assert main(['live', *words, '-o', str(tmp_path)]) == 2
     assert f'tdm: INVALID_PROBLEM: {does}' in capsys.readouterr().err

@@ -195,6 +195,21 @@ def test_an_attempt_leaves_time_for_what_begins_sooner(clock, error):
     assert 'there is no way from this start' in made.reason
 
 
+def test_a_state_that_is_too_old_after_a_failure_does_not_hide_why_there_is_no_plan():
+    there, began = adapter(), Problem.clock.now()
+    measured_start = there.measured_start
+
+    def fresh_for_a_tenth(values, now: float, start: float) -> dict:
+        if now - began > 0.1:
+            raise NoState('the newest state is too old')
+        return measured_start(values, now, start)
+
+    there.measured_start = fresh_for_a_tenth
+    assert failure(distant, there, delay=2.0).code == 'INFEASIBLE'
+    began -= 1.0
+    assert failure(distant, there, delay=2.0).code == 'NO_STATE'
+
+
 @pytest.mark.parametrize(('error', 'asked'), [(InvalidProblem, 3), (DeadlineExceeded, 1)])
 def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
     there = adapter()

@@ -118,6 +118,15 @@ OF_A_CART = [
         {'outputs': lambda s: Cart.outputs(s) | {'idle': Output((0.0,), (1.0,))}},
         ["invert does not use y['idle']"],
     ),
+    ({'reserve': 0.1}, ['reserve = 0.1', 'a mapping of limits to shares']),
+    ({'feedback_weights': lambda s: 5}, ['feedback_weights gives 5', 'a pair (Q, R)']),
+    (
+        {'feedback_weights': lambda s: (np.eye(2) * np.nan, 1.0)},
+        ['gives Q that is not positive semidefinite'],
+    ),
+    ({'feedback_weights': lambda s: (-np.eye(2), 1.0)}, ['gives Q that is not positive']),
+    ({'feedback_weights': lambda s: (np.eye(2), 0.0)}, ['gives R that is not positive definite']),
+    ({'feedback_weights': lambda s: ('much', 1.0)}, ['gives Q that is no matrix']),
     (
         margins_of(log=lambda x: np.log(x[0])),
         ["margins gives 'log'", 'node 24 of 25', 'boundary values fix it there'],
@@ -151,6 +160,8 @@ def test_a_small_slip_is_named_by_the_check(rates):
 
 def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
     of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
+    of_its_own['derived'] = Cart.derivative  # it is called below
+    of_its_own['derivative'] = lambda s, x, u: s.derived(x, u)
     made = changed(Cart, **of_its_own, end_conditions=lambda s, t, x: [x[1], t - 2.0])
     console = Console(record=True, width=100)
     assert check_problem(made(), console) == []

@@ -192,14 +192,18 @@ def test_no_plan_is_explained():
         ({'arena.obstacles': [1.0, 1.0, -0.1]}, 'radius -0.1'),
         ({'arena.obstacles': [0.6, 0.9, 0.1]}, "start of 'robot1' is 0.2 m from the centre"),
         ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, 'are all 0'),
-        ({'solver.longest': 5.0}, 'solver.longest = 5 s'),
-        ({'solver.longest': 3.0, 'robot1.start.u': 0.01}, 'solver.longest = 3 s: at least'),
     ],
 )
 def test_bad_input_gets_one_clear_sentence(changes, words):
     assert words in refused(lambda: RobotFormation.from_parameters(changes))
     with pytest.raises(InvalidProblem, match="robot 'stranger' is not among"):
         RobotFormation(starts={'stranger': RobotStart(x=1.0, y=1.0)})
+
+
+@pytest.mark.parametrize('changes', [{}, {'robot1.start.u': 0.01}])
+def test_a_goal_that_takes_longer_than_allowed_is_infeasible(changes) -> None:
+    with pytest.raises(Infeasible, match=r'solver\.longest = 3 s: at least .* s are needed'):
+        RobotFormation.from_parameters({'solver.longest': 3.0, **changes}).solve()
 
 
 def test_the_reserve_for_tracking_survives_a_slow_thruster():

@@ -15,6 +15,7 @@ import pytest
 from tdm_planner.arrays import wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, Phase, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
@@ -352,3 +353,17 @@ def test_the_start_is_compared_with_the_propagated_state(plan: Trajectory) -> No
     away = (at_start - plan.states[0]) * [1, 1, 0, 0]
     tracker.accept(replace(plan, states=plan.states + away, rates=None), 0.3, 0.0)
     assert tracker.phase is Phase.WAITING
+
+
+@pytest.mark.parametrize('theta', [math.pi, -math.pi])
+def test_after_a_plan_that_ends_hanging_the_disk_is_held_and_the_pendulum_hangs(theta) -> None:
+    """As the first trajectory that one sends to a tracker by hand: it rests."""
+    states = np.tile([theta, 0.3, 0.0, 0.0], (2, 1))
+    rest = Trajectory.of(
+        RotaryPendulum(), np.array([0.0, 1.0]), states, np.zeros((2, 1)), 'zero_order_hold'
+    )
+    start = moved(states[0], 0.05, 0.1, 0.0, 0.0)
+    loop = Loop(pendulum(pendulum_tracker(), start)).begin(rest)
+    loop.run(4.0)
+    assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, True)
+    assert np.abs(loop.plant.state - states[0]).max() < 0.05

@@ -1,0 +1,72 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The tracker of stated plants: which plans it takes, and by what it measures deviations."""
+
+from ball_and_beam import BallAndBeam
+from double_integrator import CartStart, DoubleIntegrator
+import numpy as np
+import pytest
+from tdm_planner.plants.base import integrate
+from tdm_planner.problems import DirectProblem
+from tdm_planner.tracking import Phase, TrackerParameters, TrajectoryRejected
+from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.trajectory import Trajectory
+
+
+class Rig:
+    """A tracker and its plant, without delay; plans are accepted `ahead` s before they start."""
+
+    def __init__(self, problem: DirectProblem, state: np.ndarray) -> None:
+        self.tracker = StatedTracker(problem, TrackerParameters())
+        self.state, self.now = state.copy(), 0.0
+        self.tracker.observe(self.state, self.now)
+
+    def accept(self, plan: Trajectory, ahead: float = 0.0) -> None:
+        self.tracker.accept(plan, self.now + ahead, self.now)
+
+    def run(self, duration: float) -> None:
+        step = self.tracker.parameters.interval
+        for _ in range(round(duration / step)):
+            control = self.tracker.command(self.now).control
+            self.state = integrate(self.tracker.plant, self.state, control, step, 1e-3)
+            self.now += step
+            self.tracker.observe(self.state, self.now)
+
+
+@pytest.mark.parametrize('kind', [BallAndBeam, DoubleIntegrator])
+def test_a_plan_from_the_goal_to_the_goal_does_not_make_deviations_large(kind) -> None:
+    plan = kind().solve(deadline=10.0).trajectory
+    rig = Rig(kind(), plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration + 2.0)
+    assert rig.tracker.phase is Phase.HOLDING
+    start = type(kind().start)(*rig.state.tolist())
+    again = kind(start=start).solve(deadline=10.0).trajectory
+    assert np.ptp(again.states[:, 0]) < 1e-3
+    for _ in range(3):
+        rig.accept(again, 0.5)
+        rig.run(1.0)
+        rig.state[0] += 2e-4
+        rig.run(1.0)
+        assert rig.tracker.phase is Phase.HOLDING
+        assert np.abs(rig.state - plan.states[-1]).max() < 1e-3
+
+
+def test_a_plan_that_starts_elsewhere_is_rejected_at_once() -> None:
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), np.array([0.9, 0.0]))
+    with pytest.raises(TrajectoryRejected, match=r'from the trajectory at its start.*tolerance'):
+        rig.accept(plan, 0.7)
+    assert rig.tracker.phase is Phase.IDLE
+    assert not rig.tracker.command(rig.now).control.any()
+
+
+def test_a_start_that_cannot_be_held_is_compared_when_it_has_come() -> None:
+    moving = DoubleIntegrator(start=CartStart(-2.0, 1.0))
+    plan = moving.solve(deadline=10.0).trajectory
+    rig = Rig(moving, np.array([-2.5, 1.0]))
+    rig.accept(plan, 0.5)
+    rig.run(0.5 + plan.duration + 1.0)
+    assert rig.tracker.phase is Phase.HOLDING
+    assert np.abs(rig.state).max() < 1e-2
