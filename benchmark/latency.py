@@ -30,7 +30,8 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import PendulumStart
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
+from tdm_planner.replanning import ActivePlan, FormationExecution, Observation
+from tdm_planner.tracking import Mode
 
 DEADLINE, LATE = 0.03, 0.01  # s
 LONGEST = 0.25  # s that a replan may take where times are measured

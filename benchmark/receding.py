@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
-from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
+from tdm_planner.replanning import ActivePlan, Observation, Replanner, Review
+from tdm_planner.tracking import Command, Mode, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
 
 _ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers

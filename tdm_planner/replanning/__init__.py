@@ -11,7 +11,6 @@ from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
     GenericExecution,
-    Mode,
     Observation,
     Outlook,
 )
@@ -24,7 +23,6 @@ __all__ = [
     'Execution',
     'FormationExecution',
     'GenericExecution',
-    'Mode',
     'Observation',
     'Outlook',
     'Replanner',

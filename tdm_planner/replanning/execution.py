@@ -13,7 +13,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 import math
 from typing import Any, ClassVar, Final
 
@@ -23,6 +22,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
+from tdm_planner.tracking.motion import Mode
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 from tdm_planner.verification import replay
 
@@ -96,14 +96,6 @@ class ActivePlan:
             for name, trajectory in self.solution.trajectories.items()
         }
         return replace(self.solution, trajectories=left)
-
-
-class Mode(str, Enum):
-    """What a tracker does with its plant."""
-
-    FOLLOWING = 'following'  # the active plan, or holding its goal
-    RECOVERING = 'recovering'  # the plan was aborted, the plant is brought to rest
-    IDLE = 'idle'  # nothing is commanded
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,13 +27,12 @@ from tdm_planner.problems.formation.verification import gas_used
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
-    Mode,
     Observation,
     Outlook,
     Predicted,
 )
 from tdm_planner.tracking.estimator import PREDICTION_STEP
-from tdm_planner.tracking.motion import Motion
+from tdm_planner.tracking.motion import Mode, Motion
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
 

@@ -24,11 +24,11 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
-    Mode,
     Observation,
     Outlook,
     Predicted,
 )
+from tdm_planner.tracking.motion import Mode
 
 LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
 SAME_START: Final = 1e-6  # s; instants are told in nanoseconds

@@ -17,12 +17,12 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart
 from tdm_planner.replanning.execution import (
     ActivePlan,
     Execution,
-    Mode,
     Observation,
     Outlook,
     Predicted,
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
+from tdm_planner.tracking.motion import Mode
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan

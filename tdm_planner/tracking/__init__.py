@@ -6,6 +6,7 @@
 from tdm_planner.tracking.motion import (
     Action,
     Command,
+    Mode,
     Phase,
     TrackerParameters,
     TrajectoryRejected,
@@ -17,6 +18,7 @@ from tdm_planner.tracking.tracker import TrajectoryTracker
 __all__ = [
     'Action',
     'Command',
+    'Mode',
     'PendulumTracker',
     'PendulumTrackerParameters',
     'Phase',

@@ -114,6 +114,14 @@ class Phase(str, Enum):
     RECOVERING = 'recovering'
 
 
+class Mode(str, Enum):
+    """What a tracker does with its plant."""
+
+    FOLLOWING = 'following'  # the active plan, or holding its goal
+    RECOVERING = 'recovering'  # the plan was aborted, the plant is brought to rest
+    IDLE = 'idle'  # nothing is commanded
+
+
 @dataclass(frozen=True, eq=False)
 class Action:
     """

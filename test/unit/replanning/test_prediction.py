@@ -21,9 +21,9 @@ from tdm_planner.problems.formation.search import kept_motions, LATE
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Replanner
+from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking import Phase, RobotTrackerParameters
+from tdm_planner.tracking import Mode, Phase, RobotTrackerParameters
 
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 TRACKED = [(mode, False, True) for mode in Mode]
