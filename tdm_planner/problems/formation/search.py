@@ -48,7 +48,8 @@ LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrust
 _NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
 _KEPT = 2e-3  # margin of a separation that is not active
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
-_CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
+_CHECK_TIME = 4e-3, 2.5e-4  # s a robot, and s for any two of them,
+_CHECK_SHARE = 0.45  # but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
 INSTANTS = 60  # at which the ways of choices are compared
 _EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
@@ -121,9 +122,7 @@ class FormationSearch(Search[C]):
         if not program.free.size:
             return Candidate(program, program.evaluate(np.zeros(0)))
         before = program.evaluations
-        # What is left when the search must end is for the check.
-        until = self.budget.leaving(_CHECK_TIME * self.task.n, _CHECK_SHARE)
-        minimum = minimise(program, guess, options, until)
+        minimum = minimise(program, guess, options, self._until_check)
         self.tried += 1
         self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point, minimum.converged)
@@ -173,12 +172,18 @@ class FormationSearch(Search[C]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             return VerificationFailed(f'no plan survived the check: {self.rejected}')
-        closest, late = self.closest, self.budget.spent
+        closest, late = self.closest, self._until_check.spent
         within = f' within {self.budget.seconds:g} s' if late else ''
         found = f'no feasible plan{within} from {self.tried} initial guesses'
         if closest is not None:
             found += f'; the best one violates {closest.program.binding(closest.point)}'
         return DeadlineExceeded(found) if late else Infeasible(found)
+
+    @property
+    def _until_check(self) -> Budget:
+        """What is left when the search must end is for the check."""
+        one, two = _CHECK_TIME
+        return self.budget.leaving((one + two * self.task.n) * self.task.n, _CHECK_SHARE)
 
 
 def screened(

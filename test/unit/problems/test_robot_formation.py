@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from replays import faults
 from stated import refused
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
@@ -287,3 +288,11 @@ def test_places_are_clear_of_each_other_and_of_the_arena(number, length, width, 
         assert (np.minimum(added, [length, width] - added) >= 0.4 - 1e-5).all()
         away = np.linalg.norm(added - zone[:2], axis=1)
         assert (away >= zone[2] + 0.4 - 1e-5).all()
+
+
+def test_where_only_the_time_for_the_check_is_left_the_deadline_ends_the_search() -> None:
+    budget, problem = Budget(10.0), RobotFormation()
+    search = problem.search(budget, np.random.default_rng(0), None)
+    assert type(search.failure()) is Infeasible
+    budget.started -= 10.0 - 5e-3
+    assert type(search.failure()) is DeadlineExceeded
