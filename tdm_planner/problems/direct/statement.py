@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -77,9 +77,10 @@ def check_statement(problem: Formulation) -> None:
 
 def _check_weights(given: Any, *sizes: int) -> None:
     """Check the pair of weights Q and R; raise InvalidProblem saying what is wrong with which."""
-    if not isinstance(given, Sequence) or len(given) != 2:
+    pair = list(given) if np.iterable(given) else []
+    if len(pair) != 2:
         raise InvalidProblem(f'feedback_weights gives {shown(given)}, expected a pair (Q, R)')
-    for what, weights, count in zip('QR', given, sizes, strict=True):
+    for what, weights, count in zip('QR', pair, sizes, strict=True):
         try:
             matrix = np.atleast_2d(np.asarray(weights, dtype=float))
         except (TypeError, ValueError):
