@@ -83,7 +83,7 @@ _SECTIONS = (
         'anew. A pendulum is held when |theta| < .05 rad and |psi| < 2 rad throughout the last '
         '5 s; robots have arrived when every one is within 2 cm of its goal from its arrival '
         'on until 5 s after the last.',
-        {'seeds': 40},
+        {'seeds': 20},
         {'seeds': 1},
         600.0,
     ),
