@@ -78,6 +78,10 @@ FOR_OTHERS = [  # what only a tracker or a picture would meet
         ['drawing of Changed raises TypeError'],
     ),
     ({'reserve': {'Pole': 0.1}}, ["which is not a limit: there are 'pole', 'ax, lowest'"]),
+    *(
+        ({'joints': lambda s, given=given: given}, ['joints must give every joint by name the'])
+        for given in (['x'], {'arm': ('x',)})
+    ),
 ]
 OF_A_CART = [
     ({'running_cost': DirectProblem.running_cost}, ['states no performance index']),
