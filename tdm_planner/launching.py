@@ -22,9 +22,9 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.runtime import fault_of
 from tdm_planner.parameter_files import config_file, read_document
 from tdm_planner.starting import executable_of
 from tdm_sim.record_command import record_command
@@ -53,11 +53,8 @@ class Launch:
         # must.
         pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
         self.namespace = joined(pushed, self._namespace)
-        try:
-            validate_namespace(f'/{self.namespace}')
-        except InvalidNamespaceException as error:
-            why = str(error).splitlines()[0].rstrip(':')
-            raise InvalidProblem(f"namespace = '{self['namespace']}': {why}") from None
+        if why := fault_of(f'/{self.namespace}', validate_namespace):
+            raise InvalidProblem(f"namespace = '{self['namespace']}': {why}")
         self._log_level = ['--log-level', self['log_level']]
         self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
 

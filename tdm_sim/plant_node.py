@@ -31,7 +31,7 @@ from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.nodes.services import check_name
+from tdm_planner.nodes.runtime import check_topic
 from tdm_planner.parameters import (
     build,
     NON_NEGATIVE,
@@ -178,7 +178,7 @@ class PlantNode(ParameterNode):
         diagnostics = Diagnostics(self, 'simulation', self._report)
         self._clock_source = self._clocks = None
         for topic in given.clock_followers:
-            check_name(topic, "parameter 'clock_followers'")
+            check_topic(topic, "parameter 'clock_followers'")
         if given.publish_clock:
             speed = given.real_time_factor
             self._clock_source = ClockSource(self, 1.0 / given.rate, speed, given.clock_followers)

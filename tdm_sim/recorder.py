@@ -25,8 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
-from tdm_planner.nodes.services import check_name
+from tdm_planner.nodes.runtime import check_topic, fault_of, LONGEST_WAIT, make_executor
 from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
@@ -158,9 +157,9 @@ def record(
     gets full: the bag holds, and is closed with, what was recorded until then.
     """
     for topic in topics:
-        check_name(topic, 'TOPIC')
-    if namespace:
-        check_name(f'/{namespace.strip("/")}', "'--namespace'", validate_namespace)
+        check_topic(topic, 'TOPIC')
+    if namespace and (why := fault_of(f'/{namespace.strip("/")}', validate_namespace)):
+        raise InvalidProblem(f"'--namespace' = '{namespace}' is not allowed: {why}")
     ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
     with (
         handled_by(lambda *_: ended.set()),  # instead of interrupting a write

@@ -1,7 +1,11 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The life of a node's process: start, spin, end cleanly on a signal. Every `main` is `run`."""
+"""
+The life of a node's process: start, spin, end cleanly on a signal. Every `main` is `run`.
+
+And names that it is started with, which must be such that ROS takes.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +20,31 @@ import time
 from types import FrameType
 
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_topic_name import validate_topic_name
 from tdm_planner.exceptions import InvalidProblem, one_line
+from tdm_planner.parameters import shown
 from tdm_planner.starting import ignore_signals, SIGNALS
 
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
+
+
+def fault_of(name: str, validate: Callable[[str], object] = validate_topic_name) -> str:
+    """Return why a name cannot be that of a topic or service, or what `validate` is for, or ''."""
+    try:
+        validate(name)
+    except NameValidationException as error:
+        return str(error).splitlines()[0].rstrip(':')
+    return ''
+
+
+def check_topic(name: str, of: str) -> None:
+    """Raise InvalidProblem if a name cannot be that of a topic or service; `of` says whose."""
+    if why := fault_of(name):
+        raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}")
 
 
 def make_executor(context: rclpy.Context | None = None) -> Executor:

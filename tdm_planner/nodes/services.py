@@ -24,30 +24,17 @@ import warnings
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.validate_topic_name import validate_topic_name
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Failure, InvalidProblem, one_line
+from tdm_planner.exceptions import Failure, one_line
 from tdm_planner.nodes.clocks import steady_timer
 from tdm_planner.nodes.messages import SERVICE
-from tdm_planner.parameters import shown
 
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
 ATTEMPTS = 6
 
-CheckedName = Callable[[str], object]
 Answer = Callable[[str | Failure], None]
-
-
-def check_name(name: str, of: str, validate: CheckedName = validate_topic_name) -> None:
-    """Raise InvalidProblem if a name cannot be that of a topic or service; `of` says whose."""
-    try:
-        validate(name)
-    except NameValidationException as error:
-        why = str(error).splitlines()[0].rstrip(':')
-        raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}") from None
 
 
 def answer_reliably(node: Node, service: Any) -> None:

@@ -31,8 +31,7 @@ from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
-from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.services import check_name
+from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
@@ -69,7 +68,7 @@ class TrackerNode(ManagedNode):
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
         self.type = tracker_type(self.parameter_values[_KIND.name])
         self.declare(specifications(self.type.parameters))
-        check_name(self.parameter_values['planner_service'], "parameter 'planner_service'")
+        check_topic(self.parameter_values['planner_service'], "parameter 'planner_service'")
         self.warn_of_unknown_overrides()
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0

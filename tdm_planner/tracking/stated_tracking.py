@@ -132,12 +132,9 @@ class StatedTracker(TrajectoryTracker):
         q = np.diag((_SHARES / ranges) ** 2) / time
         return q, np.diag(1.0 / size**2) / time
 
-    def _held(
-        self, trajectory: Trajectory, end: int, q: Array, r: Array
-    ) -> tuple[Hold | None, Array]:
-        """Return how an end is held, if it can be, and the weight of a deviation there."""
+    def _resting(self, trajectory: Trajectory, end: int) -> Array | None:
+        """Return the control (nu,) under which an end is at rest, None if there is none."""
         plant, state = self._plant, trajectory.states[end]
-        not_held = None, trajectory.duration * 10.0 * q
         control = np.clip(self.nothing, self._lower, self._upper)
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
@@ -146,14 +143,22 @@ class StatedTracker(TrajectoryTracker):
                 control = trajectory.controls[end]
                 _, b = plant.jacobians(state, control)
             if not np.isfinite(b).all():
-                return not_held
+                return None
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
         assert trajectory.rates is not None
         largest = np.abs(trajectory.rates).max(axis=(0, 1))
         still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
-        if not still.all():
+        return np.asarray(control) if still.all() else None
+
+    def _held(
+        self, trajectory: Trajectory, end: int, q: Array, r: Array
+    ) -> tuple[Hold | None, Array]:
+        """Return how an end is held, if it can be, and the weight of a deviation there."""
+        state, not_held = trajectory.states[end], (None, trajectory.duration * 10.0 * q)
+        control = self._resting(trajectory, end)
+        if control is None:
             return not_held
-        a, b = plant.jacobians(state, control)
+        a, b = self._plant.jacobians(state, control)
         try:
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
@@ -191,14 +196,14 @@ class StatedTracker(TrajectoryTracker):
         """
         Compare the state with the planned one.
 
-        It stays as it is until a start ahead at which it can be held; where it cannot be, it is
-        compared when the start has come.
+        It stays as it is until a start ahead at which it is at rest; another is compared when it
+        has come.
         """
         if now >= motion.start or self.phase in (Phase.TRACKING, Phase.HOLDING):
             super()._check_start(motion, now)
         elif self.state_age(now) <= self.parameters.state_timeout:
             smooth = motion.trajectory.with_rates(self._plant.derivative)
-            if self._held(smooth, 0, *self._weights(smooth, self._scales(smooth)))[0]:
+            if self._resting(smooth, 0) is not None:
                 self._compare(motion, self.estimator.predict(now), motion.start)
 
     @property
