@@ -27,7 +27,6 @@ from tdm_planner.problems.formation import search as formation_search
 from tdm_planner.problems.pendulum import candidates
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import Verification
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
@@ -65,11 +64,6 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
     _minimisers(patch, noisy)
 
 
-def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    swapped = lambda names: rng.permutation(list(names)).tolist()  # noqa: E731
-    _formations(patch, lambda m: dict(zip(m, map(m.__getitem__, swapped(m)), strict=True)))
-
-
 def _formations(patch: Patch, change: Callable[[Any], Any]) -> None:
     check = formation_search.assessed
 
@@ -83,28 +77,10 @@ def _scale(rng: Generator, size: float, values: np.ndarray) -> np.ndarray:
     return values * (1.0 + size * rng.choice([-1.0, 1.0]))
 
 
-def _cut(rng: Generator, size: float, t: Trajectory) -> Trajectory:
-    """Lose the last samples, or one on the way."""
-    kept = np.ones(t.times.size, dtype=bool)
-    last = slice(-int(rng.integers(1, 1 + max(1, t.times.size // 3))), None)
-    kept[last if rng.uniform() < 0.5 else rng.integers(1, t.times.size - 1)] = False
-    rest = {name: getattr(t, name)[kept] for name in ('times', 'states', 'controls')}
-    return replace(t, **rest) if kept.sum() > 1 else t
-
-
-def _mirror(rng: Generator, size: float, t: Trajectory) -> Trajectory:
-    controls = t.controls.copy()
-    column = rng.integers(controls.shape[1])
-    controls[rng.uniform(size=len(controls)) < size, column] *= -1.0
-    return replace(t, controls=controls)
-
-
 CHANGES = {
     'scaled_controls': lambda g, s, t: replace(t, controls=_scale(g, s, t.controls)),
     'scaled_durations': lambda g, s, t: replace(t, times=to_nanoseconds(_scale(g, s, t.times))),
     'shifted_states': lambda g, s, t: replace(t, states=g.normal(t.states, s)),
-    'truncated_samples': _cut,
-    'mirrored_controls': _mirror,
 }  # fmt: skip
 
 
@@ -124,27 +100,11 @@ def sabotaged(change: Callable[..., Any], patch: Patch, rng: Generator, size: fl
     _formations(patch, lambda motions: {name: changed(t) for name, t in motions.items()})
 
 
-def blind_verification(patch: Patch) -> None:
-    """Let every plan pass the check; what it would have been refused for stays in `reasons`."""
-    verify, assessed = SwingUpTask.verify, formation_search.assessed
-
-    def passed(task: SwingUpTask, *arguments: Any) -> Verification:
-        return replace(verify(task, *arguments), ok=True)
-
-    def formation_passed(*arguments: Any) -> Solution:
-        found = assessed(*arguments)
-        return replace(found, verification=replace(found.verification, ok=True))
-
-    patch.setattr(SwingUpTask, 'verify', passed)
-    patch.setattr(formation_search, 'assessed', formation_passed)
-
-
 SABOTEURS: dict[str, Callable[[Patch, Generator, float], None]] = {
     'nothing': lambda patch, rng, size: None,
     'early_stops': early_stops,
     'noise_on_parameters': noise_on_parameters,
     **{name: partial(sabotaged, change) for name, change in CHANGES.items()},
-    'swapped_robots': swapped_robots,
 }
 SIZES = 1e-8, 0.3  # of sabotage
 
