@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
-from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
+from missions import pendulum_mission, pendulum_states, robots_mission
 import numpy as np
 import pytest
 
@@ -20,7 +20,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
-from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
+from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import write_report
 from tools.browser import chromium, logged, MISSING, open_browser, open_report, PATIENCE
 
@@ -93,6 +93,8 @@ def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -
 
 
 class Report:
+    """What is asked of every report."""
+
     mission: ClassVar[Mission]
     size: ClassVar[tuple[int, int]] = DESKTOP
     scheme: ClassVar[str] = 'light'
@@ -103,10 +105,6 @@ class Report:
         assert console == []
         assert addresses
         assert [a for a in addresses if not a.startswith(LOCAL)] == []
-
-
-class ReadableReport(Report):
-    """What is asked of a report that shows a motion."""
 
     def test_readable(self, page: Page) -> None:
         width, _ = self.size
@@ -134,11 +132,7 @@ class ReadableReport(Report):
         assert page.find('#instant').text == f'{page.time():.2f} s'
 
 
-class TestNothing(Report):
-    mission = Mission('Nothing known', '', ())
-
-
-class TestPendulum(ReadableReport):
+class TestPendulum(Report):
     mission = pendulum_mission()
 
     def test_the_pendulum_stands_where_the_markers_put_it(self, page: Page) -> None:
@@ -224,11 +218,11 @@ class TestPendulum(ReadableReport):
         assert page.time() == pytest.approx(page.run('return report.clock.end'))
 
 
-class TestPlanOfThePendulum(ReadableReport):
+class TestPlanOfThePendulum(Report):
     mission, size, scheme = pendulum_mission(measured=False), PHONE, 'dark'
 
 
-class TestRobots(ReadableReport):
+class TestRobots(Report):
     mission, size = robots_mission(), PHONE
 
     def test_the_robot_heads_and_blows_where_it_should(self, page: Page) -> None:
@@ -260,28 +254,5 @@ class TestRobots(ReadableReport):
         assert len(page.each('g.goal', '1')) == len(page.each('.vehicle .path', '1')) == 2
 
 
-class TestPlanOfRobots(ReadableReport):
+class TestPlanOfRobots(Report):
     mission, scheme = robots_mission(measured=False), 'dark'
-
-
-class TestWhatARecordingSaysIsText(Report):
-    mission = robots_mission(
-        names=EVIL,
-        title=EVIL[0],
-        problem=EVIL[2],
-        figures=(PlanFigures(0.0, summary=EVIL[2], cost_terms={EVIL[1]: 1.0}),),
-        events=(Event(0.5, Severity.ERROR, EVIL[0], EVIL[1]),),
-        missing=(EVIL[0], EVIL[1]),
-        parameters=ARENA_PARAMETERS | {EVIL[0]: EVIL[1]},
-        source=EVIL[2],
-    )
-
-    def test_nothing_of_it_is_done(self, page: Page) -> None:
-        page.each('a, svg a', 'e.dispatchEvent(new MouseEvent("click", {bubbles: true}))')
-        assert page.run('return window.hacked === undefined')
-        assert logged(page.driver, 'SEVERE', 'WARNING')[0] == []
-        assert page.driver.title == page.find('h1').text == EVIL[0]
-        assert EVIL[2] in page.find('.subtitle').text
-        assert EVIL[1] in page.find('#events').text
-        assert set(EVIL) <= set(page.each('.legend button', 'e.textContent.trim()'))
-        assert page.each('body img, body a[href]', 'e.tagName') == []

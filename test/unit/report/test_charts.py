@@ -4,7 +4,6 @@
 """Charts, animation and page of a report: what was planned and measured, complete, no markup."""
 
 import base64
-from dataclasses import replace
 import hashlib
 import itertools
 import json
@@ -20,15 +19,15 @@ import numpy as np
 import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
-from tdm_sim.report.animation import measured_frames, planned_frames, scene
-from tdm_sim.report.charts import Chart, chart_json, Curve, mission_charts, Panel, plan_instants
+from tdm_sim.report.animation import measured_frames, planned_frames
+from tdm_sim.report.charts import Curve, mission_charts, Panel, plan_instants
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, Severity
-from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
+from tdm_sim.report.mission import FollowedPlan, Mission
+from tdm_sim.report.page import report_page, write_report
 from tdm_sim.report.reader import RecordedClock
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics, Topic
-from tdm_sim.report.tables import events_table, number, summary_table
+from tdm_sim.report.tables import summary_table
 
 MINUS = '\N{MINUS SIGN}'
 
@@ -90,21 +89,6 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     assert panel.switches == pytest.approx([1.5])  # of the second
 
 
-def test_the_scene_of_robots() -> None:
-    data = scene(robots_mission())
-    assert not data['space']
-    assert [robot['name'] for robot in data['vehicles']] == ['robot1', 'robot2']
-    zone = data['ground'][-1]
-    assert (zone['kind'], zone['style'], zone['radius']) == ('disc', 'limit', 0.25)
-    end = missions.robot_states(DURATION, 1)
-    hull, *_ = data['vehicles'][1]['goal']
-    assert unpacked(hull['points']) == pytest.approx(end[:2])
-    hull, *_ = data['vehicles'][0]['planned']
-    states = missions.robot_states(np.clip(unpacked(data['times']), 0, DURATION), 0)
-    assert unpacked(hull['points']) == pytest.approx(states[:, :2].ravel(), abs=1e-5)
-    assert scene(Mission('t', '', ())) is None
-
-
 def test_any_plant_is_shown_by_its_drawing() -> None:
     x, turn = np.array([0.0, 2.0]), np.array([0.0, np.pi / 2])
     corners = points_of(Box((x, 0.0, 1.0), (0.2, 0.1, 0.4), turn), 2)
@@ -132,23 +116,6 @@ def test_distances_of_the_closest_pairs() -> None:
     assert f'of {MOST_PAIRS} pairs' in chart.note
     for nearest in curves(panel, 'planned'):
         assert nearest.values == pytest.approx(np.ones(nearest.values.size))
-
-
-def test_one_figure_for_a_chart() -> None:
-    t = np.array([0.0, 1.0])
-    curve = Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y')
-    first = Panel('a<b', 'm', (curve,), '', (2.0,))
-    second = Panel('c', '', (Curve('measured', t, t, 9),))
-    data = chart_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
-    planned, limit, measured = data['data']
-    assert planned['meta'] == {'kind': 'planned', 'series': 'x&y', 'colour': 0, 'held': False}
-    assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
-    assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
-    assert np.isnan(unpacked(planned['y'])[1])
-    titles = [(panel['title'], panel['unit']) for panel in data['panels']]
-    assert titles == [('a<b', 'm'), ('c', '')]
-    low, high = data['panels'][0]['range']
-    assert low < 0.0 < 2.0 < high
 
 
 @settings(max_examples=40)
@@ -229,20 +196,9 @@ def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -
         write_report(mission, tmp_path)
 
 
-def test_the_time_shown_first_is_the_motions() -> None:
-    start, end = motion_span(pendulum_mission())
-    assert -0.5 <= start <= 0.0
-    assert 2.0 < end <= 4.0
-    assert playing_speed(pendulum_mission()) < 1.0
+def test_a_mission_of_which_nothing_is_known_has_a_page() -> None:
     for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
         assert '<h1>t</h1>' in report_page(mission)
-
-
-def test_numbers() -> None:
-    texts = {None: '', 0.0: '0', -1e-15: '0', 1.49207: '1.492', 22.0348: '22.03'}
-    texts |= {-0.05: f'{MINUS}0.05'}
-    texts |= {1.36314e-6: f'1.36&thinsp;&middot;&thinsp;10<sup>{MINUS}6</sup>'}
-    assert {value: number(value) for value in texts} == texts
 
 
 def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
@@ -262,10 +218,3 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
     ):
         assert row in missions.Parts(table).rows
     assert re.findall('<td class="bad">([^ ]*)', table) == [f'{MINUS}0.02']
-
-
-def test_events_are_dimmed_before_the_motion() -> None:
-    kinds = (-1.0, Severity.ERROR), (1.0, Severity.WARN)
-    events = tuple(Event(*kind, '/p/tracker', 'text') for kind in kinds)
-    table = events_table(replace(pendulum_mission(), events=events))
-    assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']

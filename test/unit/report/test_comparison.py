@@ -9,7 +9,6 @@ import math
 from missions import DURATION, formation_mission, pendulum_mission, replanned, robot_parameters
 import numpy as np
 import pytest
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
@@ -201,21 +200,6 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
-
-
-@pytest.mark.parametrize('planned', [True, False])
-def test_distances_of_robots_whose_place_is_not_known_are_refused(planned: bool) -> None:
-    mission = formation()
-    first = mission.vehicles[0]
-    names = tuple('place' if name == 'y' else name for name in first.states.names)
-    if planned:
-        plan = first.plans[0]
-        motion = replace(plan.trajectory, state_names=names)
-        strange = {'plans': (replace(plan, trajectory=motion),), 'states': None}
-    else:
-        strange = {'states': replace(first.states, names=names)}
-    with pytest.raises(InvalidProblem, match=f"states of '{first.name}' lack 'y'.* is: x, place"):
-        compare(with_first(mission, **strange))
 
 
 def test_tracking_errors_are_computed_where_none_were_published() -> None:

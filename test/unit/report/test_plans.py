@@ -24,7 +24,7 @@ from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.verdict import held_from, judge
+from tdm_sim.report.verdict import judge
 
 HALF = {'problem': 'x', **pendulum_plan().to_dict()}
 
@@ -214,11 +214,3 @@ def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) ->
     # what a recording names is not imported
     assert judge(read_mission(bag)) is None
     assert any("'sled' is not installed" in text for text in read_mission(bag).missing)
-
-
-def test_held_from_the_last_time_outside() -> None:
-    times = np.arange(5.0)
-    assert held_from(times, np.array([2, 0, 2, 0, 0.0])) == 3.0
-    assert held_from(times, np.array([0, 0, 0, 0, 2.0])) == np.inf
-    assert held_from(times, np.array([np.nan, 0, 0, 0, 0])) == 1.0
-    assert held_from(times, np.zeros(5)) == 0.0
