@@ -8,7 +8,7 @@ import json
 import math
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from marker_checks import check_markers, Scene
+from marker_checks import check_markers
 import numpy as np
 from pendulum_rig import measured_state
 import pytest
@@ -25,7 +25,6 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker
 
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
@@ -110,7 +109,7 @@ def test_a_plan_is_answered_published_and_told_of(ros, planner):
     assert problem.to_parameters() == summary['parameters']
 
 
-def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
+def test_a_later_plan_replaces_the_one_before(planner):
     planner.made()
     first = planner.summary()['plan_id']
     planner.set('planner', {'start.theta': 2.5, 'goal.turns': 2})
@@ -118,15 +117,7 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner):
     assert points[0].positions[0] == 2.5
     assert points[-1].positions[0] == pytest.approx(4 * math.pi, abs=1e-4)
     assert planner.summary()['plan_id'] == first + 1
-    array = planner.latched('markers')
-    check_markers(array, 'world', 0.0)
-    assert array.markers[0].action == Marker.DELETEALL
-    scene = Scene(array)
-    around = {('reach', 0), ('limit', 1)}
-    assert scene.names == around | {('planned_path', 101), ('goal', 100), ('goal', 101)}
-    start, goal = scene['planned_path', 101].points[0], scene['goal', 101].points[1]
-    assert start.z == pytest.approx(0.129 * math.cos(2.5))
-    assert (goal.x, goal.y, goal.z) == pytest.approx((0.085, 0.0, 0.129), abs=1e-3)
+    check_markers(planner.latched('markers'), 'world', 0.0)
     planner.set('planner', {'start.theta': math.pi, 'goal.turns': None})
     assert abs(planner.made().points[-1].positions[0]) < 7.0
 

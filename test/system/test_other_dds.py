@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Planner and tracker as seen by Eclipse Cyclone DDS, without any of ROS.
+The planner as seen by Eclipse Cyclone DDS, without any of ROS.
 
 Of ROS come the definitions of messages only, which `dds_type` turns into those of DDS. A message
 `pkg/msg/Name` is the DDS type `pkg::msg::dds_::Name_`; a topic `/a/b` is `rt/a/b`, a service
@@ -31,7 +31,7 @@ from ros_harness import ENOUGH, PATIENCE
 from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
-TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
 CONFIGURATION = Path(__file__).with_name('cyclonedds.xml').as_uri()
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
@@ -124,7 +124,7 @@ class Client:
         return self.reply()
 
 
-def test_an_outsider_asks_for_plans_reads_them_and_brings_a_rig(ros):
+def test_an_outsider_asks_for_plans_and_reads_them(ros):
     ros.start('planner', STRONG, 'pendulum')
     outsider = Outsider(ros.domain)
     client = Client(outsider, '/pendulum/plan')
@@ -156,23 +156,3 @@ def test_an_outsider_asks_for_plans_reads_them_and_brings_a_rig(ros):
     done, answer = ros.trigger('/pendulum/plan')
     assert done, answer
     assert client.reply() == (True, answer)
-    # Its driver publishes joint_states by another DDS; the plan starts from there.
-    assert ros.set_parameters('/pendulum/planner', start__source='measured') == ['']
-    writer = outsider.writer('rt/pendulum/joint_states', STATE)
-    stamp, header = dds_type('builtin_interfaces/msg/Time'), dds_type('std_msgs/msg/Header')
-
-    # Nowhere on the plan before, which another make of tracker may follow, as far as one can tell.
-    disk = 1.6
-
-    def planned() -> bool:  # the first states may be lost, until the planner knows the writer
-        now = header(stamp(*divmod(time.time_ns(), 10**9)), '')
-        names, angles = ['disk', 'pendulum'], [disk, math.pi]
-        writer.write(dds_type(STATE)(now, names, angles, [0.0, 0.0], []))
-        return client.call()[0]
-
-    wait_until(planned)
-    plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
-    assert plan.points[0].positions == pytest.approx([math.pi, disk], abs=1e-6)
-    ros.start('tracker', namespace='pendulum')
-    command = one(outsider.reader('rt/pendulum/joint_command', STATE))
-    assert (command.name, command.effort) == (['disk'], [0.0])  # no state is measured any more

@@ -1,7 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recorder and demo: what a kill and a full disk leave; topics, commands, connections, lines."""
+"""Recorder and demo: what a kill and a full disk leave; topics, commands, lines."""
 
 from contextlib import suppress
 import errno
@@ -35,7 +35,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
 from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash
-from tdm_sim.processes import make_scene, Part, speed_settings
+from tdm_sim.processes import Part, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.record_command import is_wanted, record_command, topics_pattern
 from tdm_sim.recorder import Figures, IncompleteRecording, message_class, record, RecordingError
@@ -162,29 +162,6 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
     for failure, code in zip(failures, (1, 2), strict=True):
         assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == code
         assert capsys.readouterr().err == f'error: {failure}\n'
-
-
-@pytest.mark.parametrize(
-    ('node', 'figures', 'connected'),
-    [
-        (TRACKER, {'state age [s]': '0.004', 'planners': '1'}, True),
-        (TRACKER, {'state age [s]': 'inf', 'planners': '1'}, False),
-        (TRACKER, {'state age [s]': '0.004', 'planners': '0'}, False),
-        (PLANT, {'commands accepted': '0'}, False),
-        (PLANT, {'commands accepted': '1'}, True),
-    ],
-)
-def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(node, figures, connected):
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
-    scene = make_scene('pendulum')
-    part = next(part for part in scene.parts if part.executable == node.rpartition('/')[2])
-    assert not scene.up(part)
-    for shown in (figures, {}):  # the newest word counts
-        values = [KeyValue(key=key, value=value) for key, value in shown.items()]
-        status = DiagnosticStatus(name=f'{node}: something', values=values)
-        scene.take_diagnostics(DiagnosticArray(status=[status]))
-        assert scene.up(part) == (connected and bool(shown))
 
 
 def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:

@@ -18,16 +18,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 from replays import pendulum_points
 from sensor_msgs.msg import JointState
 from stated import refused
-from tdm_planner.drawing import arena_drawing, Drawn, DrawnPath, PendulumDrawing, RobotDrawing
+from tdm_planner.drawing import PendulumDrawing, RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
-from tdm_planner.nodes.markers import LONGEST_PATH, Picture, plan_markers
+from tdm_planner.nodes.markers import Picture
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
-from tdm_planner.problems.formation.parameters import Arena
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
 
 START = 1_700_000_000_123_456_789
 STAMP = messages.to_stamp(START)
@@ -198,11 +196,6 @@ def place(point) -> list[float]:
     return [point.x, point.y, point.z]
 
 
-def shown(drawn: Drawn, state, thrust: float = 0.0) -> Scene:
-    state = np.array(state, dtype=float)
-    return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
-
-
 @pytest.mark.parametrize(('drawn', 'name', 'always'), ALWAYS)
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
@@ -218,30 +211,6 @@ def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states)
         trail = {key for key in names if key[0] == 'trail'}
         assert (names - trail, len(trail)) == (always, int(k > 0))
         assert all(m.header.stamp.sec == k for m in array.markers)
-
-
-@given(number, number)
-@settings(max_examples=30)
-def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
-    scene = shown(DRAWN_PENDULUM, [theta, psi, 0.0, 0.0])
-    pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
-    drawn = [place(p) for p in (*scene['body', 1].points, scene['body', 0].points[1])]
-    np.testing.assert_allclose(drawn, [pivot, tip, pivot], atol=1e-9)
-
-
-def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
-    state = np.array([1.0, 2.0, 0.0, 0.0, 0.7, 0.0, 1.1])
-    scene = shown(DRAWN_ROBOT, state, thrust=0.5)
-    force = FloatingRobot().derivative(state, np.array([0.5, 0.0, 0.0]))[2:4]
-    begin, end = np.array([place(p)[:2] for p in scene['force', 3].points])
-    away = begin - state[:2]
-    np.testing.assert_allclose(away / 0.15, -force / np.linalg.norm(force), atol=1e-9)
-    np.testing.assert_allclose(end - state[:2], away * (1.0 + 1.6 * 0.5 / 1.05))
-    heading = scene['body', 1].points[1]
-    assert math.atan2(heading.y - 2.0, heading.x - 1.0) == pytest.approx(0.7)
-    assert scene['body', 0].scale.x == pytest.approx(0.3)
-    ring = [math.hypot(p.x - 1.0, p.y - 2.0) for p in scene['reach', 2].points]
-    np.testing.assert_allclose(ring, 0.2)
 
 
 def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
@@ -261,34 +230,3 @@ def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
     assert len(trail()) == 2
     picture.clear()
     assert trail() == []
-
-
-def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> None:
-    states = np.linspace([0.5, 0.5, 0, 0, 0.5, 0, 0], [3.0, 1.0, 0, 0, 0.5, 0, 0], 1000)
-
-    def formation(names: str, zones: list[float]) -> MarkerArray:
-        arena = Arena(length=5.0, width=3.0, minimum_separation=0.4, obstacles=zones)
-        ways = [DrawnPath(DRAWN_ROBOT, states[-1:] if n == 'a' else states, n) for n in names]
-        return plan_markers('arena', arena_drawing(arena), ways)
-
-    array = formation('abc', [1.0, 2.0, 0.3, 4.0, 1.0, 0.2])
-    check_markers(array, 'arena', 0.0)
-    assert array.markers[0].action == Marker.DELETEALL
-    scene = Scene(array)
-    corners = {(p.x, p.y) for p in scene['body', 0].points}
-    assert corners == {(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)}
-    zone = scene['limit', 3]
-    assert (zone.pose.position.x, zone.pose.position.y, zone.scale.x) == (4.0, 1.0, 0.4)
-    goal, heading = scene['goal', 200].pose.position, scene['goal', 201].points
-    assert (goal.x, goal.y) == (3.0, 1.0)
-    turned = math.atan2(heading[1].y - 1.0, heading[1].x - 3.0)
-    assert turned == pytest.approx(0.5)
-    ring = [math.hypot(p.x - 3.0, p.y - 1.0) for p in scene['reach', 302].points]
-    np.testing.assert_allclose(ring, 0.2)
-    path = scene['planned_path', 300].points  # thinned, but with its ends
-    assert (len(path), path[0].x, path[-1].x) == (LONGEST_PATH, 0.5, 3.0)
-    paths = {number for name, number in scene.names if name == 'planned_path'}
-    assert paths == {200, 300}
-    last = formation('ab', [])
-    assert Scene(array, last).names == Scene(last).names
-    assert ('goal', 300) not in Scene(last).names

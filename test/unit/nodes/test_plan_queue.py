@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import tracker_plans
-from tdm_planner.nodes.adapter import ActivePlans, Adapter, Vehicle
+from tdm_planner.nodes.adapter import ActivePlans, Vehicle
 from tdm_planner.nodes.planning import PlanQueue, Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -217,21 +217,3 @@ def test_a_robot_that_follows_its_plan_is_met_on_it_and_another_drifts(plan, at)
     for force in (plan, None):
         predicted = predict(force, state, START + 9.0, START + 10.0)
         np.testing.assert_allclose(predicted, [1.1, 1.0, 0.1, 0.0, 0.2, 0.2, 0.5], atol=1e-12)
-
-
-def test_a_plan_is_followed_or_awaited_where_a_tracker_says_so(plan):
-    told = {'robot1': None}
-    tracker = SimpleNamespace(followed=lambda now: told['robot1'])
-    vehicles = {'robot1': SimpleNamespace(tracker=tracker)}
-    it = SimpleNamespace(plans=ActivePlans(), vehicles=vehicles)
-    first, second = (TimedTrajectory(plan.trajectory, at) for at in (10.0, 19.0))
-    for made in (first, second):
-        it.plans.add(made)
-        assert it.plans.newest is made
-        assert Adapter.pending_start(it, made.start - 1.0) is None
-    for start, followed, begins in ((10.0, first, None), (19.0, second, 19.0), (12.0, None, None)):
-        told['robot1'] = start
-        assert it.plans.starting(start + 1e-9) is followed
-        assert Adapter.pending_start(it, 18.0) == begins
-    told['robot1'] = 19.0
-    assert Adapter.pending_start(it, 19.0) is None

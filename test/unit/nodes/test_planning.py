@@ -130,19 +130,6 @@ def test_what_its_own_check_objects_to_is_no_plan(source):
     assert 'it hits the wall' in made.reason
 
 
-@pytest.mark.parametrize(('max_age', 'waited'), [(0.5, 0.5), (60.0, 10.0)])
-def test_the_first_state_is_waited_for_and_named_if_it_does_not_come(clock, max_age, waited):
-    there = adapter(comes=0.2)
-    assert plan(Problem, there).start == pytest.approx(BEGIN + 0.6)
-    assert there.asked == [pytest.approx(0.2)]
-    clock.passed = 0.0
-    reason = rf'no state was received here within {waited:g} s \(start.max_age\)'
-    with pytest.raises(NoState, match=reason):
-        plan(Problem, adapter(comes=1e6), max_age=max_age)
-    assert clock.passed == pytest.approx(waited, abs=0.01)
-    plan(Problem, adapter(comes=1e6), source='parameters')
-
-
 def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
     clock.now = lambda: BEGIN
     plan(Problem, adapter(0.1), delay=0.1)
@@ -150,13 +137,6 @@ def test_a_clock_that_stands_still_is_not_waited_for_without_end(clock):
     clock.runs = False  # without time there is no plan
     with pytest.raises(NoState, match='/clock'):
         plan(source='parameters')
-
-
-def test_a_fault_of_the_program_is_internal_and_has_its_traceback():
-    made = failure(raising(KeyError('no such column')))
-    assert (made.code, made.reason) == ('INTERNAL', "KeyError: 'no such column'")
-    assert 'search(self, deadline)' in made.trace
-    assert json.loads(made.to_json()) == {'code': made.code, 'reason': made.reason}
 
 
 @pytest.mark.parametrize(('begins', 'asked'), [(0.2, 0.2), (0.399, 0.4), (0.41, 0.0)])

@@ -23,7 +23,7 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking import Mode, Phase, RobotTrackerParameters
+from tdm_planner.tracking import Mode, RobotTrackerParameters
 
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 TRACKED = [(mode, False, True) for mode in Mode]
@@ -241,34 +241,6 @@ def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(leg, push, elsewhe
         kept = kept_motions(other, plan.remainder(at).trajectories, LATE)
         keeps = not elsewhere and not (push and other is task)
         assert ('robot1' in kept) == keeps
-
-
-def test_the_next_review_but_one_mends_a_refusal() -> None:
-    plan, asked = closed_loop.swing_up(), ReplanParameters(rate=5.0, delay=0.4)
-    vehicle = pendulum(pendulum_tracker(WEAK), plan.solution.trajectory.states[0], seed=1)
-    replanner = Replanner(SwingUpExecution(SWING), asked)
-    loop = RecedingHorizon({PENDULUM_NAME: vehicle}, SWING, 0.005, replanner)
-    loop.begin(plan)
-    tracker, plant = vehicle
-    usual = tracker.parameters
-    turns = round(loop.plans[0].solution.trajectory.states[-1, 0] / math.tau)
-    loop.problem = replace(SWING, goal=replace(SWING.goal, turns=1 - turns))
-    tracker.parameters = replace(usual, tolerance=replace(usual.tolerance, start=1e-9))
-    while not loop.rejections:
-        loop.tick()
-        assert loop.time < 3.0
-    tracker.parameters = usual
-    rejected = loop.plans[-1]
-    while len(loop.plans) < 3 and loop.time < rejected.start + 3.0:
-        loop.tick()
-    assert any(review.rejected for review in loop.reviews)
-    # Seen when the plans have parted, at the next review; the new plan follows.
-    mended = loop.plans[2]
-    assert mended.start < rejected.start + 1.0 + 2 / asked.rate + asked.delay
-    while loop.time < mended.end + 1.0:
-        loop.tick()
-    assert tracker.phase is Phase.HOLDING
-    assert float(plant.state[0]) == pytest.approx(math.tau * (1 - turns), abs=0.05)
 
 
 def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
