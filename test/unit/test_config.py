@@ -10,9 +10,6 @@ import re
 import sys
 from xml.etree import ElementTree
 
-from benchmark import __main__ as command
-from benchmark import runner
-from benchmark.sections import SECTIONS
 import pytest
 from ros_harness import Ros, SOURCE
 import tdm_planner
@@ -31,14 +28,6 @@ def test_generated_anew_nothing_differs(ros: Ros):
     wanted = generate.generated()
     assert dict(os.environ) == before  # or nodes of later tests would not find each other
     assert {path: path.read_text(encoding='utf-8') for path in wanted} == wanted
-
-
-def test_ros2_param_dump_can_nest_every_name():
-    """It fails where a parameter is also the group of another."""
-    parameters = pytest.importorskip('tools.node_tables').parameters_by_node()
-    for node, names in parameters.items():
-        groups = {name[:k] for name in names for k, letter in enumerate(name) if letter == '.'}
-        assert not groups & set(names), node
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
@@ -143,11 +132,3 @@ def test_every_requirement_is_pinned_and_the_oldest_are_those_of_ubuntu():
     noble = pins('constraints-noble.txt')
     for name in set(oldest) - {'plotly'}:
         assert noble[package_name(name)].startswith(oldest[name]), name
-
-
-def test_a_failure_is_on_the_page_and_in_the_exit_code(tmp_path, monkeypatch):
-    broken = runner.Outcome({}, 'today', 1.0, None, 'it broke', ('a line of its log',))
-    monkeypatch.setattr(command, 'run', lambda *_: broken)
-    assert command.main(['--quick', '--output', str(tmp_path)]) == 1
-    text = (tmp_path / 'benchmarks.md').read_text()
-    assert text.count('**failed** - it broke') == len(SECTIONS)

@@ -53,14 +53,6 @@ def test_sources_and_pages_use_no_retired_words_and_are_short() -> None:
     assert not [path.name for path, text in every.items() if len(text.splitlines()) > 400]
 
 
-def test_architecture_names_files_that_exist() -> None:
-    page = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
-    named = set(re.findall(r'`((?:tdm_planner|tdm_sim|nodes|tools)/[\w/.]*)`', page))
-    assert len(named) > 15
-    places = (ROOT, ROOT / 'tdm_planner')
-    assert not [name for name in named if not any((place / name).exists() for place in places)]
-
-
 def texts() -> Iterator[str]:
     """Yield every text of the sources, `...` in the place of values."""
     files = [*(ROOT / 'tdm_planner').rglob('*.py'), *(ROOT / 'tdm_sim').rglob('*.py')]

@@ -170,28 +170,6 @@ def test_what_a_shape_becomes() -> None:
     assert found.line_colours.shape == found.lines.shape
 
 
-@pytest.mark.parametrize('kind', [PendulumSwingUp, RobotFormation])
-def test_built_in_plants_are_seen_whole(kind: type) -> None:
-    view = view_of(kind())
-    states = {name: np.float64(0.3) for name in view.kind.state_names}
-    controls = {name: np.float64(0.01) for name in view.kind.control_names}
-    shapes = [*view.surroundings, *view.drawing(states, controls)]
-    seen = view_on(shapes)
-    found = picture([(shapes, Look())], seen.width)
-    places = np.concatenate([solids.places for solids in found.solids.values()])
-    assert np.linalg.norm(places - seen.target, axis=1).max() < seen.size
-    assert 0.5 < np.linalg.norm(seen.camera - seen.target) / seen.size < 2.0
-    assert places[:, 2].min() >= seen.floor - 1e-9
-
-
-def test_what_moves_in_an_upright_plane_is_seen_from_the_front() -> None:
-    upright = view_on([Line(((0.0, 0.0, 0.0), (3.0, 0.0, 2.0))), Disc((3.0, 0.0, 2.0), 0.2)])
-    assert upright.camera[0] == upright.target[0]
-    assert upright.camera[1] < -upright.size / 2
-    deep = view_on([Line(((0.0, 0.0, 0.0), (3.0, 2.0, 2.0)))])
-    assert deep.camera[0] > deep.target[0]
-
-
 @given(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0))
 def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float) -> None:
     problem = RobotFormation()
