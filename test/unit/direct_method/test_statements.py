@@ -87,13 +87,10 @@ def test_shapes_are_what_they_say_and_their_derivatives_are_derivatives(shapes):
     np.testing.assert_allclose(PRODUCTS.values(s)[:, 3], s**3 * (s - 1) ** 2, atol=1e-12)
 
 
-NOT_NUMBERS = [None, 'fast', '1.0', np.nan, np.inf, 10**400, 1.0 + 2.0j, 1e300]
-NOT_NUMBERS += [[1.0, [2.0, 3.0]], {0: 1.0}, object(), []]
+NOT_NUMBERS = [None, 'fast', np.nan, 10**400, 1.0 + 2.0j, [1.0, [2.0, 3.0]], object()]
 NOT_WHOLE = [*NOT_NUMBERS, 1.5, -1, 10**6, True]
 WHOLE = [
     (SineSeries, 'must be an integer from 1 to 100'),
-    (symmetric_powers, 'must be an integer from 1 to 100'),
-    (lambda v: PowerProducts([(v, 1)]), 'must be an integer from 1 to 100'),
     (lambda v: PowerProducts([(1, v)]), 'must be an integer from 1 to 100'),
     (lambda v: Output(free=v), 'free = '),
     (lambda v: Output(derivatives=v), 'derivatives = '),
@@ -119,7 +116,7 @@ def test_whole_numbers(value):
 def test_numbers(value):
     for make, words in [*NUMBERS, *(NUMBERS_OR_NONE if value is not None else [])]:
         assert words in refused(lambda make=make: make(value), 250)
-    if value not in (None, [], {0: 1.0}):
+    if value is not None:
         refused(lambda: Output(end=value), 250)
     # those of any kind are
     assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}
@@ -133,18 +130,12 @@ CASES = [
     (lambda: PolynomialBasis.of((1,), (1,)), 'do not determine'),
     (lambda: PolynomialBasis.of((), ()), 'at least one'),
     (shaped(SineSeries(2), (None, 0.0)), 'value at the start is missing'),
-    (shaped(SineSeries(2), (0.0,), ()), 'value at the end is missing'),
     (shaped(SineSeries(1), (0.0, 1.0), (0.0, 1.0)), '1 shapes cannot meet'),
-    (shaped(SineSeries(4), {0: 0.0, 2: 1.0}), '4 shapes cannot meet'),
-    (shaped(symmetric_powers(4), (0, 1), (0, 1)), 'cannot meet'),
-    (shaped(SineSeries(2) + SineSeries(2)), 'sums of others'),
     (shaped(SineSeries(2) + symmetric_powers(2) + PowerProducts([(2, 2)])), 'sums of others'),
     (lambda: PowerProducts([(0, 1)]), 'exponent of (0, 1) = 0 is not allowed'),
-    (lambda: PowerProducts('ab'), ''),
     (lambda: Output(shapes='start'), 'family of shapes'),  # type: ignore[arg-type]
     (lambda: Output(start={0: 0.0, -1: 1.0}), 'order of a derivative given'),
     (lambda: Output(scale=0.0), 'must be a positive number'),
-    (lambda: Integrated(0.0, scale=0.0), 'must be a positive number'),
     (lambda: Output(free=2, shapes=SineSeries(2)), 'free = 2 is for polynomials'),
     *((partial(Duration, **{name: 0.0}), name) for name in ('guess', 'shortest', 'longest')),
     (lambda: Duration(1.0, shortest=2.0), 'shortest'),
@@ -208,19 +199,11 @@ def nan_at_the_start(self, y, z):
     return (x, v, z['angle']), (u,)
 
 
-SUMMED = '{} of Changed gives ... when it is traced, but ... there are no sums over nodes'
 NAMES = [
-    ('x', 'must be a tuple of names'),
-    ((), 'must be a tuple of names'),
     (('x', 'v', 'x'), 'the same name twice'),
     (('x', 3, 'v'), 'must be a tuple of names'),
 ]
 NUMBER = count()
-COSTS = [
-    (np.zeros(5), 'gives J ... of shape (5,), expected'),
-    (np.nan, 'gives J = nan at node'),
-    (1.0j, 'gives J ... which is not a real number'),
-]
 REFUSALS = {  # function: (what it is instead or returns, words)
     'outputs': [
         ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
@@ -229,25 +212,15 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         ({'x': Output()}, "output 'x': a polynomial needs at least one boundary condition"),
     ],
     'integrated': [
-        ({'x': 3.0}, "gives 'x' = 3.0, expected an"),
         ({'speed': Integrated(0.0)}, "'speed', which is not one of the states x, v, angle"),
     ],
     'invert': [
         (((0.0, 0.0, 0.0),), 'expected a pair'),
         (((0.0, 0.0), (0.0,)), 'states, the first ... has 2 components, expected 3: x, v, angle'),
         (
-            ((0.0, 0.0, 0.0), (0.0, 0.0)),
-            'controls, the second ... has 2 components, expected 1: u',
-        ),
-        (
             lambda s, y, z: ((0.0,) * 3, y['x'][0]),
             'controls, the second ... has one array over the nodes',
         ),
-        (
-            ((0.0, None, 0.0), (0.0,)),
-            "states, the first ... 'v' = None, which is not a real number",
-        ),
-        (((0.0, [1.0, [2.0]], 0.0), (0.0,)), "'v' = [1.0, [2.0]], which is not a real number"),
         (((0.0, np.zeros(6), 0.0), (0.0,)), "states, the first ... 'v' of shape (6,), expected"),
         (((0.0, 1.0j, 0.0), (0.0,)), "'v' = 1j, which is not a real number"),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
@@ -255,14 +228,9 @@ REFUSALS = {  # function: (what it is instead or returns, words)
     ],
     'derivative': [
         ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
-        ((0.0, 0.0, np.zeros(4)), "what derivative returns: 'angle' of shape (4,)"),
-        ((0.0, 0.0, 1.0j), "what derivative returns: 'angle' = 1j, which is not"),
         (NAN_BEHIND, "derivative gives the rate of 'angle' = nan at node 11 of 21"),
     ],
     'margins': [
-        ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
-        ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
-        ({3: 1.0}, 'margins has the name 3, which must be a string'),
         (
             lambda s, t, x, u: {'force': x[1] < 2.0},
             "margins gives 'force' = True or False, expected a number",
@@ -270,23 +238,19 @@ REFUSALS = {  # function: (what it is instead or returns, words)
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ([1.0], 'expected a mapping by name'),
         (lambda s, t, x, u: {f'force {next(NUMBER)}': 1.0 - u[0] ** 2}, 'must always be the same'),
-        (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
+        (
+            lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)},
+            'margins of Changed gives ... when it is traced, but ... no sums over nodes',
+        ),
     ],
-    'running_cost': [
-        (lambda s, t, x, u: 1.0 / t, 'running_cost gives J = inf at node 0 of 21'),
-        *COSTS,
-    ],
+    'running_cost': [(lambda s, t, x, u: 1.0 / t, 'running_cost gives J = inf at node 0 of 21')],
     'final_cost': [
         (lambda s, t, x: np.log(-t), 'gives J = nan at node 20 of 21 (s = 1, t = 2 s)'),
         (lambda s, t, x: x**2, 'final_cost gives J of shape (3, 7), expected (7,)'),
-        (lambda s, t, x: np.sum(x[2] ** 2), SUMMED.format('final_cost')),
-        *COSTS,
     ],
     'end_conditions': [
-        ((np.zeros(5),), 'end_conditions gives number 0 of shape (5,)'),
         ((0.0, np.nan), 'end_conditions gives number 1 = nan'),
         ({'x': 0.0}, 'expected a sequence'),
-        (lambda s, t, x: (np.sum(x[2]),), SUMMED.format('end_conditions')),
     ],
 }
 EVERY = [(function, *case) for function, cases in REFUSALS.items() for case in cases]

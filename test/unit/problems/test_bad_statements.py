@@ -30,7 +30,6 @@ def margins_of(**functions):
     return {'margins': lambda s, t, x, u: {name: f(x) for name, f in functions.items()}}
 
 
-PRODUCTS = (lambda x: np.dot(x, x) - 0.5, lambda x: x @ np.eye(4) @ x - 0.5)
 JUMP = (
     {'final_cost': lambda s, t, x: t + np.where(x[0] > 0.0, 1.0, 0.0)},
     ['final_cost jumps by 1', 'np.tanh'],
@@ -42,7 +41,7 @@ BAD = [
             (lambda x: math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5, 'TypeError', 'np.sqrt(x)'),
             (lambda x: x[0] - 1.0 if x[0] > 0.0 else x[1], 'ValueError', 'np.where'),
             (lambda x: min(x[0] ** 2, 4.0) - 5.0, 'ValueError', 'np.minimum'),
-            *((pole, 'ValueError', 'write the formula by components') for pole in PRODUCTS),
+            (lambda x: x @ np.eye(4) @ x - 0.5, 'ValueError', 'write the formula by components'),
         )
     ),
     (
@@ -60,7 +59,6 @@ BAD = [
         ["first_guess gives 'x' = -inf at s = 0: it must be a number"],
     ),
     ({'control_names': ('ax', 'y')}, ["has the name of a state, 'y'"]),
-    (limits(ax=(0.0, 0.0)), ['the lowest below the highest']),
     JUMP,
     (limits(force=(-1, 1)), ["control_limits names 'force'", 'ax, ay']),
     (limits(ax=(1.0, -1.0)), ["control_limits gives 'ax'", 'lowest']),
@@ -77,43 +75,27 @@ FOR_OTHERS = [  # what only a tracker or a picture would meet
         {'drawing': lambda self, x: [Disc((math.sin(x[0]), x[1]), 0.1)]},
         ['drawing of Changed raises TypeError'],
     ),
-    ({'reserve': {'Pole': 0.1}}, ["which is not a limit: there are 'pole', 'ax, lowest'"]),
-    *(
-        ({'joints': lambda s, given=given: given}, ['joints must give every joint by name the'])
-        for given in (['x'], {'arm': ('x',)})
-    ),
+    ({'joints': lambda s: {'arm': ('x',)}}, ['joints must give every joint by name the']),
 ]
 OF_A_CART = [
     ({'running_cost': DirectProblem.running_cost}, ['states no performance index']),
     ({'state_units': ('m',)}, ['2 state_names but 1 state_units']),
-    *(({'state_units': units}, ['must be a tuple of units']) for units in ('ms', (1, 2))),
-    ({'control_units': None}, ['must be a tuple of units']),
-    *(
-        ({'terminal_tolerance': given}, ['must be 2 positive numbers'])
-        for given in (1e-3, ((1,), (1, 2)), (1.0,) * 3, (0, 1), (np.nan, 1))
-    ),
-    *(
-        ({what: count}, [f'{what} = {count!r} is not allowed: must be an integer from'])
-        for what in ('nodes', 'starts')
-        for count in (0, 41.5, '41', True, 10**9)
-    ),
+    ({'state_units': 'ms'}, ['must be a tuple of units']),
+    ({'terminal_tolerance': (np.nan, 1)}, ['must be 2 positive numbers']),
+    ({'nodes': 41.5}, ['nodes = 41.5 is not allowed: must be an integer from']),
+    ({'starts': 0}, ['starts = 0 is not allowed: must be an integer from']),
     (
         {'integrated': lambda self: {'v': Integrated(5.0)}},
         ["invert gives the state 'v' = 0 at node 0 of 25 (s = 0)", 'but integrated gives 5'],
     ),
-    *(
-        (
-            {f'{side}_conditions': lambda s, t, x: x[0]},
-            [f'{side}_conditions returns one value, expected a sequence'],
-        )
-        for side in ('start', 'end')
+    (
+        {'start_conditions': lambda s, t, x: x[0]},
+        ['start_conditions returns one value, expected a sequence'],
     ),
     *(
         ({'derivative': rates}, [f"derivative gives the rate of '{name}' ="])
         for name, rates in (
             ('x', lambda s, x, u: (-x[1], u[0])),
-            ('v', lambda s, x, u: (x[1], 1.1 * u[0])),
-            ('v', lambda s, x, u: (x[1], u[0] + 0.05)),
             ('v', lambda s, x, u: (x[1], u[0] - np.where(x[0] > 0.8, 0.1, 0.0))),
         )
     ),
@@ -124,10 +106,6 @@ OF_A_CART = [
     ),
     ({'reserve': 0.1}, ['reserve = 0.1', 'a mapping of limits to shares']),
     ({'feedback_weights': lambda s: 5}, ['feedback_weights gives 5', 'a pair (Q, R)']),
-    (
-        {'feedback_weights': lambda s: (np.eye(2) * np.nan, 1.0)},
-        ['gives Q that is not positive semidefinite'],
-    ),
     ({'feedback_weights': lambda s: (-np.eye(2), 1.0)}, ['gives Q that is not positive']),
     ({'feedback_weights': lambda s: (np.eye(2), 0.0)}, ['gives R that is not positive definite']),
     ({'feedback_weights': lambda s: ('much', 1.0)}, ['gives Q that is no matrix']),
