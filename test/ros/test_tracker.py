@@ -152,17 +152,11 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
     assert 'rejected' not in idle.status.message
 
 
-@pytest.fixture
-def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let it take .04 s to look at a plan."""
-    counter = partial(next, itertools.count(0.0, 0.04))
+def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan, monkeypatch):
+    """All of them would take more time than the commands leave; the last must not be lost."""
+    counter = partial(next, itertools.count(0.0, 0.04))  # s to look at a plan
     stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
     monkeypatch.setattr(tracker_plans, 'time', stand_in)
-
-
-@pytest.mark.usefixtures('laborious')
-def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
-    """All of them would take more time than the commands leave; the last must not be lost."""
     followed = bench.hear('active_trajectory')
     bench.theta = math.pi
     for _ in range(60):
