@@ -13,8 +13,8 @@ import re
 from typing import Literal, NamedTuple
 
 import numpy as np
-from tdm_sim.report.margins import History, margin_history, ROUNDING, separations, smallest
-from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Severity, Signals
+from tdm_sim.report.margins import History, Margin, margin_history, ROUNDING, separations, smallest
+from tdm_sim.report.mission import Mission, RecordedVehicle, Severity, Signals
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
 
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 'planner']
@@ -192,7 +192,6 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
     for vehicle in mission.vehicles:
         history = histories[vehicle.name]
         planned, measured = smallest(history.planned), smallest(history.measured)
-        planned = planned or _said(mission, vehicle)
         controls = () if vehicle.plan is None else vehicle.plan.trajectory.control_names
         for name in dict.fromkeys([*planned, *measured]):
             achieved = measured.get(name)
@@ -201,20 +200,6 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
             mark = 'saturated' if at_limit and name in controls else ''
             entry = _smallest('margin', f'margin of {name}', planned.get(name), achieved)
             yield entry._replace(vehicle=vehicle.name, mark=mark)
-
-
-def _said(mission: Mission, vehicle: RecordedVehicle) -> dict[str, Margin]:
-    """Return the margins of all plans of a vehicle, as verified by the planner."""
-    found: dict[str, Margin] = {}
-    for figures in mission.figures:
-        for whole, margin in figures.margins.items():
-            name = whole.removeprefix(f'{vehicle.name}.')
-            if name == whole and len(mission.vehicles) > 1:
-                continue
-            at = None if margin.instant is None else figures.time + margin.instant
-            if name not in found or margin.worst < found[name].worst:
-                found[name] = Margin(margin.worst, at, margin.unit)
-    return found
 
 
 def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | None) -> Entry:

@@ -18,7 +18,7 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.verification import Constraint
-from tdm_sim.report.mission import Margin, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
 
 MOST_PAIRS = 200
 ROUNDING = 1e-6  # of a margin, in its unit
@@ -31,6 +31,14 @@ class History(NamedTuple):
 
     planned: Signals | None = None
     measured: Signals | None = None
+
+
+class Margin(NamedTuple):
+    """Smallest value of a history, for a limit negative where violated, and its instant [s]."""
+
+    worst: float
+    instant: float
+    unit: str
 
 
 def margin_history(vehicle: RecordedVehicle) -> History:

@@ -131,29 +131,16 @@ class RecordedVehicle:
         return Signals.both(self.plans[0].trajectory, times, read)
 
 
-class Margin(NamedTuple):
-    """
-    Smallest distance from a limit (negative: violated), and its instant [s].
-
-    In `PlanFigures` the instant counts from the start of the plan, elsewhere from the mission's
-    origin. None: not known.
-    """
-
-    worst: float
-    instant: float | None = None
-    unit: str = ''
-
-
 @dataclass(frozen=True)
 class PlanFigures:
     """
     The planner's figures of a plan; None or empty where they are not known.
 
-    `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
-    `terminal_error` is the replayed final state's difference from the goal, by state (of several
-    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name. `vehicles` are by
-    name; of one without joints only the interpolation of its controls is told. `document` is what
-    all this was read from.
+    `time` is the start of its motion [s since the mission's origin]; `terminal_error` is the
+    replayed final state's difference from the goal, by state (of several vehicles
+    ``vehicle.state``); `parameters` are the problem's, by dotted name. `vehicles` are by name; of
+    one without joints only the interpolation of its controls is told. `document` is what all this
+    was read from.
     """
 
     time: float
@@ -161,7 +148,6 @@ class PlanFigures:
     cost_terms: Mapping[str, float] = field(default_factory=dict)
     solve_time: float | None = None
     summary: str = ''
-    margins: Mapping[str, Margin] = field(default_factory=dict)
     terminal_error: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, object] = field(default_factory=dict)
     problem: str = ''

@@ -89,8 +89,6 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         missing.append(
             'The file does not hold the parameters of the problem: no limits are drawn.'
         )
-    if 'verification' not in document:
-        missing.append('The file does not hold the margins of the plan.')
     found = planned_vehicles(problem, trajectories)
     return Mission(
         title=found[0].view.title or f'Plan for {figures.problem}',

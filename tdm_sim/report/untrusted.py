@@ -16,7 +16,7 @@ from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.trajectory import Interpolation, SECOND
-from tdm_sim.report.mission import Margin, PlanFigures
+from tdm_sim.report.mission import PlanFigures
 
 LONGEST_TEXT = 500
 MOST_ENTRIES = 2000
@@ -75,18 +75,12 @@ def _scalar(value: object) -> object:
 def plan_figures(document: Mapping[str, Any]) -> PlanFigures:
     """Return the figures of a plan file or summary, as if its motion started at the origin."""
     check = mapping(document.get('verification'))
-    instants = numbers(check.get('worst_times'))
-    units = mapping(check.get('units'))
     return PlanFigures(
         time=0.0,
         cost=number(document.get('cost')),
         cost_terms=numbers(document.get('cost_terms')),
         solve_time=number(document.get('solve_time')),
         summary=text(document.get('summary')),
-        margins={
-            name: Margin(worst, instants.get(name), text(units.get(name), 20))
-            for name, worst in numbers(check.get('worst')).items()
-        },
         terminal_error=numbers(check.get('terminal_error')),
         parameters=parameters(document.get('parameters')),
         problem=text(document.get('problem'), 100),

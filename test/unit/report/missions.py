@@ -266,17 +266,13 @@ def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
-    times, units = {'torque': 0.0, 'disk_angle': 2.0}, {'torque': 'N m', 'disk_angle': 'rad'}
-    check = {'worst': {'torque': 0.006, 'disk_angle': 1.2}, 'worst_times': times, 'units': units}
-    check |= {'terminal_error': {'theta': 1e-6}}
+    check = {'terminal_error': {'theta': 1e-6}}
     return recorded(pendulum_mission(), namespace, verification=check)
 
 
 def robot_recording(namespace: str = '/robots') -> list[Item]:
-    worst = {'robot1.walls': 0.3, 'robot2.walls': 0.3, 'separation robot1-robot2': 0.6}
-    check = {'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)}
     costs = {'time': 0.5, 'sequence': 0.25, 'gas': 0.5}
-    return recorded(formation_mission(), namespace, cost_terms=costs, verification=check)
+    return recorded(formation_mission(), namespace, cost_terms=costs)
 
 
 def without(items: Iterable[Item], *endings: str) -> list[Item]:
@@ -312,7 +308,6 @@ def check_pendulum(mission: Mission) -> None:
     check_vehicles(mission, expected)
     (figures,) = mission.figures
     assert (figures.cost, figures.solve_time) == (1.25, 0.125)
-    assert figures.margins['disk_angle'].instant == 2.0
     assert mission.vehicles[0].view.bounds == expected.vehicles[0].view.bounds
     assert mission.recorded_at == pytest.approx(START * 1e-9)
 

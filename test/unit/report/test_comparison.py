@@ -35,8 +35,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     seen, applied = Signals.both(plan, at, Sample(measured, torque))
     view, plans = PendulumView(problem=PendulumSwingUp()), (FollowedPlan(plan, 0.0),)
     vehicle = mission.RecordedVehicle('pendulum', view, plans, states=seen, applied=applied)
-    margins, error = {'torque': mission.Margin(0.006, 0.25, 'N m')}, {'theta': 2e-5}
-    figures = PlanFigures(0.0, DURATION, solve_time=0.2, margins=margins, terminal_error=error)
+    figures = PlanFigures(0.0, DURATION, solve_time=0.2, terminal_error={'theta': 2e-5})
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
