@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import chain
 import math
 import re
@@ -17,7 +17,7 @@ from tdm_sim.report.margins import History, Margin, margin_history, ROUNDING, se
 from tdm_sim.report.mission import Mission, RecordedVehicle, Severity, Signals
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
 
-Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 'planner']
+Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'planner']
 
 _STEP, _MOST_STEPS = 0.001, 50_000  # between instants at which a plan is judged
 
@@ -70,7 +70,6 @@ def compare(mission: Mission) -> Comparison:
         _landings(mission),
         _margins(mission, margins),
         _distances(mission, apart),
-        _tracking(errors),
         _planner(mission),
     )
     found = judge(mission) if mission.was_executed else None
@@ -104,26 +103,13 @@ def _several(mission: Mission) -> str:
 def _durations(mission: Mission) -> Iterator[Entry]:
     """Durations of plans, and when states are within the verdict's tolerances for good."""
     note = _several(mission)
-    planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
-    lengths = {vehicle.name: vehicle.plans[0].trajectory.duration for vehicle in planned}
-    if len(lengths) > 1:
-        longest = max(lengths.values())
-        yield Entry('duration', 'duration of all plans', 's', longest, note=note)
-    for name, length in lengths.items():
-        yield Entry('duration', 'duration of the plan', 's', length, vehicle=name, note=note)
-    rows = [_time_to_goal(vehicle, note) for vehicle in planned if vehicle.states is not None]
-    if len(rows) > 1:
-        due, done = (
-            _latest([row.planned for row in rows]),
-            _latest([row.achieved for row in rows]),
-        )
-        yield Entry('duration', 'time until all are at the goal', 's', due, done, note=note)
-    yield from rows
-
-
-def _latest(instants: Sequence[float | None]) -> float | None:
-    known = [instant for instant in instants if instant is not None]
-    return max(known) if len(known) == len(instants) else None
+    for vehicle in mission.vehicles:
+        if vehicle.plans:
+            length = vehicle.plans[0].trajectory.duration
+            plain = Entry('duration', 'duration of the plan', 's', length, vehicle=vehicle.name)
+            yield plain._replace(note=note)
+            if vehicle.states is not None:
+                yield _time_to_goal(vehicle, note)
 
 
 def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
@@ -211,8 +197,7 @@ def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | 
 
 def _distances(mission: Mission, history: History) -> Iterator[Entry]:
     planned, measured = smallest(history.planned), smallest(history.measured)
-    names = list(dict.fromkeys([*planned, *measured]))
-    if not names:
+    if not planned and not measured:
         return
     nearest = min(planned.values(), key=lambda m: m.worst, default=None)
     closest = min(measured.values(), key=lambda m: m.worst, default=None)
@@ -224,20 +209,6 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
             for m in (nearest, closest)
         )
         yield _smallest('margin', 'margin of separation', due, kept)
-    if len(names) > 1:
-        for name in names:
-            yield _smallest('distance', name, planned.get(name), measured.get(name))
-
-
-def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
-    """Root mean square and largest tracking error while plans were followed."""
-    for vehicle, history in errors.items():
-        for name, most in smallest(replace(history, values=-np.abs(history.values))).items():
-            unit, rms = most.unit, math.sqrt(float(np.nanmean(history.column(name) ** 2)))
-            yield Entry('tracking', f'rms error of {name}', unit, None, rms, vehicle=vehicle)
-            largest = most._replace(worst=-most.worst)
-            entry = _smallest('tracking', f'largest error of {name}', None, largest)
-            yield entry._replace(vehicle=vehicle)
 
 
 def _planner(mission: Mission) -> Iterator[Entry]:

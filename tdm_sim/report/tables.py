@@ -21,7 +21,6 @@ _HEADINGS: dict[Kind, str] = {
     'landing': 'Landing',
     'margin': 'Worst margins',
     'distance': 'Distances',
-    'tracking': 'Tracking',
     'planner': 'Planner',
 }
 _NOTES: Mapping[Kind, str] = {
@@ -41,15 +40,8 @@ def card(title: str, body: str, attributes: str = '') -> str:
 
 
 def summary_table(mission: Mission, comparison: Comparison) -> str:
-    """Return planned against achieved, of several vehicles the worst; every figure folded up."""
-    entries = comparison.entries
-    worst = _worst(entries)
-    notes = _NOTES if mission.was_executed else {}
-    parts = [_verdict(comparison), _table(mission, worst, notes)]
-    if len(worst) < len(entries):
-        table = _table(mission, entries, {})
-        parts.append(f'<details><summary>Every figure</summary>{table}</details>')
-    return ''.join(parts)
+    """Return the verdict, and planned against achieved, of several vehicles the worst."""
+    return _verdict(comparison) + _table(mission, _worst(comparison.entries))
 
 
 def _verdict(comparison: Comparison) -> str:
@@ -74,42 +66,35 @@ def figures(comparison: Comparison) -> list[tuple[str, str, str]]:
 
 
 def _worst(entries: Iterable[Entry]) -> list[Entry]:
-    """Return the figures of the summary, without details: of several vehicles the worst."""
+    """Return the figures of the summary: of several vehicles the worst."""
     groups: dict[tuple[Kind, str], list[Entry]] = {}
     for entry in entries:
-        of_pair = entry.kind == 'distance' and ' - ' in entry.name
-        if entry.kind != 'tracking' and not of_pair:
-            groups.setdefault((entry.kind, entry.name), []).append(entry)
-    totals = {kind for kind, _ in groups if any(not e.vehicle for e in groups[kind, _])}
-    return [
-        _worst_of(group)
-        for (kind, _), group in groups.items()
-        if not (kind == 'duration' and kind in totals and group[0].vehicle)
-    ]
+        groups.setdefault((entry.kind, entry.name), []).append(entry)
+    return [_worst_of(group) for group in groups.values()]
 
 
 def _worst_of(group: Sequence[Entry]) -> Entry:
     """Return the smallest margins, else the largest amounts, planned and achieved."""
+    kind = group[0].kind
 
     def gravity(value: float | None) -> float:
-        if value is None:
-            return -math.inf
-        return -value if group[0].kind == 'margin' else abs(value)
+        if value is None:  # a goal that was never reached is the worst
+            return math.inf if kind == 'duration' else -math.inf
+        return -value if kind == 'margin' else abs(value)
 
     planned = max(group, key=lambda entry: gravity(entry.planned))
     achieved = max(group, key=lambda entry: gravity(entry.achieved))
-    return group[0]._replace(
+    leading = planned if all(entry.achieved is None for entry in group) else achieved
+    return leading._replace(
         planned=planned.planned,
         planned_at=planned.planned_at,
         achieved=achieved.achieved,
         achieved_at=achieved.achieved_at,
         mark=achieved.mark,
-        vehicle=(planned if achieved.achieved is None else achieved).vehicle,
     )
 
 
-def _table(mission: Mission, entries: Sequence[Entry], notes: Mapping[Kind, str]) -> str:
-    """Return a table; `notes` say what the figures of a kind mean."""
+def _table(mission: Mission, entries: Sequence[Entry]) -> str:
     columns = ('planned', 'achieved') if mission.was_executed else ('planned',)
     heads = ''.join(f'<th scope="col">{column}</th>' for column in columns)
     span = f'colspan="{1 + len(columns)}"'
@@ -119,8 +104,8 @@ def _table(mission: Mission, entries: Sequence[Entry], notes: Mapping[Kind, str]
         if group:
             rows.append(f'<tr class="group"><th {span} scope="colgroup">{heading}</th></tr>')
             rows += [_row(mission, entry) for entry in group]
-            if kind in notes:
-                rows.append(f'<tr class="criterion"><td {span}>{escape(notes[kind])}</td></tr>')
+            if kind in _NOTES and mission.was_executed:
+                rows.append(f'<tr class="criterion"><td {span}>{_NOTES[kind]}</td></tr>')
     return (
         f'<table class="figures"><thead><tr><td></td>{heads}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table>'

@@ -207,13 +207,16 @@ def test_the_worst_of_all_robots_violations_and_saturation_stand_out() -> None:
         Entry('margin', 'margin of thrust', 'N', 0.1, 0.3, 3.0, 4.0, vehicle='b'),
         Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, -0.2, vehicle='a'),
         Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, 0.1, vehicle='b'),
+        Entry('duration', 'time to the goal', 's', 2.0, 3.0, vehicle='a'),
+        Entry('duration', 'time to the goal', 's', 4.0, vehicle='b', note='not held'),
         Entry('margin', 'margin of torque', 'N m', 0.1, -0.02, 1.0, 1.5),
         Entry('margin', 'margin of walls', 'm', 0.1, 0.0, 1.0, 1.5, mark='saturated'),
     )
-    table = summary_table(robots_mission(), Comparison(entries)).partition('<details>')[0]
+    table = summary_table(robots_mission(), Comparison(entries))
     for row in (
         ['thrust [N]a', '0.1 at 3.00 s', '0.1 at 2.00 s'],
         ['error of yaw [rad]a', '0', f'{MINUS}0.2'],
+        ['time to the goal [s]b, not held', '4', ''],
         ['walls [m]', '0.1 at 1.00 s', '0 at 1.50 s saturated'],
     ):
         assert row in missions.Parts(table).rows
