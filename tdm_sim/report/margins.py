@@ -10,17 +10,14 @@ The limits are those of the planner's verification, for the parameters that it p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import heapq
 import itertools
 from typing import NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.verification import Constraint
 from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
 
-MOST_PAIRS = 200
 ROUNDING = 1e-6  # of a margin, in its unit
 _INSTANTS = 1000  # of a plan
 _STEP = 0.01  # s, between instants at which planned distances are computed
@@ -105,13 +102,7 @@ def smallest(history: Signals | None) -> dict[str, Margin]:
 
 
 def separations(mission: Mission) -> History:
-    """
-    Return the distance of every pair of vehicles over time, called ``one - other``.
-
-    Of more than `MOST_PAIRS` pairs those that come closest.
-
-    Raise InvalidProblem if a vehicle lacks a state of its place.
-    """
+    """Return the distance of every pair of vehicles over time, called ``one - other``."""
     moving = [v for v in mission.vehicles if v.view.place]
     planned = [v for v in moving if v.plans]
     seen = {v.name: v.states for v in moving if v.states is not None}
@@ -128,20 +119,9 @@ def separations(mission: Mission) -> History:
 
 
 def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ...]) -> Signals:
-    for name, known in states.items():
-        lacking = [state for state in place if state not in known]
-        if lacking:
-            raise InvalidProblem(
-                f"the states of '{name}' lack '{lacking[0]}', without which its distance from "
-                f'others is not known; there is: {", ".join(known.names) or "none"}'
-            )
     places = {name: known.select(*place).at(times).values for name, known in states.items()}
-    apart = (
-        (number, f'{one} - {other}', np.hypot(*(places[one] - places[other]).T))
-        for number, (one, other) in enumerate(itertools.combinations(places, 2))
-    )
-    nearest = heapq.nsmallest(
-        MOST_PAIRS, apart, key=lambda pair: float(np.nanmin(pair[2], initial=np.inf))
-    )
-    _, names, values = zip(*sorted(nearest, key=lambda pair: pair[0]), strict=True)
-    return Signals(times, np.stack(values, axis=1), names, ('m',) * len(names))
+    apart = {
+        f'{one} - {other}': np.hypot(*(places[one] - places[other]).T)
+        for one, other in itertools.combinations(places, 2)
+    }
+    return Signals(times, np.stack([*apart.values()], axis=1), (*apart,), ('m',) * len(apart))
