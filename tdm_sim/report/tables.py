@@ -23,13 +23,6 @@ _HEADINGS: dict[Kind, str] = {
     'distance': 'Distances',
     'planner': 'Planner',
 }
-_NOTES: Mapping[Kind, str] = {
-    'duration': 'At the goal: from when on the states stay within the tolerances of the verdict, '
-    'planned and measured alike. A plan ends at rest, which is later.',
-    'landing': 'State at the planned end less the goal; planned: of the replayed plan.',
-    'planner': 'Errors count from the start of the motion on; what came before stands under '
-    'Events only.',
-}
 _NOTHING = 1e-12  # below this a figure is shown as 0
 
 
@@ -49,8 +42,7 @@ def _verdict(comparison: Comparison) -> str:
     if verdict is None:
         return ''
     if verdict.reached:
-        asked = f'<p class="note">{escape(verdict.criterion)}</p>' if verdict.criterion else ''
-        return f'<p class="verdict good">Goal reached and held</p>{asked}'
+        return '<p class="verdict good">Goal reached and held</p>'
     if not verdict.reasons:
         return f'<p class="verdict">Not known: {escape(verdict.undecided)}</p>'
     reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
@@ -97,15 +89,13 @@ def _worst_of(group: Sequence[Entry]) -> Entry:
 def _table(mission: Mission, entries: Sequence[Entry]) -> str:
     columns = ('planned', 'achieved') if mission.was_executed else ('planned',)
     heads = ''.join(f'<th scope="col">{column}</th>' for column in columns)
-    span = f'colspan="{1 + len(columns)}"'
     rows = []
     for kind, heading in _HEADINGS.items():
         group = [entry for entry in entries if entry.kind == kind]
         if group:
-            rows.append(f'<tr class="group"><th {span} scope="colgroup">{heading}</th></tr>')
+            span = f'colspan="{1 + len(columns)}" scope="colgroup"'
+            rows.append(f'<tr class="group"><th {span}>{heading}</th></tr>')
             rows += [_row(mission, entry) for entry in group]
-            if kind in _NOTES and mission.was_executed:
-                rows.append(f'<tr class="criterion"><td {span}>{_NOTES[kind]}</td></tr>')
     return (
         f'<table class="figures"><thead><tr><td></td>{heads}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table>'

@@ -26,12 +26,11 @@ class Verdict:
     The verdict: `reasons` why the goal was missed.
 
     `undecided` says why there is no verdict: the measurements end too early, without a violation;
-    '' if there is one. `criterion` is what was required.
+    '' if there is one.
     """
 
     reasons: tuple[str, ...]
     undecided: str = ''
-    criterion: str = ''
 
     @property
     def reached(self) -> bool:
@@ -63,7 +62,7 @@ def judge(mission: Mission) -> Verdict | None:
             f'the recording ends at {min(ends):.1f} s, before the goal could be reached and held '
             f'for {HOLD_TIME:g} s'
         )
-    return Verdict(tuple(reasons), undecided, _criterion(vehicles))
+    return Verdict(tuple(reasons), undecided)
 
 
 def held_from(times: Array, shares: Array) -> float:
@@ -183,19 +182,3 @@ def _too_close(mission: Mission) -> list[str]:
         for pair, margin in smallest(separations(mission).measured).items()
         if not margin.worst >= least
     ]
-
-
-def _criterion(vehicles: list[RecordedVehicle]) -> str:
-    view, plan = vehicles[0].view, vehicles[0].plans[-1]
-    within = [
-        f'{", ".join(names)} within {allowed:.3g} {view.units.get(names[0], "")}'.rstrip()
-        for names, allowed in view.goal(plan.trajectory)[1]
-    ]
-    goal = '; '.join(within) or 'no state is given'
-    if not view.is_held(plan.trajectory):
-        return f'At the planned end: {goal}; limits kept.'
-    settling = view.settling(plan.trajectory.duration)
-    return (
-        f'At the latest {settling:.3g} s after the planned end, for {HOLD_TIME:g} s or more: '
-        f'{goal}; limits kept.'
-    )

@@ -180,9 +180,7 @@ def judged(problem: DirectProblem, end: float, **changes):
 
 
 def test_a_goal_that_can_be_held_must_be() -> None:
-    good = judged(SLED, 0.0)
-    assert good.reached, good
-    assert '5 s or more: x within 0.05 m; v within' in good.criterion
+    assert judged(SLED, 0.0).reached
     (reason,) = judged(SLED, 0.0, x=0.06).reasons
     assert reason == 'sled was not at its goal within 1 s of the planned end: off in x by 0.06 m'
     assert judged(SLED, 0.0, until=6.5).undecided.startswith('the recording ends at 6.5 s')
