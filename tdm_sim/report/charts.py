@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
-from tdm_planner.trajectory import Sample
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.margins import History, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals
 
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
 Sources = Mapping[Kind, Signals | None]  # of a vehicle, by the kind of their curves
@@ -91,7 +90,7 @@ def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show, with all their points."""
     states, controls, margins, errors = (list[Sources]() for _ in range(4))
     for vehicle in mission.vehicles:
-        state, control = _planned(vehicle)
+        _, state, control = vehicle.followed() if vehicle.plans else (None, None, None)
         left = comparison.margins[vehicle.name]
         states.append({'planned': state, 'measured': vehicle.states})
         controls.append(
@@ -187,37 +186,11 @@ def _panels(mission: Mission, sources: Sequence[Sources], held: bool = False) ->
     )
 
 
-def _planned(vehicle: RecordedVehicle) -> tuple[Signals | None, Signals | None]:
-    """Return states and controls of every plan as long as it was followed, gaps between them."""
-    if not vehicle.plans:
-        return None, None
-    parts = []
-    for plan in vehicle.plans:
-        at = plan_instants(plan, MOST_PER_CURVE // len(vehicle.plans) - 3)
-        gapped = (np.pad(v, ((0, 1), (0, 0)), constant_values=np.nan) for v in plan.sample(at))
-        parts.append((np.append(at, at[-1]), *gapped))
-    times, *read = map(np.concatenate, zip(*parts, strict=True))
-    return Signals.both(vehicle.plans[0].trajectory, times, Sample(*read))
-
-
 def _switches(plan: FollowedPlan) -> Array:
     """Return the instants at which a held control of the plan jumps while it is followed [s]."""
     motion = plan.trajectory
     instants: Array = plan.start + motion.times[motion.switches]
     return instants[instants <= plan.followed_until]
-
-
-def plan_instants(plan: FollowedPlan, most: int) -> Array:
-    """Return about `most` instants at which a plan is drawn while it is followed."""
-    end = plan.followed_until
-    even = np.linspace(plan.start, end, min(max(most // 2, 2), 400))
-    samples = plan.start + plan.trajectory.times
-    if samples.size > most // 2:
-        samples = _switches(plan)
-    instants: Array = np.union1d(samples[samples < end], even)
-    # an instant and its double, rounded differently, would make a needle in a held control
-    apart: Array = instants[np.append(True, np.diff(instants) > 1e-9)]
-    return apart
 
 
 def chart_json(

@@ -19,7 +19,6 @@ from tdm_planner.verification import Constraint
 from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
 
 ROUNDING = 1e-6  # of a margin, in its unit
-_INSTANTS = 1000  # of a plan
 _STEP = 0.01  # s, between instants at which planned distances are computed
 
 
@@ -44,17 +43,9 @@ def margin_history(vehicle: RecordedVehicle) -> History:
     constraints = () if plan is None else vehicle.view.constraints(plan.trajectory)
     if not constraints:
         return History()
-    return History(_planned(vehicle, constraints), _measured(vehicle, constraints))
-
-
-def _planned(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals:
-    parts = []
-    for plan in vehicle.plans:
-        even = np.linspace(0.0, plan.trajectory.duration, _INSTANTS + 1)
-        times = np.union1d(even, plan.trajectory.times)
-        times = times[times + plan.start <= plan.followed_until]
-        parts.append((times + plan.start, times, *plan.trajectory.sample(times)))
-    return margins_of(constraints, *map(np.concatenate, zip(*parts, strict=True)))
+    times, states, controls = vehicle.followed()
+    planned = margins_of(constraints, states.times, times, states.values, controls.values)
+    return History(planned, _measured(vehicle, constraints))
 
 
 def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals | None:

@@ -22,6 +22,9 @@ from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
+_INSTANTS = 1001  # of a plan, beside its own
+_APART = 1e-9  # s
+
 
 @dataclass(frozen=True, eq=False)
 class Signals:
@@ -129,6 +132,27 @@ class RecordedVehicle:
             during = times >= plan.start
             read.state[during], read.control[during] = plan.sample(times[during])
         return Signals.both(self.plans[0].trajectory, times, read)
+
+    def followed(self) -> tuple[Array, Signals, Signals]:
+        """
+        Return what was planned while plans were followed, behind each of them NaN as a gap.
+
+        These are times (n,) since the plans' starts, states and controls, at the plans' own
+        instants and evenly spread ones.
+        """
+        parts = []
+        for plan in self.plans:
+            motion, end = plan.trajectory, plan.followed_until - plan.start
+            at = np.union1d(np.linspace(0.0, motion.duration, _INSTANTS), motion.times)
+            # an instant and its double, rounded differently, would make a needle in a held control
+            at = at[(at < end - _APART) & np.append(np.diff(at) > _APART, True)]
+            at = np.append(at, end)
+            gapped = (
+                np.pad(v, ((0, 1), (0, 0)), constant_values=np.nan) for v in motion.sample(at)
+            )
+            parts.append((plan.start + np.append(at, end), np.append(at, end), *gapped))
+        instants, times, *read = map(np.concatenate, zip(*parts, strict=True))
+        return times, *Signals.both(self.plans[0].trajectory, instants, Sample(*read))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotF
 from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
+from tdm_sim.report.margins import smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.verdict import judge
@@ -53,7 +54,7 @@ def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
     drawn = compare(mission).margins['pendulum']
     assert drawn.measured is None
     worst = solution.verification.worst['torque']
-    assert drawn.planned.column('torque').min() == pytest.approx(worst)
+    assert smallest(drawn.planned)['torque'].worst == pytest.approx(worst)
 
 
 def test_a_plan_of_robots_and_the_command(tmp_path: Path, capsys, monkeypatch) -> None:
@@ -64,19 +65,19 @@ def test_a_plan_of_robots_and_the_command(tmp_path: Path, capsys, monkeypatch) -
     assert {v.view.place for v in mission.vehicles} == {('x', 'y')}
     comparison, worst = compare(mission), solution.verification.worst
     for vehicle in mission.vehicles:
-        planned = comparison.margins[vehicle.name].planned
-        assert set(planned.names) == {'thrust', 'thruster_rate', 'torque', 'walls'}
+        planned = smallest(comparison.margins[vehicle.name].planned)
+        assert set(planned) == {'thrust', 'thruster_rate', 'torque', 'walls'}
         # of the thrust the upper limit alone: robots that coast are at the lower one
         strongest = vehicle.plans[0].trajectory.control('thrust').max()
         least = vehicle.view.bounds['thrust'][1] - strongest
-        assert planned.column('thrust').min() == pytest.approx(least)
-        for name in planned.names[1:]:
+        assert planned['thrust'].worst == pytest.approx(least)
+        for name in ('thruster_rate', 'torque', 'walls'):
             expected = pytest.approx(worst[f'{vehicle.name}.{name}'], abs=1e-4)
-            assert planned.column(name).min() == expected
-    (smallest,) = [e for e in comparison.entries if e.name == 'smallest distance']
+            assert planned[name].worst == expected
+    (nearest,) = [e for e in comparison.entries if e.name == 'smallest distance']
     apart = min(v for n, v in worst.items() if n.startswith('separation'))
-    assert smallest.planned == pytest.approx(0.4 + apart, abs=1e-3)
-    assert smallest.achieved is None
+    assert nearest.planned == pytest.approx(0.4 + apart, abs=1e-3)
+    assert nearest.achieved is None
     monkeypatch.chdir(tmp_path)
     plan = str(file)
     assert main(['report', plan]) == 0
