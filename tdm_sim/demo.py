@@ -81,7 +81,7 @@ def run_demo(
             save_plan(_plan_file(mission), output / 'plan.json')
         write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
-    Console(quiet=quiet, highlight=False).print(_table(mission, comparison))
+    Console(quiet=quiet, highlight=False).print(_table(comparison))
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     unjudged = ('too little was recorded to judge it',)
     told = unjudged if judged is None else (*judged.reasons, judged.undecided)
@@ -180,7 +180,7 @@ def _plan_file(mission: Mission) -> dict[str, Any]:
     return document | {'robots': robots}
 
 
-def _table(mission: Mission, comparison: Comparison) -> Table:
+def _table(comparison: Comparison) -> Table:
     judged = comparison.verdict
     title = 'not known'
     if judged is not None and (judged.reached or judged.reasons):
@@ -190,6 +190,4 @@ def _table(mission: Mission, comparison: Comparison) -> Table:
         table.add_column(heading, justify='right')
     for row in figures(comparison):
         table.add_row(*map(escape, row))
-    if mission.speed != 1.0:
-        table.add_row('speed of simulated time', '', f'{mission.speed:.2g}')
     return table

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 import math
-import re
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -239,12 +238,6 @@ def _errors(mission: Mission) -> int:
 
 def missed_deadlines(mission: Mission) -> int:
     """Count plans that took longer than allowed, came after their start, or never came."""
-    times = [f.solve_time for f in mission.figures if f.solve_time is not None]
     deadline = math.inf if mission.deadline is None else mission.deadline
-    late = [
-        event
-        for event in mission.events
-        if event.text.startswith('DEADLINE:')
-        or re.match(r'plan \d+ is published .* after the start', event.text)
-    ]
-    return sum(time > deadline for time in times) + len(late)
+    late = [figures.late or (figures.solve_time or 0.0) > deadline for figures in mission.figures]
+    return sum(late) + sum(event.text.startswith('DEADLINE:') for event in mission.events)

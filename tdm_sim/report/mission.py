@@ -160,17 +160,18 @@ class PlanFigures:
     """
     The planner's figures of a plan; None or empty where they are not known.
 
-    `time` is the start of its motion [s since the mission's origin]; `terminal_error` is the
-    replayed final state's difference from the goal, by state (of several vehicles
-    ``vehicle.state``); `parameters` are the problem's, by dotted name. `vehicles` are by name; of
-    one without joints only the interpolation of its controls is told. `document` is what all this
-    was read from.
+    `time` is the start of its motion [s since the mission's origin], `late` whether it was
+    published after that; `terminal_error` is the replayed final state's difference from the goal,
+    by state (of several vehicles ``vehicle.state``); `parameters` are the problem's, by dotted
+    name. `vehicles` are by name; of one without joints only the interpolation of its controls is
+    told. `document` is what all this was read from.
     """
 
     time: float
     cost: float | None = None
     cost_terms: Mapping[str, float] = field(default_factory=dict)
     solve_time: float | None = None
+    late: bool = False
     summary: str = ''
     terminal_error: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, object] = field(default_factory=dict)
@@ -205,8 +206,7 @@ class Mission:
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
     follows from it; `source` is the file or folder it was read from; `recorded_at` is the origin's
-    wall-clock time [s since the epoch], None for a plan without a recorded motion; `speed` is that
-    of simulated time, relative to real time.
+    wall-clock time [s since the epoch], None for a plan without a recorded motion.
     """
 
     title: str
@@ -218,7 +218,6 @@ class Mission:
     missing: tuple[str, ...] = ()
     source: str = ''
     recorded_at: float | None = None
-    speed: float = 1.0
 
     @property
     def was_executed(self) -> bool:

@@ -134,8 +134,6 @@ def _source(mission: Mission) -> str:
     if mission.recorded_at is not None:
         at = datetime.fromtimestamp(mission.recorded_at, timezone.utc)
         parts.append(f'recorded {at:%Y-%m-%d %H:%M:%S} UTC')
-    if mission.speed != 1.0:
-        parts.append(f'simulated time at {mission.speed:.2g} times real time')
     return ' · '.join(parts)
 
 

@@ -12,10 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.problems.problem import Problem
@@ -23,9 +20,7 @@ from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Event, Mission, PlanFigures, RecordedVehicle, Severity
 from tdm_sim.report.recorded_topics import (
-    CLOCK,
     DIAGNOSTICS,
-    LOG,
     read_topics,
     RecordedTopics,
     STRING,
@@ -46,11 +41,7 @@ from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary
 
 _MOST_NAMED = 8  # topics that an error message lists
 MOST_EVENTS = 300
-_LEAST_CLOCK = 10  # messages of a simulated clock
-_WARNING, _ERROR = 30, 40  # levels of a log message
 _PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
-_REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message report the same event
 
 
 def read_mission(
@@ -138,7 +129,10 @@ def _planners(
             if summary is None:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
             else:
-                found.setdefault(namespace_of(topic), {}).update([summary])
+                start, figures = summary
+                late = topics.real_time and topics.begun < start < item.stamp
+                told = found.setdefault(namespace_of(topic), {})
+                told[start] = replace(figures, late=late)
     return {
         planner: Planner(*problem_of(plans[max(plans)], given), plans)
         for planner, plans in found.items()
@@ -165,8 +159,7 @@ def _mission(
     vehicles = [
         recorded_vehicle(topics, site, origin, followed(plans[site], origin)) for site in sites
     ]
-    clock = RecordedClock.of(topics)
-    happened, left_out = events(topics, sites[0].planner, origin, clock)
+    happened, left_out = events(topics, sites[0].planner, origin)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
     notes += _gaps(topics, sites, vehicles, summaries)
@@ -180,7 +173,6 @@ def _mission(
         missing=tuple(dict.fromkeys(notes)),
         source=str(path),
         recorded_at=origin * NANOSECOND,
-        speed=1.0 if clock is None or abs(clock.speed - 1.0) < _REAL_TIME else clock.speed,
     )
 
 
@@ -220,47 +212,14 @@ def _gaps(
     return found
 
 
-class RecordedClock(NamedTuple):
-    """What the simulated clock showed, `shown` (n,) ns, at the instants `recorded` (n,) ns."""
-
-    recorded: NDArray[np.int64]
-    shown: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, topics: RecordedTopics) -> RecordedClock | None:
-        """Return the clock of a recording; None where time was not simulated."""
-        for received in topics.of_type(CLOCK).values():
-            if len(received) >= _LEAST_CLOCK:
-                pairs = [(item.stamp, nanoseconds_of(item.message.clock)) for item in received]
-                recorded, shown = np.array(sorted(pairs), dtype=np.int64).T
-                return cls(recorded, shown)
-        return None
-
-    @property
-    def speed(self) -> float:
-        """Return the simulated time relative to real time, over the whole recording."""
-        elapsed = int(self.recorded[-1] - self.recorded[0])
-        return int(self.shown[-1] - self.shown[0]) / elapsed if elapsed > 0 else 1.0
-
-    def instant(self, stamp: int) -> int:
-        """Return what the clock showed at an instant [ns] of the computer's own clock."""
-        index = int(np.clip(np.searchsorted(self.recorded, stamp), 1, self.recorded.size - 1))
-        nearest = index if stamp >= self.recorded[index] else index - 1
-        return int(self.shown[nearest]) + round((stamp - int(self.recorded[nearest])) * self.speed)
-
-
-def events(
-    topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
-) -> tuple[list[Event], int]:
+def events(topics: RecordedTopics, namespace: str, origin: int) -> tuple[list[Event], int]:
     """
     Return the events in order of time, and how many were dropped as too many.
 
     Of nodes below `namespace` they are all changes of state, of others errors and warnings. Times
-    count from `origin` [ns]. `clock` is the simulated one, if any: logs bear the computer's time.
+    count from `origin` [ns].
     """
-    found = [*_changes(topics, namespace, origin)]
-    found += _logged(topics, origin, found, clock)
-    found.sort(key=lambda event: event.time)
+    found = sorted(_changes(topics, namespace, origin), key=lambda event: event.time)
     if len(found) <= MOST_EVENTS:
         return found, 0
     gravest = sorted(found, key=lambda event: -event.level)[:MOST_EVENTS]
@@ -281,30 +240,3 @@ def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Ev
                 if not passing and last.get(source) != now:
                     last[source] = now
                     yield Event((instant - origin) * NANOSECOND, level, source, now[1])
-
-
-def _logged(
-    topics: RecordedTopics, origin: int, told: list[Event], clock: RecordedClock | None
-) -> Iterator[Event]:
-    near: dict[tuple[str, int], list[str]] = {}
-    for event in told:
-        near.setdefault((event.source, int(event.time // _SAME_TIME)), []).append(event.text)
-    for received in topics.of_type(LOG).values():
-        for item in received:
-            log = item.message
-            if log.level < _WARNING:
-                continue
-            instant = nanoseconds_of(log.stamp) or item.stamp
-            if clock is not None:
-                instant = clock.instant(instant)
-            event = Event(
-                time=(instant - origin) * NANOSECOND,
-                level=Severity.WARN if log.level < _ERROR else Severity.ERROR,
-                source='/' + untrusted.text(log.name, 200).replace('.', '/'),
-                text=untrusted.text(log.msg),
-            )
-            slot = int(event.time // _SAME_TIME)
-            said = [t for k in (slot - 1, slot, slot + 1) for t in near.get((event.source, k), [])]
-            if not any(text in event.text or event.text in text for text in said):
-                near.setdefault((event.source, slot), []).append(event.text)
-                yield event

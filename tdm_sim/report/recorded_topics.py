@@ -43,11 +43,9 @@ PLAN = 'trajectory_msgs/msg/JointTrajectory'
 STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
-LOG = 'rcl_interfaces/msg/Log'
-CLOCK = 'rosgraph_msgs/msg/Clock'
 
 _STREAMS = (JOINT_STATE, ODOMETRY)
-_MESSAGES = (PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
+_MESSAGES = (PLAN, DIAGNOSTICS, STATUSES)
 _LATEST = 2**63 - 1  # ns
 _LARGEST = 1e100  # a number beyond it is damage; its square still is a number
 _MOST_COLUMNS = 200  # of a topic
@@ -135,11 +133,17 @@ class Topic:
 
 
 class RecordedTopics(dict[str, Topic]):
-    """A recording by topic; `seen` are the names of all topics, used or not."""
+    """A recording by topic; `seen` are the names of all topics, `begun` [ns] when it began."""
 
-    def __init__(self, topics: Mapping[str, Topic] | None = None) -> None:
-        super().__init__(topics or {})
+    def __init__(self) -> None:
+        super().__init__()
         self.seen: set[str] = set()
+        self.begun = _LATEST
+
+    @property
+    def real_time(self) -> bool:
+        """Whether the stamps of messages are the recorder's time."""
+        return '/clock' not in self.seen
 
     def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
         """Return the messages of every topic of a type."""
@@ -194,6 +198,7 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
 
     for name, kind, stamp, data in _messages(path, noted, notes):
         topic = topics.setdefault(name, Topic(kind))
+        topics.begun = min(topics.begun, stamp)
         if len(topic.received) >= _MOST_MESSAGES:
             continue
         if topic.kind != kind:  # the first type of a name counts

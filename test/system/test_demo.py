@@ -52,8 +52,7 @@ def messages(bag: Path, *topics: str) -> list:
 
 def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
     folder = tmp_path / 'out'
-    said = demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
-    assert 'speed of simulated time' in said
+    demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
     plan = load_plan(folder / 'plan.json')
     assert plan['verification']['ok'] is True
     assert 1.0 < Trajectory.from_dict(plan).duration < 2.0

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -220,10 +219,6 @@ def status(at: int, node: str, level: int, message: str, **values: Any) -> Diagn
     array = DiagnosticArray(status=[told])
     array.header.stamp = messages.to_stamp(at)
     return array
-
-
-def log(at: int, level: int, node: str, text: str) -> Log:
-    return Log(stamp=messages.to_stamp(at), level=level, name=node, msg=text, line=1)
 
 
 def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:

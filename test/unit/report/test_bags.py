@@ -118,12 +118,14 @@ def replanned() -> list[Item]:
     return [*pendulum_recording(), again._replace(stamp=after(0.1))]
 
 
-def test_replans_are_in_force_one_after_the_other(read: Any) -> None:
+@pytest.mark.parametrize('published', [0.1, 0.6])
+def test_replans_are_in_force_one_after_the_other(read: Any, published: float) -> None:
     about = missions.summary(after(0.5), 'pendulum_swing_up', {}, plan_id=2)
-    mission = read([*replanned(), Item('/pendulum/plan_summary', after(0.1), about)])
+    mission = read([*replanned(), Item('/pendulum/plan_summary', after(published), about)])
     plans = mission.vehicles[0].plans
     assert [(plan.start, plan.until) for plan in plans] == [(0.0, 0.5), (0.5, None)]
     assert [figures.time for figures in mission.figures] == [0.0, 0.5]
+    assert [figures.late for figures in mission.figures] == [False, published > 0.5]
     assert mission.parameters['limits.torque'] == 0.02  # of the plan that says it
 
 
@@ -139,10 +141,6 @@ def test_plans_that_the_tracker_never_began_do_not_count(read, codes, plans):
 
 def test_events_are_told_once_and_in_order(read: Any) -> None:
     items = pendulum_recording()
-    logged = ((-0.8, 30, 'no plan: NO_STATE: none'), (-0.4, 20, 'of no'), (0.5, 40, 'an error'))
-    for t, level, text in logged:
-        log = missions.log(after(t), level, 'pendulum.planner', text)
-        items.append(Item('/rosout', after(t), log))
     items += [said(-0.9, 0, 'planning'), said(-0.5, 0, 'plan 1 active')]
     items += [said(at, 1, 'NO_STATE: none') for at in (-0.8, -0.7)]
     items.append(said(0.6, 0, 'a stranger is well', '/camera'))
@@ -151,7 +149,6 @@ def test_events_are_told_once_and_in_order(read: Any) -> None:
     assert [(round(e.time, 3), e.level, e.text) for e in mission.events] == [
         (-0.8, Severity.WARN, 'NO_STATE: none'),
         (-0.5, Severity.OK, 'plan 1 active'),
-        (0.5, Severity.ERROR, 'an error'),
         (0.7, Severity.ERROR, 'a stranger is ill'),
     ]
 
@@ -183,10 +180,10 @@ def test_of_several_planners_the_one_that_was_followed_or_has_a_plan(read: Any) 
 
 @pytest.mark.parametrize(('storage', 'share'), [('mcap', 0.5), ('sqlite3', 0.95)])
 def test_a_recording_cut_short_is_read_as_far_as_it_goes(tmp_path, storage, share):
-    random = np.random.default_rng(1)  # 3 MB of log messages, so that a file has several blocks
+    random = np.random.default_rng(1)  # 3 MB of other messages, so that a file has several blocks
     times = [START + k * 10**7 for k in range(-50, 250)]
-    logs = [Item('/rosout', t, missions.log(t, 20, 'x', random.bytes(5000).hex())) for t in times]
-    bag = missions.write(tmp_path / 'bag', [*pendulum_recording(), *logs], storage)
+    others = [Item('/chatter', t, String(data=random.bytes(5000).hex())) for t in times]
+    bag = missions.write(tmp_path / 'bag', [*pendulum_recording(), *others], storage)
     (file,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
     copy = file.with_name(f'cut_{file.name}')
     copy.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
@@ -304,7 +301,6 @@ def what_nodes_say() -> list[Item]:
             told = missions.status(when, node, 1 + number % 2, f'{evil} {node}', **names)
             told.status[0].name = f'{node}: {evil}'
             found.append(Item('/diagnostics', when, told))
-        found.append(Item('/rosout', when, missions.log(when, 40, f'robots.{evil}', evil)))
     worst = dict.fromkeys(EVIL, -0.5)
     check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL, 'terminal_error': worst}
     vehicle = {'interpolation': 'linear', 'units': {'x': '<b id=x>', 'thrust': '</script>'}}

@@ -9,12 +9,11 @@ import itertools
 import json
 from pathlib import Path
 import re
-from types import SimpleNamespace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import missions
-from missions import DURATION, pendulum_mission, pendulum_states, robots_mission, SECOND, unpacked
+from missions import DURATION, pendulum_mission, pendulum_states, robots_mission, unpacked
 import numpy as np
 import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
@@ -135,24 +134,6 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, most: int, seed: int) -> 
     if np.isfinite(values).any():
         assert np.nanmin(values[kept]) == np.nanmin(values)
         assert np.nanmax(values[kept]) == np.nanmax(values)
-
-
-@pytest.mark.parametrize('speed', [0.5, 1.0, 4.0])
-def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
-    def clock(count: int) -> RecordedClock | None:
-        messages = []
-        for k in range(count):
-            second, nanosecond = divmod(round(k * speed * SECOND), SECOND)
-            shown = SimpleNamespace(sec=100 + second, nanosec=nanosecond)
-            messages.append(Received(SimpleNamespace(clock=shown), (50 + k) * SECOND))
-        return RecordedClock.of(RecordedTopics({'/clock': Topic(CLOCK, messages)}))
-
-    found = clock(20)
-    assert found.speed == pytest.approx(speed)
-    for recorded in (40.0, 50.0, 52.25, 69.0, 80.0):
-        expected = 100 + (recorded - 50) * speed
-        assert found.instant(round(recorded * SECOND)) / SECOND == pytest.approx(expected)
-    assert (clock(0), clock(1)) == (None, None)
 
 
 @pytest.mark.parametrize('make', [pendulum_mission, robots_mission])
