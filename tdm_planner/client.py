@@ -36,7 +36,7 @@ from std_msgs.msg import String
 from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
-from tdm_planner.plant_kind import Joint, PlantKind
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import joined, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
@@ -242,7 +242,7 @@ class PlanClient:
             message = received.get(f'{vehicle}/trajectory', received.get('trajectory'))
             if message is None:
                 return None
-            trajectories[vehicle] = read_plan(_kind(told), message, told['interpolation'])
+            trajectories[vehicle] = read_plan(PlantKind.from_dict(told), message)
         return PlanResult(
             **{f.name: summary[f.name] for f in fields(PlanResult) if f.name in summary},
             start=start,
@@ -264,17 +264,6 @@ class PlanClient:
                 self._news.wait(min(left, _LOOK))
                 self._news.clear()
         return found
-
-
-def _kind(told: Mapping[str, Any]) -> PlantKind:
-    """Return what a plan's summary says of a vehicle's joints."""
-    joints = tuple(Joint(name, **quantities) for name, quantities in told['joints'].items())
-    states, controls = tuple(told['states']), tuple(told['controls'])
-
-    def units(names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(told['units'].get(name, '') for name in names)
-
-    return PlantKind(states, controls, joints, units(states), units(controls))
 
 
 def _message(name: str, value: Any) -> Any:

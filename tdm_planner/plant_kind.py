@@ -77,6 +77,38 @@ class PlantKind:
         controls = set(self.control_names)
         return tuple(j for j in self.joints if controls & {j.velocity, j.effort})
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of states and controls by name, as far as they are known."""
+        found = dict(zip(self.state_names, self.state_units, strict=False))
+        return found | dict(zip(self.control_names, self.control_units, strict=False))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a plan's summary tells of a plant: names, units, joints, interpolation."""
+        return {
+            'interpolation': self.interpolation,
+            'units': self.units,
+            'states': self.state_names,
+            'controls': self.control_names,
+            'joints': {
+                joint.name: {q: getattr(joint, q) for q in QUANTITIES if getattr(joint, q)}
+                for joint in self.joints
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> PlantKind:
+        """Return the plant that `to_dict` told of."""
+        states, controls = tuple(told['states']), tuple(told['controls'])
+        return cls(
+            states,
+            controls,
+            joints=tuple(Joint(name, **given) for name, given in told['joints'].items()),
+            state_units=tuple(told['units'].get(name, '') for name in states),
+            control_units=tuple(told['units'].get(name, '') for name in controls),
+            interpolation=told['interpolation'],
+        )
+
 
 PENDULUM: Final = PlantKind(
     state_names=RotaryPendulum.state_names,

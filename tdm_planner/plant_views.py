@@ -87,9 +87,7 @@ class PlantView(Drawn):
     @property
     def units(self) -> dict[str, str]:
         """Return the units of states and controls by name."""
-        kind = self.kind
-        found = dict(zip(kind.state_names, kind.state_units, strict=False))
-        return found | dict(zip(kind.control_names, kind.control_units, strict=False))
+        return self.kind.units
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Return the state (nx,) that a plan leads to, and what it may be missed by."""

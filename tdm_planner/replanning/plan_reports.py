@@ -9,7 +9,6 @@ import json
 from typing import Any
 
 from tdm_planner.plan_files import finite
-from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.plant_views import view_of
 from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.trajectory import SECOND
@@ -47,14 +46,8 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
         'vehicles': {
             name: {
                 'duration': trajectory.duration,
+                **view_of(plan.problem, trajectory).kind.to_dict(),
                 'interpolation': trajectory.interpolation,
-                'units': trajectory.units,
-                'states': trajectory.state_names,
-                'controls': trajectory.control_names,
-                'joints': {
-                    joint.name: {q: getattr(joint, q) for q in QUANTITIES if getattr(joint, q)}
-                    for joint in view_of(plan.problem, trajectory).kind.joints
-                },
             }
             for name, trajectory in solution.trajectories.items()
         },

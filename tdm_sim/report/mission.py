@@ -163,8 +163,7 @@ class PlanFigures:
     `time` is the start of its motion [s since the mission's origin], `late` whether it was
     published after that; `terminal_error` is the replayed final state's difference from the goal,
     by state (of several vehicles ``vehicle.state``); `parameters` are the problem's, by dotted
-    name. `vehicles` are by name; of one without joints only the interpolation of its controls is
-    told. `document` is what all this was read from.
+    name; `vehicles` are by name; `document` is what all this was read from.
     """
 
     time: float

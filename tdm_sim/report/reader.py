@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.plan_files import load_plan, vehicles
+from tdm_planner.plan_files import load_plan, UnusableFile, vehicles
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
@@ -37,7 +37,7 @@ from tdm_sim.report.recorded_vehicles import (
     recorded_vehicle,
     Site,
 )
-from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary
+from tdm_sim.report.untrusted import plan_figures, problem_of, read_summary, UNREADABLE
 
 _MOST_NAMED = 8  # topics that an error message lists
 MOST_EVENTS = 300
@@ -72,7 +72,10 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         untrusted.text(name, 60): Trajectory.from_dict(dict(part))
         for name, part in vehicles(document).items()
     }
-    figures = plan_figures(document)
+    try:
+        figures = plan_figures(document)
+    except UNREADABLE:
+        raise UnusableFile(f"the file '{path}' is not a plan written by tdm") from None
     missing = ['This is a plan file without a recording: nothing is measured.']
     problem, unknown = problem_of(figures, given)
     missing += [unknown] if unknown else []
@@ -125,14 +128,13 @@ def _planners(
     found: dict[str, dict[int, PlanFigures]] = {}
     for topic, received in topics.of_type(STRING).items():
         for item in received:
-            summary = read_summary(item.message.data)
-            if summary is None:
+            try:
+                start, figures = read_summary(item.message.data)
+            except UNREADABLE:
                 notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
-            else:
-                start, figures = summary
-                late = topics.real_time and topics.begun < start < item.stamp
-                told = found.setdefault(namespace_of(topic), {})
-                told[start] = replace(figures, late=late)
+                continue
+            late = topics.real_time and topics.begun < start < item.stamp
+            found.setdefault(namespace_of(topic), {})[start] = replace(figures, late=late)
     return {
         planner: Planner(*problem_of(plans[max(plans)], given), plans)
         for planner, plans in found.items()

@@ -109,7 +109,7 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
     told = planner.plans[max(planner.plans)].vehicles
     only = next(iter(told.values())) if len(told) == 1 else None
     vehicle = told.get(namespace.rsplit('/', 1)[-1], only)
-    return PlantView(vehicle) if vehicle is not None and vehicle.joints else None
+    return None if vehicle is None else PlantView(vehicle)
 
 
 def _joints(topics: RecordedTopics, namespace: str) -> set[str]:

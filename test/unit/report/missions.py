@@ -26,7 +26,7 @@ from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes import messages
-from tdm_planner.plant_kind import PENDULUM, QUANTITIES, ROBOT
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import SECOND, Trajectory
@@ -227,9 +227,7 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
     for vehicle in mission.vehicles:
         kind, plan = vehicle.view.kind, vehicle.plans[0].trajectory
         space = f'{namespace}/{vehicle.name}' if kind.odometry else namespace
-        table = {j.name: {q: getattr(j, q) for q in QUANTITIES} for j in kind.joints}
-        stated = {'interpolation': plan.interpolation, 'units': plan.units, 'joints': table}
-        vehicles[vehicle.name] = stated
+        vehicles[vehicle.name] = replace(kind, interpolation=plan.interpolation).to_dict()
         motion = messages.plan_message(kind, plan, messages.to_stamp(START))
         found.append(Item(f'{space}/trajectory', START - SECOND, motion))
         within = [joint for joint in kind.joints if joint.name not in kind.odometry]

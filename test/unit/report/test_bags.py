@@ -303,7 +303,9 @@ def what_nodes_say() -> list[Item]:
             found.append(Item('/diagnostics', when, told))
     worst = dict.fromkeys(EVIL, -0.5)
     check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL, 'terminal_error': worst}
-    vehicle = {'interpolation': 'linear', 'units': {'x': '<b id=x>', 'thrust': '</script>'}}
+    units = {'x': '<b id=x>', 'thrust': '</script>'}
+    vehicle = {'interpolation': 'linear', 'units': units, 'states': ['x', 'u'], 'controls': EVIL}
+    vehicle['joints'] = {evil: {'position': 'x', 'effort': evil} for evil in EVIL}
     more = {'plan_id': EVIL[2], 'summary': ' '.join(EVIL), 'cost_terms': worst}
     more['vehicles'] = dict.fromkeys([*EVIL, 'robot2'], vehicle)
     more['verification'] = check | {'units': dict.fromkeys([*EVIL, 'thrust'], '<i>')}
