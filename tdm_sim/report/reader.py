@@ -103,7 +103,7 @@ def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) ->
     sites = find_sites(topics, planners)
     if not sites:
         raise UnreadableRecording(_nothing_of_ours(path, topics.seen, notes))
-    chosen = choose(sites, topics, namespace, notes)
+    chosen = choose(sites, namespace)
     planner = planners.get(chosen[0].planner)
     notes += [planner.unknown] if planner is not None and planner.unknown else []
     return _mission(topics, {} if planner is None else planner.plans, chosen, path, notes)

@@ -131,54 +131,22 @@ def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> Plant
     return None
 
 
-def choose(
-    sites: Sequence[Site], topics: RecordedTopics, namespace: str | None, notes: list[str]
-) -> list[Site]:
+def choose(sites: Sequence[Site], namespace: str | None) -> list[Site]:
     """
-    Return the vehicles of one planner: that of `namespace` or, by default, the liveliest.
+    Return the vehicles of the planner in `namespace`, or of the only one.
 
-    That is one for which a planned motion was measured; else, or of several such, the one with
-    most plans. `notes` name the others.
-
-    Raise UnreadableRecording if nothing was recorded in the namespace.
+    Raise UnreadableRecording if there is none in the namespace, or there are several.
     """
-    planners = list(dict.fromkeys(site.planner for site in sites))
-    if namespace is None:
-        lively = {p: _liveliness(topics, [s for s in sites if s.planner == p]) for p in planners}
-        chosen = max(planners, key=lambda planner: lively[planner])
-    else:
-        chosen = '/' + namespace.strip('/') if namespace.strip('/') else ''
-        if chosen not in planners:
-            raise UnreadableRecording(
-                f"the recording holds nothing in the namespace '{namespace}'; it has: "
-                + ', '.join(map(_shown, planners))
-            )
-    others = [_shown(planner) for planner in planners if planner != chosen]
-    if others:
-        notes.append(
-            f'The recording also holds {", ".join(others)}, which this report ignores: '
-            'choose with tdm report --namespace.'
+    planners = {site.planner for site in sites}
+    if namespace is not None:
+        planners &= {f'/{namespace.strip("/")}'.rstrip('/')}
+    if len(planners) != 1:
+        there = sorted({untrusted.text(site.planner, 60) or '/' for site in sites})
+        raise UnreadableRecording(
+            f'the recording holds planners and plants in {", ".join(there)}: choose one of them '
+            'with --namespace'
         )
-    return [site for site in sites if site.planner == chosen]
-
-
-def _shown(planner: str) -> str:
-    return untrusted.text(planner, 60) or '/'
-
-
-def _liveliness(topics: RecordedTopics, sites: Sequence[Site]) -> tuple[bool, int, bool]:
-    """Return whether a plan's motion was measured, the number of plans, whether there is data."""
-    executed, plans, seen = False, 0, False
-    for site in sites:
-        stream = topics.stream(f'{site.namespace}/{site.leading}')
-        seen |= stream is not None
-        for start, motion in _by_start(topics, site.namespace).items():
-            if motion.points:
-                plans += 1
-                end = start + nanoseconds_of(motion.points[-1].time_from_start)
-                at = np.zeros(0) if stream is None else stream.instants
-                executed |= bool(((at >= start) & (at <= end)).any())
-    return executed, plans, seen
+    return [site for site in sites if site.planner in planners]
 
 
 def recorded_vehicle(
