@@ -76,16 +76,12 @@ def compare(mission: Mission) -> Comparison:
 
 
 def tracking_errors(vehicle: RecordedVehicle) -> Signals | None:
-    """Return measured minus planned while plans were followed, as published or else computed."""
-    if not vehicle.plans:
+    """Return measured minus planned while plans were followed."""
+    if not vehicle.plans or vehicle.states is None:
         return None
-    start, end = vehicle.plans[0].start, vehicle.plans[-1].end
-    whole = vehicle.states if vehicle.tracking_error is None else vehicle.tracking_error
-    found = None if whole is None else whole.between(start, end)
-    if found is None or not found.times.size:
+    found = vehicle.states.between(vehicle.plans[0].start, vehicle.plans[-1].end)
+    if not found.times.size:
         return None
-    if vehicle.tracking_error is not None:
-        return found
     planned, _ = vehicle.planned(found.times)
     shown = found.select(*(name for name in planned.names if name in found))
     error = shown.values - planned.select(*shown.names).values

@@ -113,7 +113,6 @@ class RecordedVehicle:
     states: Signals | None = None
     commands: Signals | None = None
     applied: Signals | None = None
-    tracking_error: Signals | None = None
 
     @property
     def plan(self) -> FollowedPlan | None:

@@ -27,11 +27,9 @@ from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
-from tdm_sim.report.tables import card, events_table, parameters_table, summary_table
+from tdm_sim.report.tables import card, events_table, summary_table
 
 _SCRIPTS = ('scene.js', 'charts.js', 'report.js')
-_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-_PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 
 # Within a JSON string these mean the same as the characters; in HTML they mean nothing.
@@ -53,13 +51,11 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     report = {
         'span': list(mission.span),
         'motion': list(motion_span(mission)),
-        'speed': f'{playing_speed(mission):g}',
         'scene': scene,
         'charts': [chart_json(chart, mission.span, most) for chart in charts],
     }
     data = json.dumps(report, allow_nan=False, separators=(',', ':')).translate(_ESCAPES)
     script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
-    speeds = ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS)
     return page_html(
         mission.title,
         _subtitle(mission),
@@ -67,7 +63,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
         source=_source(mission),
         missing=_missing(mission.missing),
         details=f'<div class="column details">{_details(mission)}</div>',
-        player={'speeds': speeds, 'data': data, 'plotly': get_plotlyjs(), 'script': script},
+        player={'data': data, 'plotly': get_plotlyjs(), 'script': script},
     )
 
 
@@ -110,12 +106,6 @@ def motion_span(mission: Mission) -> tuple[float, float]:
     return max(first, -_LEAD), min(last, end + after)
 
 
-def playing_speed(mission: Mission) -> float:
-    """Return the playing speed for a motion of convenient length."""
-    start, end = motion_span(mission)
-    return min(_SPEEDS, key=lambda speed: abs((end - start) / speed - _PLAYED_IN))
-
-
 def _asset(name: str) -> str:
     return files('tdm_sim.report').joinpath('assets', name).read_text(encoding='utf-8')
 
@@ -143,8 +133,7 @@ def _columns(
     """Return cards in two columns; a phone shows them one after the other, by their `order`."""
     cards = [(1, 'Summary', summary_table(mission, comparison), 'id="summary"')]
     if moving:
-        stage = f'<div id="scene"></div>{_key(mission)}'
-        cards.insert(0, (0, 'Motion', stage, 'id="animation"'))
+        cards.insert(0, (0, 'Motion', '<div id="scene"></div>', 'id="animation"'))
     for chart in charts:
         note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
         drawn = f'{note}<div class="chart" id="chart-{chart.key}"></div>'
@@ -173,22 +162,9 @@ def _details(mission: Mission) -> str:
         table = f'<div class="scroll">{events_table(mission)}</div>'
         parts.append(card('Events', f'<p class="note">{count}</p>{table}', 'id="events"'))
     if mission.parameters:
+        parameters = json.dumps(mission.parameters, indent=1, ensure_ascii=False, sort_keys=True)
         parts.append(
             '<section class="card" id="parameters"><details><summary>Parameters of the problem'
-            f'</summary>{parameters_table(mission.parameters)}</details></section>'
+            f'</summary><pre>{escape(parameters)}</pre></details></section>'
         )
     return ''.join(parts)
-
-
-def _key(mission: Mission) -> str:
-    line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
-    planned = any(vehicle.plans for vehicle in mission.vehicles)
-    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_executed)]
-    ground = {shape.style for shape in mission.vehicles[0].view.surroundings}
-    entries.append(('limit', 'limit', 'limit' in ground))
-    items = ''.join(
-        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'
-        for name, style, there in entries
-        if there
-    )
-    return f'<ul class="key">{items}</ul>'

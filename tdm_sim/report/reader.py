@@ -24,7 +24,6 @@ from tdm_sim.report.recorded_topics import (
     read_topics,
     RecordedTopics,
     STRING,
-    UnreadableRecording,
 )
 from tdm_sim.report.recorded_vehicles import (
     choose,
@@ -61,7 +60,7 @@ def read_mission(
     if path.suffix.lower() != '.json':
         return _read_bag(path, namespace, problem)
     if namespace is not None:
-        raise UnreadableRecording(f"'{path}' is a plan, which has no namespaces to choose from")
+        raise UnusableFile(f"'{path}' is a plan, which has no namespaces to choose from")
     return _read_plan(path, problem)
 
 
@@ -102,7 +101,7 @@ def _read_bag(path: Path, namespace: str | None, given: type[Problem] | None) ->
     planners = _planners(topics, given, notes)
     sites = find_sites(topics, planners)
     if not sites:
-        raise UnreadableRecording(_nothing_of_ours(path, topics.seen, notes))
+        raise UnusableFile(_nothing_of_ours(path, topics.seen, notes))
     chosen = choose(sites, namespace)
     planner = planners.get(chosen[0].planner)
     notes += [planner.unknown] if planner is not None and planner.unknown else []
@@ -191,7 +190,6 @@ def _gaps(
             'joint_states': (vehicle.applied, 'the applied controls are not known'),
             site.leading: (vehicle.states, "the plant's motion is not known"),
             'joint_command': (vehicle.commands, "the tracker's commands are not known"),
-            'tracking_error': (vehicle.tracking_error, 'errors are those of states and plans'),
         }
         for name, (there, consequence) in expected.items():
             if there is None:

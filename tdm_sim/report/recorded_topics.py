@@ -22,7 +22,7 @@ import re
 import shutil
 import sqlite3
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -30,8 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 from tdm_planner.arrays import Array
-from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, planar_motion, yaw_of
+from tdm_planner.plan_files import UnusableFile
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
@@ -187,7 +188,7 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
     """
     Read a recording as far as it can be read; `notes` say what is lost of a damaged one.
 
-    Raise UnreadableRecording for what cannot be a recording, saying what it is instead.
+    Raise UnusableFile for what cannot be a recording, saying what it is instead.
     """
     check_recording(path)
     store, topics = get_typestore(Stores.ROS2_JAZZY), RecordedTopics()
@@ -214,29 +215,23 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
     return topics
 
 
-class UnreadableRecording(TdmError):
-    """The source is no recording, or holds nothing that a report could show."""
-
-    code: ClassVar[str] = 'UNREADABLE'
-
-
 def check_recording(path: Path) -> None:
-    """Raise UnreadableRecording for what cannot be a recording, saying what it is instead."""
+    """Raise UnusableFile for what cannot be a recording, saying what it is instead."""
     if not path.exists():
-        raise UnreadableRecording(f"there is no file or folder '{path}'")
+        raise UnusableFile(f"there is no file or folder '{path}'")
     if path.is_dir():
         if not (path / 'metadata.yaml').is_file() and not _files(path):
-            raise UnreadableRecording(
+            raise UnusableFile(
                 f"the folder '{path}' is no recording: it holds neither metadata.yaml nor a .mcap "
                 'or .db3 file'
             )
     elif path.suffix == '.bag':
-        raise UnreadableRecording(
+        raise UnusableFile(
             f"'{path}' is a bag of ROS 1: convert it first, 'rosbags-convert --src {path} --dst "
             f"{path.stem}'"
         )
     elif not _storage(path):
-        raise UnreadableRecording(
+        raise UnusableFile(
             f"'{path}' is no recording: a report is made of a rosbag2 folder, a .mcap or .db3 "
             'file, or a plan as .json, which alone holds its problem and its check'
         )

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.plan_files import UnusableFile
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
 from tdm_planner.problems.problem import Problem
@@ -27,7 +28,6 @@ from tdm_sim.report.recorded_topics import (
     PLAN,
     RecordedTopics,
     STATUSES,
-    UnreadableRecording,
 )
 
 _TURN = 2 * np.pi
@@ -135,14 +135,14 @@ def choose(sites: Sequence[Site], namespace: str | None) -> list[Site]:
     """
     Return the vehicles of the planner in `namespace`, or of the only one.
 
-    Raise UnreadableRecording if there is none in the namespace, or there are several.
+    Raise UnusableFile if there is none in the namespace, or there are several.
     """
     planners = {site.planner for site in sites}
     if namespace is not None:
         planners &= {f'/{namespace.strip("/")}'.rstrip('/')}
     if len(planners) != 1:
         there = sorted({untrusted.text(site.planner, 60) or '/' for site in sites})
-        raise UnreadableRecording(
+        raise UnusableFile(
             f'the recording holds planners and plants in {", ".join(there)}: choose one of them '
             'with --namespace'
         )
@@ -184,7 +184,6 @@ def recorded_vehicle(
         states=None if states is None else _on_planned_turn(states, plans, site.view),
         commands=signals('joint_command', kind.actuated, kind.control_names),
         applied=signals('joint_states', kind.actuated, kind.control_names),
-        tracking_error=signals('tracking_error', kind.joints, kind.state_names),
     )
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 import math
 
@@ -163,23 +163,3 @@ def instant_button(instant: float) -> str:
         f'<button type="button" class="link" data-instant="{instant:.6f}">'
         f'{sign}{abs(instant):.2f} s</button>'
     )
-
-
-def parameters_table(parameters: Mapping[str, object]) -> str:
-    """Return parameters by dotted name."""
-    rows = ''.join(
-        f'<tr><th scope="row"><code>{escape(name)}</code></th>'
-        f'<td>{escape(_value(value))}</td></tr>'
-        for name, value in sorted(parameters.items())
-    )
-    return f'<table><tbody>{rows}</tbody></table>'
-
-
-def _value(value: object) -> str:
-    if value is None:
-        return 'unset'
-    if isinstance(value, float):
-        return f'{value:g}'
-    if isinstance(value, (list, tuple)):
-        return ', '.join(map(_value, value))
-    return str(value)

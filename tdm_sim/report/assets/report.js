@@ -1,8 +1,9 @@
+const PLAYED_IN = 8; // s
+
 // The one instant that animation, slider and cursors share.
 class Clock {
   constructor(start, end) {
     this.listeners = [];
-    this.speed = 1;
     this.playing = false;
     this.onChange = () => {};
     Object.assign(this, { start, end, t: start });
@@ -35,18 +36,17 @@ class Clock {
     if (!this.playing) return;
     const elapsed = Math.min(Math.max(now - this.last, 0), 250) / 1000;
     this.last = now;
-    this.set(this.t + this.speed * elapsed);
+    this.set(this.t + elapsed * (this.end - this.start) / PLAYED_IN);
     if (this.t >= this.end - 1e-9) this.pause();
     else requestAnimationFrame((next) => this.tick(next));
   }
 }
 
-// The bar at the foot of the page: play, slider, speed, and what part of the time is shown.
+// The bar at the foot of the page: play, slider, and what part of the time is shown.
 function connectControls(clock) {
   const button = document.getElementById('play');
   const slider = document.getElementById('time');
   const label = document.getElementById('instant');
-  const speed = document.getElementById('speed');
   clock.onChange = (playing) => {
     button.dataset.state = playing ? 'playing' : 'paused';
     button.setAttribute('aria-label', playing ? 'Pause' : 'Play');
@@ -63,7 +63,6 @@ function connectControls(clock) {
     if (clock.playing) clock.pause();
     clock.set(Number(slider.value));
   });
-  speed.addEventListener('change', () => { clock.speed = Number(speed.value); });
   document.addEventListener('keydown', (event) => {
     const typing = /^(INPUT|SELECT|BUTTON|SUMMARY|A)$/.test(event.target.tagName);
     if (event.key === ' ' && !typing) {
@@ -123,9 +122,6 @@ function startReport() {
     });
   }
   choose('motion');
-  const speed = document.getElementById('speed');
-  speed.value = report.speed;
-  clock.speed = Number(report.speed);
 
   function redraw() {
     if (scene) { scene.resize(); scene.update(clock.t); }

@@ -94,8 +94,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         planned = plan.sample(np.clip(at, 0.0, DURATION))
         errors = np.tile([0.02, -0.01, 0.0, 0.0], (at.size, 1))
         states, applied = Signals.both(plan, at, planned._replace(state=planned.state + errors))
-        found = {'states': states, 'tracking_error': replace(states, values=errors)}
-        found['commands'] = found['applied'] = applied
+        found = {'states': states, 'commands': applied, 'applied': applied}
     view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
     events = (
         parts.Event(-0.5, parts.Severity.OK, '/pendulum/planner', 'plan 1 active'),
@@ -122,7 +121,7 @@ def robots_mission(measured=True, rate=100.0, after=1.0, **changes: Any) -> Miss
             planned = plan.sample(np.clip(at, 0.0, DURATION))
             off = planned._replace(state=planned.state + 0.01 * np.eye(7)[0])
             states, applied = Signals.both(plan, at, off)
-            found = {'states': states, 'applied': applied, 'tracking_error': states}
+            found = {'states': states, 'applied': applied}
         vehicles.append(RecordedVehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
     return replace(plain, **changes)
@@ -234,7 +233,6 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         for name, joints, histories in (
             ('joint_states', within[::-1], (vehicle.states, vehicle.applied)),
             ('joint_command', kind.actuated, (vehicle.commands,)),
-            ('tracking_error', kind.joints, (vehicle.tracking_error,)),
         ):
             for at, values in _moments(*histories):
                 known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
@@ -315,7 +313,7 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
         np.testing.assert_array_equal(plan.states, planned.states)
         # the last controls are held for no time
         np.testing.assert_array_equal(plan.controls[:-1], planned.controls[:-1])
-        for part in ('states', 'applied', 'commands', 'tracking_error'):
+        for part in ('states', 'applied', 'commands'):
             one, other = getattr(found, part), getattr(wanted, part)
             assert (one is None) == (other is None), part
             if one is not None:

@@ -20,6 +20,7 @@ from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.tracker_plans import goal_status
+from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
@@ -71,7 +72,6 @@ def test_the_yaw_of_robots_is_that_of_an_attitude_counted_on_the_planned_turn(re
     [
         (pendulum_recording, 'joint_states', 'motion is not known', {'states', 'applied'}),
         (pendulum_recording, 'joint_command', 'commands are not known', set()),
-        (pendulum_recording, 'tracking_error', 'errors are those of states and plans', set()),
         (pendulum_recording, 'trajectory', 'There is no plan of pendulum in the', {'plans'}),
         (pendulum_recording, 'plan_summary', 'cost nor limits of the plans are known', set()),
         (robot_recording, 'odom', 'odom', {'states'}),
@@ -159,7 +159,7 @@ def test_the_planner_asked_for_of_two(tmp_path: Path) -> None:
     assert [vehicle.view.place for vehicle in robots.vehicles] == [('x', 'y')] * 2
     missions.check_pendulum(read_mission(bag, namespace='/'))
     for namespace in (None, '/x'):
-        with pytest.raises(UnreadableRecording, match='plants in /, /robots: choose one of them'):
+        with pytest.raises(UnusableFile, match='plants in /, /robots: choose one of them'):
             read_mission(bag, namespace=namespace)
 
 

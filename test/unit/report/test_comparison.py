@@ -199,7 +199,7 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
         assert entry(compare(given), 'errors reported by nodes').achieved == count
 
 
-def test_tracking_errors_are_computed_where_none_were_published() -> None:
+def test_tracking_errors_are_what_was_measured_less_what_was_planned() -> None:
     errors = compare(swing_up(caught_at=2.0)).tracking_errors['pendulum']
     assert (errors.times[0], errors.times[-1]) == pytest.approx((0.0, DURATION), abs=0.01)
     expected = math.pi * (0.9 - 1.0) * errors.times / DURATION
