@@ -13,15 +13,13 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS, Disc, points_of, Shape
 from tdm_sim.report.charts import packed
-from tdm_sim.report.mission import Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import Mission, RecordedVehicle
 
 Frames = dict[str, Array]  # states or controls by name, (n,)
 
 RATE = 60.0  # frames per second of the motion; the page reads between frames
 FEWEST_FRAMES, MOST_FRAMES = 200, 1200
 MOST_POSES = 6000  # frames of all vehicles together
-
-_LONGEST_GAP, _GAP_RATIO = 0.25, 5.0  # s; of the time between samples
 
 
 def scene(mission: Mission) -> dict[str, Any] | None:
@@ -103,20 +101,9 @@ def measured_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Fra
     if vehicle.states is None or vehicle.plan is None:
         return None
     motion = vehicle.plan.trajectory
-    states = {name: _read(name, times, vehicle.states) for name in motion.state_names}
-    controls = {name: _read(name, times, vehicle.controls) for name in motion.control_names}
-    return states, controls
-
-
-def _read(name: str, times: Array, signals: Signals | None) -> Array:
-    """Read a history at `times`, NaN outside and in the midst of gaps."""
-    values = np.zeros(0) if signals is None else signals.select(name).values[:, 0]
-    known = np.isfinite(values)
-    if signals is None or known.sum() < 2:
-        return np.full(times.size, np.nan)
-    instants, values = signals.times[known], values[known]
-    gap = max(_LONGEST_GAP, _GAP_RATIO * float(np.median(np.diff(instants))))
-    after = np.clip(np.searchsorted(instants, times), 1, instants.size - 1)
-    outside = (times < instants[0]) | (times > instants[-1])
-    lost = outside | (np.diff(instants)[after - 1] > gap)
-    return np.where(lost, np.nan, np.interp(times, instants, values))
+    states = vehicle.states.select(*motion.state_names).at(times)
+    controls = (vehicle.controls or vehicle.states).select(*motion.control_names).at(times)
+    return (
+        dict(zip(states.names, states.values.T, strict=True)),
+        dict(zip(controls.names, controls.values.T, strict=True)),
+    )

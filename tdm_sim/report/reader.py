@@ -28,6 +28,7 @@ from tdm_sim.report.recorded_topics import (
 from tdm_sim.report.recorded_vehicles import (
     choose,
     find_sites,
+    first_measured,
     followed,
     namespace_of,
     planned_vehicles,
@@ -125,15 +126,14 @@ def _planners(
 ) -> dict[str, Planner]:
     """Return what planners told of their plans, by namespace, with the problem asked last."""
     found: dict[str, dict[int, PlanFigures]] = {}
-    for topic, received in topics.of_type(STRING).items():
-        for item in received:
-            try:
-                start, figures = read_summary(item.message.data)
-            except UNREADABLE:
-                notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
-                continue
-            late = topics.real_time and topics.begun < start < item.stamp
-            found.setdefault(namespace_of(topic), {})[start] = replace(figures, late=late)
+    for topic, item in topics.of_type(STRING):
+        try:
+            start, figures = read_summary(item.message.data)
+        except UNREADABLE:
+            notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
+            continue
+        late = topics.real_time and topics.begun < start < item.stamp
+        found.setdefault(namespace_of(topic), {})[start] = replace(figures, late=late)
     return {
         planner: Planner(*problem_of(plans[max(plans)], given), plans)
         for planner, plans in found.items()
@@ -149,10 +149,7 @@ def _mission(
 ) -> Mission:
     plans = {site: read_plans(topics, site, summaries, notes) for site in sites}
     starts = sorted({start for found in plans.values() for start in found})
-    spaces = {site.namespace for site in sites}
-    streams = [topic.stream for name, topic in topics.items() if namespace_of(name) in spaces]
-    firsts = (int(stream.instants[0]) for stream in streams if stream is not None)
-    origin = (starts or sorted(summaries) or sorted(firsts) or [0])[0]
+    origin = (starts or sorted(summaries) or [first_measured(topics, sites)])[0]
     figures = [
         replace(told, time=(start - origin) * NANOSECOND)
         for start, told in sorted(summaries.items())
@@ -205,9 +202,9 @@ def _gaps(
     absent = [name for name in named if name not in {vehicle.name for vehicle in vehicles}]
     found += [f'Nothing of {n}, which the plan names, is in the recording.' for n in absent]
     malformed = 'do not match their type and were ignored'
-    strange = 'hold values that are not finite, or no attitude, which were ignored'
+    strange = 'lack what is measured, or hold values that are not finite, which were ignored'
     for name, topic in topics.items():
-        for count, fault in ((topic.malformed, malformed), (topic.not_finite, strange)):
+        for count, fault in ((topic.malformed, malformed), (topic.strange, strange)):
             found += [f'{untrusted.text(name)}: {count} message(s) {fault}.'] if count else []
     return found
 
@@ -228,15 +225,14 @@ def events(topics: RecordedTopics, namespace: str, origin: int) -> tuple[list[Ev
 
 def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
     last: dict[str, tuple[Severity, str]] = {}
-    for received in topics.of_type(DIAGNOSTICS).values():
-        for item in received:
-            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
-            for status in item.message.status:
-                level = Severity(min(max(int(status.level), 0), 3))
-                source = untrusted.text(status.name.split(':')[0], 200)
-                now = level, untrusted.text(status.message)
-                own = source.startswith(f'{namespace.rstrip("/")}/')
-                passing = level == Severity.OK and (now[1] in _PASSING or not own)
-                if not passing and last.get(source) != now:
-                    last[source] = now
-                    yield Event((instant - origin) * NANOSECOND, level, source, now[1])
+    for _, item in topics.of_type(DIAGNOSTICS):
+        instant = nanoseconds_of(item.message.header.stamp) or item.stamp
+        for status in item.message.status:
+            level = Severity(min(max(int(status.level), 0), 3))
+            source = untrusted.text(status.name.split(':')[0], 200)
+            now = level, untrusted.text(status.message)
+            own = source.startswith(f'{namespace.rstrip("/")}/')
+            passing = level == Severity.OK and (now[1] in _PASSING or not own)
+            if not passing and last.get(source) != now:
+                last[source] = now
+                yield Event((instant - origin) * NANOSECOND, level, source, now[1])

@@ -5,17 +5,15 @@
 Topics of a recording, whole or damaged: of rosbag2 folders and single MCAP or SQLite files.
 
 Of a recording that was cut short - no metadata, no index, half a file - what comes before the
-damage is read. Joints and odometry become arrays, other messages stay what they are.
+damage is read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from functools import cached_property
-import itertools
-import math
+from operator import itemgetter
 import os
 from pathlib import Path
 import re
@@ -26,15 +24,8 @@ from typing import Any, NamedTuple
 
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
-from tdm_planner.arrays import Array
-from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import nanoseconds_of, planar_motion, yaw_of
 from tdm_planner.plan_files import UnusableFile
-from tdm_planner.plant_kind import QUANTITIES
-from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
 import zstandard
 
@@ -45,13 +36,7 @@ STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
 
-_STREAMS = (JOINT_STATE, ODOMETRY)
-_MESSAGES = (PLAN, DIAGNOSTICS, STATUSES)
-_LATEST = 2**63 - 1  # ns
-_LARGEST = 1e100  # a number beyond it is damage; its square still is a number
-_MOST_COLUMNS = 200  # of a topic
-_MOST_MESSAGES = 20_000  # of a topic that is not a stream of numbers
-_DAY = 86_400.0  # s
+_WANTED = (JOINT_STATE, ODOMETRY, PLAN, DIAGNOSTICS, STATUSES)
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
@@ -66,20 +51,7 @@ def wanted(topic: str, kind: str) -> bool:
     """Whether a report has a use for a topic."""
     if kind == STRING:
         return topic.rsplit('/', 1)[-1] == 'plan_summary'
-    return kind in _STREAMS or kind in _MESSAGES
-
-
-class Stream(NamedTuple):
-    """
-    Numbers of a topic: `instants` (n,) ns, increasing, and columns by name (n,).
-
-    Columns are ``joint.position`` and so on; of an odometry those of x, y and yaw, in the frame of
-    its pose. NaN: not in that message, or not finite there.
-    """
-
-    instants: NDArray[np.int64]
-    columns: Mapping[str, Array]
-    frame: str
+    return kind in _WANTED
 
 
 class Received(NamedTuple):
@@ -92,45 +64,16 @@ class Received(NamedTuple):
 @dataclass(eq=False)
 class Topic:
     """
-    What was recorded of a topic: its messages or, of joints and odometry, rows of numbers by name.
+    What was recorded of a topic: messages as they were sent, and when they were recorded [ns].
 
-    `malformed` counts messages that could not be read, `not_finite` those with infinities or NaN.
+    `malformed` counts those that are none of its type, `strange` those that do not tell what they
+    should.
     """
 
     kind: str
-    received: list[Received] = field(default_factory=list)
+    recorded: list[tuple[int, bytes]] = field(default_factory=list)
     malformed: int = 0
-    not_finite: int = 0
-    rows: list[tuple[int, dict[str, float]]] = field(default_factory=list)
-    names: dict[str, None] = field(default_factory=dict)
-    frame: str = ''
-
-    def take(self, message: Any, stamp: int) -> None:
-        """Keep a message or its numbers; ValueError where it contradicts itself."""
-        if self.kind not in _STREAMS:
-            self.received.append(Received(message, stamp))
-            return
-        row = _joints(message) if self.kind == JOINT_STATE else _odometry(message)
-        self.frame = message.header.frame_id
-        if len({**self.names, **row}) > _MOST_COLUMNS:
-            raise ValueError('too many joints')
-        self.names |= dict.fromkeys(row)
-        sound = {name: value for name, value in row.items() if abs(value) < _LARGEST}
-        self.not_finite += len(sound) < len(row)
-        self.rows.append((nanoseconds_of(message.header.stamp) or stamp, sound))
-
-    @cached_property
-    def stream(self) -> Stream | None:
-        """Return all numbers in order of time; None if there are none."""
-        if not self.rows:
-            return None
-        instants = np.array([instant for instant, _ in self.rows], dtype=np.int64)
-        values = np.array([[row.get(n, math.nan) for n in self.names] for _, row in self.rows])
-        order = np.argsort(instants, kind='stable')
-        away = (instants[order] - instants[order[order.size // 2]]) * NANOSECOND
-        order = order[np.abs(away) < _DAY]  # of one recording, as most others
-        columns = dict(zip(self.names, values[order].T, strict=True))
-        return Stream(instants[order], columns, self.frame)
+    strange: int = 0
 
 
 class RecordedTopics(dict[str, Topic]):
@@ -139,49 +82,38 @@ class RecordedTopics(dict[str, Topic]):
     def __init__(self) -> None:
         super().__init__()
         self.seen: set[str] = set()
-        self.begun = _LATEST
+        self.begun = 2**63
+        self._store = get_typestore(Stores.ROS2_JAZZY)
 
     @property
     def real_time(self) -> bool:
         """Whether the stamps of messages are the recorder's time."""
         return '/clock' not in self.seen
 
-    def of_type(self, kind: str) -> dict[str, Sequence[Received]]:
-        """Return the messages of every topic of a type."""
-        return {name: topic.received for name, topic in self.items() if topic.kind == kind}
+    def of_type(self, kind: str) -> Iterator[tuple[str, Received]]:
+        """Yield the messages of every topic of a type, with the topic's name."""
+        for name in self:
+            for received in self.messages(name, kind):
+                yield name, received
 
-    def received(self, name: str, kind: str) -> Sequence[Received]:
-        """Return the messages of a topic; none if it is not of this type."""
-        topic = self.get(name)
-        return topic.received if topic is not None and topic.kind == kind else ()
+    def first(self, name: str, kind: str) -> Any:
+        """Return the first message of a topic; None if there is none of this type."""
+        return next((received.message for received in self.messages(name, kind)), None)
 
-    def stream(self, name: str) -> Stream | None:
-        """Return the numbers of a topic; None if there are none."""
-        topic = self.get(name)
-        return None if topic is None else topic.stream
-
-
-def _joints(message: Any) -> dict[str, float]:
-    """Return the numbers of a JointState; ValueError where it contradicts itself."""
-    if len(set(message.name)) != len(message.name):
-        raise ValueError('joints that are named twice')
-    row: dict[str, float] = {}
-    for quantity in QUANTITIES:
-        values = getattr(message, quantity).tolist()
-        if values:
-            names = [f'{joint}.{quantity}' for joint in message.name]
-            row |= zip(names, values, strict=True)
-    return row
-
-
-def _odometry(message: Any) -> dict[str, float]:
-    """Return the numbers of an odometry; NaN for what an attitude that is none leaves unknown."""
-    try:
-        yaw = yaw_of(message.pose.pose.orientation)
-    except InvalidProblem:
-        yaw = math.nan
-    names = [f'{name}.{what}' for name in ('x', 'y', 'yaw') for what in ('position', 'velocity')]
-    return dict(zip(names, itertools.chain(*planar_motion(message, yaw)), strict=True))
+    def messages(self, name: str, kind: str) -> Iterator[Received]:
+        """Yield the messages of a topic as they were recorded; none if it is not of this type."""
+        topic, malformed = self.get(name), 0
+        if topic is None or topic.kind != kind:
+            return
+        for stamp, data in topic.recorded:
+            try:
+                message = self._store.deserialize_cdr(data, kind)
+            except Exception:  # noqa: B902
+                # The library raises many kinds for bytes that are not such a message.
+                malformed += 1
+            else:
+                yield Received(message, stamp)
+        topic.malformed = malformed
 
 
 def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
@@ -191,7 +123,7 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
     Raise UnusableFile for what cannot be a recording, saying what it is instead.
     """
     check_recording(path)
-    store, topics = get_typestore(Stores.ROS2_JAZZY), RecordedTopics()
+    topics = RecordedTopics()
 
     def noted(name: str, kind: str) -> bool:
         topics.seen.add(name)
@@ -200,18 +132,9 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
     for name, kind, stamp, data in _messages(path, noted, notes):
         topic = topics.setdefault(name, Topic(kind))
         topics.begun = min(topics.begun, stamp)
-        if len(topic.received) >= _MOST_MESSAGES:
-            continue
-        if topic.kind != kind:  # the first type of a name counts
-            topic.malformed += 1
-            continue
-        try:
-            topic.take(store.deserialize_cdr(data, kind), min(max(stamp, 0), _LATEST))
-        except Exception:  # noqa: B902
-            # The library raises many kinds for bytes that are not such a message.
-            topic.malformed += 1
+        topic.recorded.append((stamp, data))
     for topic in topics.values():
-        topic.received.sort(key=lambda item: item.stamp)  # a file need not be in order
+        topic.recorded.sort(key=itemgetter(0))  # a file need not be in order
     return topics
 
 

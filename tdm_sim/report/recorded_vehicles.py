@@ -9,28 +9,36 @@ A topic is recognised by its last name and its content, in any namespace.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import starmap, zip_longest
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry, read_plan
 from tdm_planner.plan_files import UnusableFile
-from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle, Signals
 from tdm_sim.report.recorded_topics import (
+    JOINT_STATE,
+    ODOMETRY,
     PLAN,
     RecordedTopics,
     STATUSES,
 )
 
 _TURN = 2 * np.pi
+_DAY = 86_400.0  # s
+
+Reader = Callable[[Any], dict[str, float]]  # states or controls of a message
+Row = tuple[float, dict[str, float]]  # time [s], states and controls
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,19 +121,20 @@ def _told(planner: Planner, namespace: str) -> PlantView | None:
 
 
 def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
-    plans = topics.received(f'{namespace}/trajectory', PLAN)
-    found = set(plans[0].message.joint_names) if plans else set()
+    plan = topics.first(f'{namespace}/trajectory', PLAN)
+    found = set() if plan is None else set(plan.joint_names)
     for name in ('joint_states', 'joint_command'):
-        stream = topics.stream(f'{namespace}/{name}')
-        found |= {column.rsplit('.', 1)[0] for column in stream.columns} if stream else set()
+        message = topics.first(f'{namespace}/{name}', JOINT_STATE)
+        found |= set() if message is None else set(message.name)
     return found
 
 
 def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> PlantView | None:
+    odometry = topics.first(f'{namespace}/odom', ODOMETRY)
     for view in (PendulumView(), RobotView()):
-        odometry = topics.stream(f'{namespace}/odom') if view.kind.odometry else None
-        here = odometry is not None and odometry.frame == view.kind.frame
-        own = {j.name for j in view.kind.joints if j.name not in view.kind.odometry}
+        moved = view.kind.odometry
+        own = {joint.name for joint in view.kind.joints if joint.name not in moved}
+        here = moved and odometry is not None and odometry.header.frame_id == view.kind.frame
         if here or own <= joints:
             return view
     return None
@@ -149,6 +158,16 @@ def choose(sites: Sequence[Site], namespace: str | None) -> list[Site]:
     return [site for site in sites if site.planner in planners]
 
 
+def first_measured(topics: RecordedTopics, sites: Sequence[Site]) -> int:
+    """Return the instant [ns] of the first measurement; 0 if there is none."""
+    found = [
+        topics.first(f'{site.namespace}/{name}', kind)
+        for site in sites
+        for name, kind in (('joint_states', JOINT_STATE), ('odom', ODOMETRY))
+    ]
+    return min((nanoseconds_of(m.header.stamp) for m in found if m is not None), default=0)
+
+
 def recorded_vehicle(
     topics: RecordedTopics, site: Site, origin: int, plans: tuple[FollowedPlan, ...]
 ) -> RecordedVehicle:
@@ -157,34 +176,59 @@ def recorded_vehicle(
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """
-    kind, units = site.view.kind, site.view.units
-
-    def signals(name: str, joints: Sequence[Joint], wanted: Sequence[str]) -> Signals | None:
-        stream = topics.stream(f'{site.namespace}/{name}')
-        if stream is None:
-            return None
-        places = {getattr(j, what): f'{j.name}.{what}' for j in joints for what in QUANTITIES}
-        names = tuple(name for name in wanted if places.get(name) in stream.columns)
-        columns = [stream.columns[places[name]] for name in names]
-        if all(np.isnan(column).all() for column in columns):
-            return None
-        times = np.asarray((stream.instants - origin) * NANOSECOND, dtype=np.float64)
-        return Signals(
-            times, np.stack(columns, axis=1), names, tuple(units.get(n, '') for n in names)
-        )
-
-    states = signals('joint_states', kind.measured, kind.state_names)
+    kind, units, space = site.view.kind, site.view.units, site.namespace
+    read = partial(read_joints, names=kind.control_names)
+    readers: list[Reader] = [partial(read_joints, kind.measured, names=kind.state_names)]
+    readers += [partial(read, [joint]) for joint in kind.actuated]
+    joints = _read(topics, f'{space}/joint_states', JOINT_STATE, origin, readers)
+    states = _signals(joints, kind.state_names, units)
     if kind.odometry:
-        moved = [joint for joint in kind.joints if joint.name in kind.odometry]
-        states = _moving(signals('odom', moved, kind.state_names), states, kind)
+        moved = _read(topics, f'{space}/odom', ODOMETRY, origin, [partial(read_odometry, kind)])
+        states = _moving(_signals(moved, kind.state_names, units), states, kind)
+    readers = [partial(read, kind.actuated)]
+    commands = _read(topics, f'{space}/joint_command', JOINT_STATE, origin, readers)
     return RecordedVehicle(
         site.name,
         site.view,
         plans,
         states=None if states is None else _on_planned_turn(states, plans, site.view),
-        commands=signals('joint_command', kind.actuated, kind.control_names),
-        applied=signals('joint_states', kind.actuated, kind.control_names),
+        commands=_signals(commands, kind.control_names, units),
+        applied=_signals(joints, kind.control_names, units),
     )
+
+
+def _read(
+    topics: RecordedTopics, name: str, kind: str, origin: int, readers: Sequence[Reader]
+) -> list[Row]:
+    """Return times from `origin` [ns] and what `readers` find of messages, in order of time."""
+    found, strange = list[tuple[int, dict[str, float]]](), 0
+    for message, stamp in topics.messages(name, kind):
+        values: dict[str, float] = {}
+        for number, read in enumerate(readers):
+            try:
+                values |= read(message)
+            except InvalidProblem:
+                strange += number == 0  # not all joint states tell of efforts
+        found.append((nanoseconds_of(message.header.stamp) or stamp, values))
+    if found:
+        topics[name].strange = strange
+        found.sort(key=itemgetter(0))
+        middle = found[len(found) // 2][0]  # of one recording, as most others
+        found = [row for row in found if abs(row[0] - middle) * NANOSECOND < _DAY]
+    return [((instant - origin) * NANOSECOND, values) for instant, values in found]
+
+
+def _signals(
+    rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str]
+) -> Signals | None:
+    """Return the histories of those of `names` that rows hold; None if there are none."""
+    rows = [row for row in rows if not row[1].keys().isdisjoint(names)]
+    there = tuple(name for name in names if any(name in values for _, values in rows))
+    if not there:
+        return None
+    table = np.array([[values.get(name, np.nan) for name in there] for _, values in rows])
+    times = np.array([time for time, _ in rows])
+    return Signals(times, table, there, tuple(units.get(name, '') for name in there))
 
 
 def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
@@ -258,7 +302,7 @@ def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan
 def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
     """Return the starts [ns] of plans that ended before they began, by what a tracker told."""
     told: dict[int, set[int]] = {}
-    for item in topics.received(topic, STATUSES):
+    for item in topics.messages(topic, STATUSES):
         for status in item.message.status_list:
             told.setdefault(nanoseconds_of(status.goal_info.stamp), set()).add(int(status.status))
     return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}
@@ -266,5 +310,5 @@ def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
 
 def _by_start(topics: RecordedTopics, namespace: str) -> dict[int, Any]:
     """Messages of a vehicle's plans by the start of their motion; the last one counts."""
-    found = topics.received(f'{namespace}/trajectory', PLAN)
+    found = topics.messages(f'{namespace}/trajectory', PLAN)
     return {nanoseconds_of(item.message.header.stamp): item.message for item in found}
