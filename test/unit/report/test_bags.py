@@ -24,7 +24,6 @@ from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.recorded_topics import UnreadableRecording
 
 
 @pytest.fixture
@@ -106,6 +105,15 @@ def test_values_that_are_not_finite_and_stamps_of_another_time_are_left_out(read
     assert mission.vehicles[0].applied.times.size == 500
     assert told(mission, '3 message(s) lack what is measured, or hold values that are not finite')
     assert -1.1 < mission.span[0] < mission.span[1] < 4.1
+
+
+def test_summaries_that_cannot_be_read_are_told_of(read: Any) -> None:
+    nested, huge = String(data='[' * 100_000), missions.summary(after(0.1), 'x', {}, cost=10**400)
+    wrong = missions.summary(after(0.1), 'x', {}, vehicles={'a': [1]})
+    strange = [Item('/pendulum/plan_summary', START, said) for said in (nested, huge, wrong)]
+    mission = read([*pendulum_recording(), *strange])
+    assert len(mission.figures) == 1
+    assert told(mission, 'a summary of a plan cannot be read')
 
 
 def said(seconds: float, level: int, text: str, node: str = '/pendulum/planner'):

@@ -19,13 +19,10 @@ import pytest
 from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.animation import measured_frames, planned_frames
-from tdm_sim.report.charts import Curve, mission_charts, Panel, plan_instants
+from tdm_sim.report.charts import Curve, mission_charts, Panel
 from tdm_sim.report.comparison import compare, Comparison, Entry
-from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import FollowedPlan, Mission
+from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import report_page, write_report
-from tdm_sim.report.reader import RecordedClock
-from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics, Topic
 from tdm_sim.report.tables import summary_table
 
 MINUS = '\N{MINUS SIGN}'
