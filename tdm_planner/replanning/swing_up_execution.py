@@ -97,8 +97,8 @@ class SwingUpExecution(Execution):
         """Look how late the plan is for its tracker, which lets it wait for the pendulum."""
         law, elapsed = self._law_of(plan), plan.elapsed(at) - self._late
         slip = _SLIP * (at - self._seen)
-        if not slip < elapsed < plan.solution.duration - slip:
-            return
+        if not 0.0 < slip < elapsed < plan.solution.duration - slip:
+            return  # also where the state is older than the last: messages may overtake others
         first, last = law.places(np.array([elapsed - slip, elapsed + slip])).tolist()
         times = law.step * np.arange(first, last + 1)
         errors = state - law.trajectory.sample(times).state

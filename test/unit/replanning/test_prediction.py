@@ -76,6 +76,15 @@ def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
+def test_states_that_come_in_the_wrong_order_are_predicted_from(swing):
+    execution, at = SwingUpExecution(SWING), 0.5 * swing.solution.duration
+    for stamp in (at, at - 0.3):
+        now = seen(states_on(swing, stamp), stamp)
+        predicted = execution.predict(swing, now, at + 0.1)[PENDULUM_NAME]
+        missed = np.abs(predicted.state - states_on(swing, at + 0.1)[PENDULUM_NAME])
+        assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
+
+
 def test_robots_are_predicted_where_their_trackers_take_them(flight):
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
     vehicles = {name: robot(state + away) for name, state in states_on(flight, 0.0).items()}
