@@ -20,20 +20,16 @@ tick would shift every switch by up to an interval.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_are
-from tdm_planner.arrays import Array, Integers
+from tdm_planner.arrays import Array, exponentials, Integers
 from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
-# |A| h is halved until it is below this, where the series reaches rounding within its terms.
-_SERIES_NORM = 0.25
-_SERIES_TERMS = 10
 _LARGEST_NORM = 1e6  # beyond it the squarings leave few digits
 _MOST_GAINS = 12_000  # along a plan; a longer one has them further apart
 
@@ -71,8 +67,7 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     """
     Transition over `step` s under a held control: exp(a step), and its integral times b.
 
-    (..., nx, nx), (..., nx, nu) -> the same shapes; the exponential of [[a, b], [0, 0]] by its
-    series, scaled and squared.
+    (..., nx, nx), (..., nx, nu) -> the same shapes; the exponential of [[a, b], [0, 0]].
 
     Raise numpy.linalg.LinAlgError if the matrices are not finite, or so large that the exponential
     is not.
@@ -88,15 +83,8 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
         raise np.linalg.LinAlgError(
             f'no transition over {step:g} s can be computed: the rates are too large'
         )
-    halvings = max(0, math.ceil(math.log2(max(largest, 1e-300) / _SERIES_NORM)))
-    block /= 2.0**halvings
-    identity = np.eye(nx + nu)
-    exponential = identity + block / _SERIES_TERMS
-    for order in range(_SERIES_TERMS - 1, 0, -1):
-        exponential = identity + block @ exponential / order
     with np.errstate(over='ignore', invalid='ignore'):
-        for _ in range(halvings):
-            exponential = exponential @ exponential
+        exponential = exponentials(block)
     if not np.isfinite(exponential).all():
         raise np.linalg.LinAlgError(f'the transition over {step:g} s is not finite')
     return exponential[..., :nx, :nx], unit * exponential[..., :nx, nx:]

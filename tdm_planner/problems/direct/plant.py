@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-import math
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.arrays import Array, exponentials, largest_of_unit
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
@@ -29,7 +28,6 @@ _SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
 _PACE = 1e-2  # share of the duration that counts as much as what is left to a control
 END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _FAR = 0.5  # units of room that controls may use up while the duration stays
-_ORDER = 13  # of Taylor's series: of matrices of norm 1/2 all digits
 _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is; at least
 
 
@@ -221,7 +219,7 @@ def corrected(
     system[:, :nx, -1] = mean(plant.rates(x, u), plant.rates(m, middle_u))
     system[:, nx:nw, nw:-1] = np.eye(nu)
     system = np.nan_to_num(system * h, posinf=0.0, neginf=0.0)  # 0 / 0 at rest
-    grown = _exponentials(system)[:, :nx]
+    grown = exponentials(system)[:, :nx]
     transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
     by_first = grown[..., nx:nw] - by_last
     by_duration = grown[..., -1:] / motion.duration
@@ -272,25 +270,6 @@ def corrected(
     middles = m + 0.5 * (moved[:-1] + moved[1:])
     duration = motion.duration + longer
     return replace(motion, states=x + moved, middles=middles, controls=u + du, duration=duration)
-
-
-def _exponentials(matrices: Array) -> Array:
-    """
-    Return the exponentials of matrices (n, m, m), by Taylor's series of matrices halved enough.
-
-    `scipy.linalg.expm` takes one after the other, and up to a hundred times as long where the
-    threads of its BLAS find the processor busy.
-    """
-    size = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
-    halvings = max(0, math.ceil(math.log2(size)) + 1) if 0.0 < size < np.inf else 0
-    scaled = matrices / 2.0**halvings
-    term = total = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
-    for order in range(1, _ORDER + 1):
-        term = term @ scaled / order
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return np.asarray(total)
 
 
 def _room(margins: Array, slopes: Array, sizes: Array) -> Array:

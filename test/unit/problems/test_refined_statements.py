@@ -17,13 +17,14 @@ import pytest
 from replays import replayed
 from scipy.linalg import expm
 from stated import Car, Cart, changed, LONG, noted, QUICKEST, Quickest
+from tdm_planner.arrays import exponentials
 from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, Solution
 from tdm_planner.problems.direct.minima import DirectMinima
-from tdm_planner.problems.direct.plant import _exponentials, DirectPlant
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_sim.study.flights import tracked, tracker_of
@@ -337,8 +338,8 @@ def test_a_goal_on_a_limit_is_met_as_closely_as_the_limit_asks(monkeypatch) -> N
 def test_exponentials_of_many_matrices(seed, size) -> None:
     matrices = size * np.random.default_rng(seed).normal(size=(3, 5, 5))
     exact = expm(matrices)
-    np.testing.assert_allclose(_exponentials(matrices), exact, atol=1e-12 * np.abs(exact).max())
-    np.testing.assert_array_equal(_exponentials(0.0 * matrices), np.tile(np.eye(5), (3, 1, 1)))
+    np.testing.assert_allclose(exponentials(matrices), exact, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_array_equal(exponentials(0.0 * matrices), np.tile(np.eye(5), (3, 1, 1)))
 
 
 def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None:
