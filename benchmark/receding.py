@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Observation, Replanner, Review
+from tdm_planner.replanning import ActivePlan, ActivePlans, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Mode, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
 
@@ -39,6 +39,7 @@ class RecedingHorizon:
     reviews: list[Review] = field(default_factory=list)
     rejections: list[str] = field(default_factory=list)
     time: float = 0.0
+    _active: ActivePlans = field(default_factory=ActivePlans)
     _coming: tuple[float, ActivePlan] | None = None
     _next_review: float = 0.0
 
@@ -85,7 +86,10 @@ class RecedingHorizon:
         if replanner is None or self._coming is not None or now < self._next_review - 1e-9:
             return
         self._next_review = now + 1.0 / replanner.parameters.rate
-        review = replanner.review(self.problem, seen, now)
+        plan, told = self._active.reviewed(seen, now)
+        if plan is None:
+            return
+        review = replanner.review(plan, self.problem, seen, now, told)
         self.reviews.append(review)
         if review.plan is not None:
             self._coming = now + _ARRIVAL * replanner.parameters.delay, review.plan
@@ -97,8 +101,9 @@ class RecedingHorizon:
             except TrajectoryRejected as rejection:
                 self.rejections.append(str(rejection))
         self.plans.append(plan)
+        self._active.add(plan)
         if self.replanner is not None:
-            self.replanner.adopt(plan)
+            self.replanner = Replanner(self.replanner.execution, self.replanner.parameters)
 
 
 def tracker_mode(command: Command) -> Mode:

@@ -23,7 +23,6 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy.parameter
 from ros_harness import PATIENCE
-from std_msgs.msg import String
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import ERRORS
 from tdm_planner.nodes.messages import LATCHED
@@ -53,21 +52,11 @@ SPACES = {'/pendulum': '/pendulum', '/robots': '/robots/robot1'}  # of planners,
 ACTIONS = ['message'] * 5 + ['parameters'] * 4 + ['plan', 'plan_with'] * 2
 ACTIONS += ['push', 'reset', 'transition', 'restart']
 
-_odd_numbers = st.sampled_from(
-    ['1', '1e400', '-1e400', 'NaN', 'Infinity', '[1]', '{}', '"x"', 'true', 'null', '1e300',
-     '9' * 4000, '9223372036854775808', '4294967296', '-1']
-)  # fmt: skip
-summaries = st.one_of(
-    st.builds('{{"stamp": {{"sec": {}, "nanosec": {}}}}}'.format, _odd_numbers, _odd_numbers),
-    st.sampled_from(['', 'null', '[]', '{}', '9' * 5000, '[' * 100_000, '{"stamp":' * 20_000,
-                     '{"stamp": []}', '{"stamp": {"sec": 1}}', '\ufeff{"stamp": {"sec": 1}}']),
-)  # fmt: skip
 # Messages that reach further than any of their types would.
 SHAPED: dict[str, st.SearchStrategy[Any]] = {
     'trajectory_msgs/JointTrajectory': st.one_of(
         fuzz.plans('JointTrajectory'), fuzz.quiet_plans('pendulum'), fuzz.quiet_plans('robot')
     ),
-    'std_msgs/String': st.builds(dict, data=summaries | texts),
 }
 # What an active node can do is 4 (deactivate) and 7 (shut down), by number or else by name.
 transitions = st.integers(0, 255).filter(lambda n: n not in (4, 7)) | st.builds(
@@ -192,15 +181,6 @@ class SixNodes:
             item = Parameter(name='mass', value=ParameterValue(type=kind))
             (result,) = self.set_items(node, [item], atomically)
             assert not result.successful
-
-    def ignore_stamps_that_no_clock_shows(self) -> None:
-        """One once ended every planner that heard it."""
-        publisher = self.ros.publisher('/pendulum/plan_summary')
-        for second in ('9' * 4000, '-1', '1e300', str(2**31)):
-            publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
-            self.ros.spin_for(1.0)
-        self.check()
-        self.ros.node.destroy_publisher(publisher)
 
     def recover(self) -> None:
         """With the defaults set again, plans are made and followed, all numbers are finite."""

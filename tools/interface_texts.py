@@ -38,7 +38,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ),
     ('planner', 'plan_summary'): (
         'one line of JSON: figures, worst margins with their instants, parameters of the '
-        'active plan; heard as well, to notice a second planner'
+        'active plan'
     ),
     ('planner', '/diagnostics'): 'state, figures of the last plan, worst margins',
     ('tracker', 'trajectory'): 'the plan to follow',

@@ -30,46 +30,18 @@ from tdm_planner.problems.formation.parameters import place_in_arena, place_in_f
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Execution, Observation
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
-from tdm_planner.replanning.replanner import SAME_START
+from tdm_planner.replanning.replanner import ActivePlans, SAME_START
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 T = TypeVar('T')
 
-_REMEMBERED = 3  # plans before the newest, that trackers may have kept
 _MARKER_RATE = 20.0  # Hz
 _OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
 _NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 _LETTERS = 0.1  # m
 _LINE = 44  # letters
-
-
-class ActivePlans:
-    """
-    The plans published last; which of them is followed, only trackers know.
-
-    `superseded` says that another planner has published one that begins later. Safe in any thread.
-    """
-
-    def __init__(self) -> None:
-        self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
-        self.superseded = False
-
-    @property
-    def newest(self) -> ActivePlan | None:
-        """Return the plan that was published last."""
-        return self._plans[-1] if self._plans else None
-
-    def add(self, plan: ActivePlan) -> None:
-        """Add a plan that is published."""
-        self._plans = (*self._plans[-_REMEMBERED:], plan)
-        self.superseded = False
-
-    def starting(self, start: float | None) -> ActivePlan | None:
-        """Return the plan that starts at an instant [s]; None if it is none of these."""
-        found = (p for p in self._plans if start is not None and abs(p.start - start) < SAME_START)
-        return next(found, None)
 
 
 class Vehicle:

@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 import gc
-import json
 import sys
 from typing import Any
 
@@ -36,14 +34,11 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
-from tdm_planner.trajectory import SECOND, Trajectory
+from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(PlannerParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
-_REMEMBERED = 64  # plans
-_LATEST = 2**31 * SECOND  # ns that no stamp reaches
-_SUPERSEDED = "another planner's plan is active"
 _SUMMARY = 'plan_summary'
 
 
@@ -76,9 +71,6 @@ class Planner(ManagedNode):
     def configure(self) -> None:
         """Connect the problem, and begin to prepare it."""
         self._summary = self.create_publisher(String, _SUMMARY, LATCHED)
-        self._own_starts: deque[int] = deque(maxlen=_REMEMBERED)  # starts of plans [ns]
-        self._of_others: deque[int] = deque(maxlen=_REMEMBERED)
-        self.create_subscription(String, _SUMMARY, self._on_summary, LATCHED)
         self._planners = PublisherCount(
             self,
             _SUMMARY,
@@ -225,7 +217,6 @@ class Planner(ManagedNode):
             self._plan_id += 1
             self._failure = None
             self._follow((stamp, plan.start))
-            self._own_starts.append(stamp)
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             if request.answer is not None:
@@ -279,30 +270,8 @@ class Planner(ManagedNode):
             self.get_logger().warning(self._unfollowed)
             self._diagnostics.update()
 
-    def _on_summary(self, message: String) -> None:
-        """Stop reviewing the own plan when another planner's plan supersedes it."""
-        try:
-            told = json.loads(message.data)['stamp']
-            stamp = int(told['sec']) * SECOND + int(told['nanosec'])
-        except (ArithmeticError, ValueError, TypeError, KeyError, RecursionError):
-            return  # not a planner's
-        if not 0 <= stamp < _LATEST or stamp in self._own_starts:
-            return
-        self._of_others.append(stamp)
-        start, plans = self._time.instant(stamp), self._adapter.plans
-        if plans.superseded or (self._plan is not None and start < self._plan.start):
-            return
-        plans.superseded = True
-        if self._plan is not None:
-            self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is no longer reviewed')
-        self._follow(None)
-        self._diagnostics.update()
-
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
-        """Recover the plan that the trackers follow, if no other planner has published it."""
-        adapter, values = self._adapter, self.parameter_values
-        if self._plan is not None or stamp in self._of_others:
-            return
+        """Recover the plan that the trackers follow."""
 
         def done(outcome: ActivePlan | Exception) -> None:
             if self._plan is not None:
@@ -311,7 +280,8 @@ class Planner(ManagedNode):
             if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
-        self._queue.task(partial(adapter.recovered, values, trajectories, stamp), done)
+        values = self.parameter_values
+        self._queue.task(partial(self._adapter.recovered, values, trajectories, stamp), done)
 
     # Time.
 
@@ -319,7 +289,8 @@ class Planner(ManagedNode):
         self._time.now()
         self._look_who_follows()
         # Before the first message on /clock no instant is known.
-        if found := self._recovery.look(self.active and self._time.runs):
+        ready = self.active and self._time.runs
+        if self._plan is None and (found := self._recovery.look(ready)):
             self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:
@@ -358,10 +329,8 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        other = _SUPERSEDED * self._adapter.plans.superseded
-        told = [other, self._planners.warning, self._unfollowed]
-        if any(told):
-            return Level.WARN, '; '.join(filter(None, told))
+        if told := [*filter(None, [self._planners.warning, self._unfollowed])]:
+            return Level.WARN, '; '.join(told)
         if not self._prepared:
             return Level.OK, 'preparing'
         if self._plan is None:

@@ -231,7 +231,7 @@ def _with_prediction_note(error: TdmError, delay: float) -> TdmError:
 
 class Replanning:
     """
-    Reviews the newest plan at a rate, and hands new plans to `publish`.
+    Reviews the active plan at a rate, and hands new plans to `publish`.
 
     A plan is reviewed for the node's present parameters, except those that were given for it alone
     (`ActivePlan.request_parameters`). Problems without a measured state are not reviewed.
@@ -250,8 +250,7 @@ class Replanning:
         self._rate = 0.0  # Hz
         self._timer: Timer | None = None
         self._replanner: Replanner | None = None
-        self._reviewed: ActivePlan | None = None
-        self._trackers: Values = {}
+        self._made_for: Any = None  # the plan, its trackers' parameters, the reviews'
         self._reviews = self._replans = 0
         self._last = ''
         self.values_changed()
@@ -276,12 +275,10 @@ class Replanning:
         return {'reviews': self._reviews, 'replans': self._replans, 'last review': self._last}
 
     def _on_timer(self) -> None:
-        adapter, plan = self._adapter, self._adapter.plans.newest
-        reviewed = self._node.active and adapter.measures and not adapter.plans.superseded
-        if plan is None or not reviewed:
+        adapter, newest, now = self._adapter, self._adapter.plans.newest, self._clock.now()
+        if newest is None or not (self._node.active and adapter.measures):
             return
-        values, now = {**self._node.parameter_values, **plan.request_parameters}, self._clock.now()
-        inactive = adapter.inactive if plan.start <= now else []
+        inactive = adapter.inactive if newest.start <= now else []
         if inactive:
             reason = f'no replanning: no tracker is active for {", ".join(inactive)}'
             if self._last != reason:
@@ -289,10 +286,14 @@ class Replanning:
                 self._node.get_logger().warning(reason)
             return
         try:
-            observations = adapter.observations(values, now)
+            observations = adapter.observations(self._node.parameter_values, now)
         except NoState as error:
             self._last = f'{error.code}: {error}'
             self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
+            return
+        plan, told = adapter.plans.reviewed(observations, now)
+        if plan is None:
+            self._last = told
             return
 
         def review() -> Review:
@@ -302,22 +303,19 @@ class Replanning:
             asked = {**values, **starts}
             if any(asked.get(name) != value for name, value in own.items()):
                 problem = type(problem).from_parameters(asked)
-            return self._replanner_of(plan, values).review(problem, observations, now)
+            replanner = self._replanner_of(plan, values)
+            return replanner.review(plan, problem, observations, now, told)
 
+        values = {**self._node.parameter_values, **plan.request_parameters}
         self._queue.review(review, self._on_review)
 
     def _replanner_of(self, plan: ActivePlan, values: Values) -> Replanner:
         """Return the replanner, for the plan, its trackers and parameters as they are now."""
         parameters, adapter = build(ReplanParameters, values, 'replan.'), self._adapter
-        trackers = {**adapter.tracker_parameters, '': parameters.deviation}
-        if self._replanner is None:
+        made_for = plan, adapter.tracker_parameters, parameters
+        if self._replanner is None or made_for != self._made_for:
             self._replanner = Replanner(adapter.execution(plan.problem), parameters)
-        elif self._reviewed is not plan or trackers != self._trackers:
-            self._replanner.execution = adapter.execution(plan.problem)
-        if self._reviewed is not plan:
-            self._replanner.adopt(plan)
-        self._reviewed, self._trackers = plan, trackers
-        self._replanner.parameters = parameters
+            self._made_for = made_for
         return self._replanner
 
     def _on_review(self, outcome: Review | Exception) -> None:
@@ -329,12 +327,6 @@ class Replanning:
             logger.error(f'no replanning: {failure}', **_SELDOM)
             return
         self._last = outcome.reason
-        if outcome.rejected:
-            kept = ', '.join(outcome.rejected)
-            logger.warning(
-                f'the last plan was rejected by {kept}: the one before is still followed',
-                **_SELDOM,
-            )
         if outcome.plan is None:
             if outcome.necessary:
                 logger.warning(f'no new plan, the active one stays: {outcome.reason}', **_SELDOM)

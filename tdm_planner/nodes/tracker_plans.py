@@ -38,7 +38,6 @@ from trajectory_msgs.msg import JointTrajectory
 TOPIC = 'tracker_status'
 FOLLOWED = 'active_trajectory'
 WINDOW = 10.0  # s after the planner's start in which a followed plan is its predecessor's
-GRACE = 1.0  # s for a living planner's summary of that plan to arrive
 
 _ACTIVE: Mapping[Phase, int] = {
     Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
@@ -330,22 +329,19 @@ class Recovery:
         self._kind, self._names = kind, list(prefixes)
         self._until = time.monotonic() + WINDOW
         self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
-        self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
-        self._waits = False  # for GRACE to pass, and for the planner to be ready
+        self._waits = False  # for the planner to be ready
         for name, prefix in prefixes.items():
             take = partial(self._by_vehicle.__setitem__, name)
             node.create_subscription(JointTrajectory, f'{prefix}{FOLLOWED}', take, LATCHED)
 
     def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""
-        now, told = time.monotonic(), self._by_vehicle
+        told = self._by_vehicle
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
         start = starts.pop() if len(told) == len(self._names) and len(starts) == 1 else 0
-        if start != self._start:
-            self._start, self._since = start, now
-            self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
-        if self._waits and ready and now >= self._since + GRACE:
-            self._waits = False
+        self._waits |= bool(start) and time.monotonic() < self._until
+        if self._waits and ready:
+            self._waits, self._until = False, -math.inf
             if start:
                 with suppress(InvalidProblem):
                     return {n: read_plan(self._kind, told[n]) for n in self._names}, start

@@ -15,11 +15,12 @@ from tdm_planner.replanning.execution import (
     Outlook,
 )
 from tdm_planner.replanning.formation_execution import FormationExecution
-from tdm_planner.replanning.replanner import Replanner, Review
+from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 
 __all__ = [
     'ActivePlan',
+    'ActivePlans',
     'Execution',
     'FormationExecution',
     'GenericExecution',

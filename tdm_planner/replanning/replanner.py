@@ -36,7 +36,7 @@ _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker 
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of the time for solving, where the active plan would do
 _TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told that they follow it
-_REMEMBERED = 3  # earlier plans that trackers may have kept
+_REMEMBERED = 16  # plans before the newest, that trackers may have kept
 
 
 def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
@@ -80,20 +80,54 @@ def _asked(problem: Problem) -> dict[str, Any]:
     }
 
 
-def keeping(
-    earlier: ActivePlan, newer: ActivePlan, observations: Mapping[str, Observation]
-) -> list[str]:
-    """
-    Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
+class ActivePlans:
+    """The plans published last; which of them is followed, only trackers know. Any thread."""
 
-    Trackers reject plans that begin too far from where the plant is.
-    """
-    return [
-        name
-        for name, seen in observations.items()
-        if seen.followed is not None
-        and abs(seen.followed - earlier.start) < SAME_START < newer.start - earlier.start
-    ]
+    def __init__(self) -> None:
+        self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
+
+    @property
+    def newest(self) -> ActivePlan | None:
+        """Return the plan that was published last."""
+        return self._plans[-1] if self._plans else None
+
+    def add(self, plan: ActivePlan) -> None:
+        """Add a plan that is published."""
+        self._plans = (*self._plans[-_REMEMBERED:], plan)
+
+    def starting(self, start: float | None) -> ActivePlan | None:
+        """Return the plan that starts at an instant [s]; None if it is none of these."""
+        for plan in reversed(self._plans):
+            if start is not None and abs(plan.start - start) < SAME_START:
+                return plan
+        return None
+
+    def reviewed(
+        self, observations: Mapping[str, Observation], now: float
+    ) -> tuple[ActivePlan | None, str]:
+        """
+        Return the plan to review at the instant `now` [s], and what is known to be wrong with it.
+
+        It is the newest, unless all trackers tell that they follow an earlier one: they reject
+        plans that begin too far from where the plant is. None, and why, where it has not begun, or
+        another planner's plan is followed.
+        """
+        newest = self.newest
+        if newest is None or now < newest.start:
+            return None, 'no plan is under way'
+        told = {n: seen.followed for n, seen in observations.items() if seen.followed is not None}
+        followed = {name: self.starting(start) for name, start in told.items()}
+        kept = [name for name, plan in followed.items() if plan is not newest]
+        if not kept:
+            return newest, ''
+        if now < newest.start + _TAKEN_OVER:
+            return None, 'the newest plan is not followed yet'
+        if foreign := [name for name in kept if followed[name] is None]:
+            return None, f"'{foreign[0]}' follows the plan of another planner"
+        earlier = followed[kept[0]]
+        if len(kept) == len(observations) and {*followed.values()} == {earlier}:
+            return earlier, ''
+        return newest, f"'{kept[0]}' has kept the plan before the active one"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,83 +136,41 @@ class Review:
     The outcome of a review; `plan` is the one to take over, None if the old one is kept.
 
     `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
-    where nothing had to be solved. `rejected` holds the vehicles whose trackers were found to have
-    kept the plan before the newest.
+    where nothing had to be solved.
     """
 
     plan: ActivePlan | None
     reason: str
     necessary: bool = False
     solve_time: float = 0.0
-    rejected: tuple[str, ...] = ()
 
 
 class Replanner:
-    """Reviews the active plan again and again; `adopt` every plan that is published."""
+    """Reviews the active plan again and again."""
 
     def __init__(self, execution: Execution, parameters: ReplanParameters) -> None:
         self.execution = execution
         self.parameters = parameters
-        self.plan: ActivePlan | None = None
-        self._earlier: tuple[ActivePlan, ...] = ()
         self._reviews = 0
         self._improved_at = -math.inf
 
-    def adopt(self, plan: ActivePlan) -> None:
-        """
-        Take note of the plan that is active from now on, or from its start on.
-
-        It supersedes those before it. By what the trackers tell, one of these may be found to be
-        active still: a plan that begins too far from the plant is rejected.
-        """
-        before = self._earlier if self.plan is None else (*self._earlier, self.plan)
-        self.plan, self._earlier = plan, before[-_REMEMBERED:]
-        self._improved_at = -math.inf
-
     def review(
-        self, problem: Problem, observations: Mapping[str, Observation], now: float
-    ) -> Review:
-        """
-        Review the active plan at the instant `now` [s] for the `problem` asked at present.
-
-        Only the start of the problem is replaced. A plan returned is verified; its motion starts
-        `delay` after `now`.
-        """
-        newest = self.plan
-        if newest is None or newest.start > now:
-            return Review(None, 'no plan is under way')
-        kept = any(keeping(plan, newest, observations) for plan in self._earlier)
-        if kept and now < newest.start + _TAKEN_OVER:
-            return Review(None, 'the newest plan is not followed yet')
-        rejected = self._rejected(newest, observations)
-        plan = self.plan or newest
-        if not self.execution.holds_goal and now >= plan.end:
-            return Review(None, 'the plan has come to its end')
-        failure = ''
-        if rejected and plan is newest:
-            failure = f"'{rejected[0]}' has kept the plan before the active one"
-        review = self._reviewed(plan, problem, observations, now, failure)
-        return replace(review, rejected=tuple(rejected))
-
-    def _rejected(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
-        """Vehicles whose trackers keep an earlier plan; where all do, it is active again."""
-        for count, earlier in reversed(list(enumerate(self._earlier))):
-            rejected = keeping(earlier, newest, observations)
-            if rejected and len(rejected) == len(observations):
-                self.plan, self._earlier = earlier, self._earlier[:count]
-            if rejected:
-                return rejected
-        return []
-
-    def _reviewed(
         self,
         plan: ActivePlan,
         problem: Problem,
         observations: Mapping[str, Observation],
         now: float,
-        failure: str,
+        failure: str = '',
     ) -> Review:
-        """Review `plan`; `failure` says what is known to be wrong with it, '' if nothing is."""
+        """
+        Review a plan under way at the instant `now` [s] for the `problem` asked at present.
+
+        `failure` says what is known to be wrong with the plan, '' if nothing is. Only the start of
+        the problem is replaced. A plan returned is verified; its motion starts `delay` after
+        `now`.
+        """
+        if not self.execution.holds_goal and now >= plan.end:
+            return Review(None, 'the plan has come to its end')
         began = time.perf_counter()
         at = now + self.parameters.delay
         predicted = self.execution.predict(plan, observations, at)

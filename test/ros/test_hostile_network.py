@@ -52,6 +52,5 @@ def test_nodes_use_what_the_policy_allows_and_survive_whatever_comes(ros, tmp_pa
     for name in ('HOME', 'TMPDIR', 'XDG_CACHE_HOME', 'XDG_CONFIG_HOME'):
         monkeypatch.setenv(name, str(tmp_path))
     nodes.refuse_types_that_do_not_exist()
-    nodes.ignore_stamps_that_no_clock_shows()
     nodes.endure(30)
     assert not os.listdir(tmp_path)

@@ -13,7 +13,7 @@ from stepped_ros import Stepped
 from tdm_planner.nodes.reading import seconds_of
 
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
-NOT_TAKEN, REJECTED = 'the last plan was rejected by', 'trajectory rejected'
+NOT_TAKEN, REJECTED = 'is not followed by pendulum', 'trajectory rejected'
 
 
 class Rig(PendulumRig):
@@ -57,7 +57,6 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     own = ['-r', 'plan:=plan_of_the_second']
     ros.start('planner', {**STRONG, 'start.source': 'parameters'}, 'again', own)
     rig.trigger('plan_of_the_second')
-    assert "another planner's plan is active: plan 1 is no longer reviewed" in rig.told('planner')
     warning = '2 planners publish /again/plan_summary: trackers follow'
     assert ros.spin_until(lambda: warning in rig.told('planner'))
 
@@ -116,16 +115,15 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros, rig):
     assert rig.stands_up()
     ros.spin_for(0.5)
     rig.set('planner', start__source='parameters')
-    told, rejected = rig.told('planner').count(NOT_TAKEN), rig.told('tracker').count(REJECTED)
+    rejected = rig.told('tracker').count(REJECTED)
     rig.plan()
     number = json.loads(rig.summaries[-1].data)['plan_id']
     sentence = f'plan {number} is not followed by pendulum: the tracker says why'
     ros.spin_for(0.5)  # it begins after .3 s, and trackers have another .3 s to tell
     assert rig.told('tracker').count(REJECTED) > rejected
     assert sentence not in rig.told('planner')
-    assert ros.spin_until(lambda: rig.told('planner').count(NOT_TAKEN) > told), rig.told('planner')
+    assert ros.spin_until(lambda: sentence in rig.told('planner')), rig.told('planner')
     ros.spin_for(0.5)
-    assert sentence in rig.told('planner')
     assert rig.said('planner', sentence)
     assert rig.upright_for(0.5)
     # For a tracker that was deactivated nothing is planned.

@@ -19,7 +19,7 @@ from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, FormationExecution, Observation, Replanner
+from tdm_planner.replanning import ActivePlan, ActivePlans, FormationExecution, Replanner
 from tdm_planner.replanning import replanner as reviewing
 from tdm_planner.replanning.execution import GenericExecution, Outlook, PLANT_NAME
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
@@ -55,66 +55,49 @@ swing = pytest.fixture(swing_up, scope='module', name='swing')
 
 
 @pytest.fixture
-def replanner(swing: ActivePlan) -> Replanner:
-    made = Replanner(SwingUpExecution(SWING), PARAMETERS)
-    made.adopt(swing)
-    return made
+def replanner() -> Replanner:
+    return Replanner(SwingUpExecution(SWING), PARAMETERS)
 
 
-def following(plan: ActivePlan, at: float) -> dict[str, Observation]:
-    """Return what is seen of vehicles whose trackers say that they follow `plan`."""
-    return seen(states_on(plan, at), at, followed=plan.start)
-
-
-def test_a_plan_that_has_not_begun_is_left_alone(swing: ActivePlan) -> None:
-    replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
-    rest = seen({PENDULUM_NAME: np.zeros(4)}, 0.0, Mode.IDLE)
-    assert replanner.review(SWING, rest, 0.0).plan is None
-    replanner.adopt(replace(swing, start=1.0))
-    assert replanner.review(SWING, rest, 0.0).plan is None
-
-
-def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replanner) -> None:
+def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(swing, replanner) -> None:
     beyond = seen({PENDULUM_NAME: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
-    review = replanner.review(SWING, beyond, 0.5)
+    review = replanner.review(swing, SWING, beyond, 0.5)
     assert (review.plan, review.necessary) == (None, True)
     assert 'INVALID_PROBLEM' in review.reason
 
 
-def test_the_plan_that_trackers_name_is_followed_one_that_all_refuse_forgotten(swing, replanner):
-    """Once it has begun for a while."""
-    later = replace(swing, start=0.5)
-    assert reviewing.keeping(swing, later, following(swing, 0.9)) == [PENDULUM_NAME]
-    assert not reviewing.keeping(swing, later, following(later, 0.9))
-    assert not reviewing.keeping(swing, later, seen(states_on(swing, 0.9), 0.9))
-    replanner.adopt(later)
-    early = replanner.review(SWING, following(swing, 0.51), 0.52)
-    assert (early.plan, early.rejected, replanner.plan) == (None, (), later)
-    now = following(swing, 0.9)
-    review = replanner.review(SWING, now, 0.9)
-    assert (review.rejected, review.necessary) == ((PENDULUM_NAME,), False)
-    assert replanner.plan is swing
-    assert replanner.review(SWING, following(swing, 0.91), 0.91).rejected == ()
-    assert not replanner.review(SWING, now, 0.9).rejected
+def test_the_plan_that_trackers_name_is_reviewed_once_the_newest_has_begun_for_a_while(swing):
+    plans, later = ActivePlans(), replace(swing, start=0.5)
+
+    def reviewed(now: float, *starts: float | None) -> tuple[ActivePlan | None, str]:
+        states = {str(k): np.zeros(4) for k in range(len(starts))}
+        told = {k: seen({k: x}, now, followed=starts[int(k)])[k] for k, x in states.items()}
+        return plans.reviewed(told, now)
+
+    assert reviewed(0.0, None) == (None, 'no plan is under way')
+    plans.add(swing)
+    plans.add(later)
+    assert reviewed(0.4, 0.0) == (None, 'no plan is under way')
+    assert reviewed(0.52, 0.0) == (None, 'the newest plan is not followed yet')
+    assert reviewed(0.9, 0.0, 0.0) == (swing, '')
+    assert reviewed(0.9, 0.5, 0.5) == reviewed(0.9, None, 0.5) == (later, '')
+    for follow in ((0.5, 0.0), (None, 0.0)):
+        assert reviewed(0.9, *follow) == (later, "'1' has kept the plan before the active one")
+    assert reviewed(0.9, 0.5, 0.7) == (None, "'1' follows the plan of another planner")
 
 
-def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
-    first, at = crossing(), 8.0
-    later = replace(first, start=3.0)
-    now = following(later, at) | {'robot1': following(first, at)['robot1']}
+def test_a_plan_that_a_robot_has_not_taken_is_mended() -> None:
+    plan, at = replace(crossing(), start=3.0), 8.0
     replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=5.0, delay=3.0))
-    replanner.adopt(first)
-    replanner.adopt(later)
-    review = replanner.review(FORMATION, now, at)
-    assert (review.rejected, review.necessary) == (('robot1',), True)
-    assert 'robot1' in review.reason
-    assert replanner.plan is later
+    review = replanner.review(plan, FORMATION, seen(states_on(plan, at), at), at, 'it was kept')
+    assert (review.necessary, 'it was kept' in review.reason) == (True, True)
 
 
 @pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
 def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
     solve, at = noted(monkeypatch, PendulumSwingUp, 'solve'), 0.3
-    replanner.review(SWING, seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0]), at)
+    pushed = seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0])
+    replanner.review(swing, SWING, pushed, at)
     guesses = [call.kwargs['warm_start'] for call in solve.call_args_list]
     if mode is Mode.RECOVERING:
         assert guesses == [None]
@@ -151,11 +134,9 @@ def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any
     return seen({PLANT_NAME: np.add(state, [x, v])[::-1]}, at)
 
 
-def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
+def reviewer(delay: float = 0.3) -> Replanner:
     parameters = ReplanParameters(rate=5.0, delay=delay)
-    made = Replanner(GenericExecution(('v', 'x'), parameters.deviation), parameters)
-    made.adopt(plan)
-    return made
+    return Replanner(GenericExecution(('v', 'x'), parameters.deviation), parameters)
 
 
 def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: ActivePlan) -> None:
@@ -171,13 +152,13 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: Activ
 
 
 def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: ActivePlan) -> None:
-    made = reviewer(plan)
+    made = reviewer()
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
-        review = made.review(plan.problem, measured(plan, at, 0.01, 0.01), at)
+        review = made.review(plan, plan.problem, measured(plan, at, 0.01, 0.01), at)
         assert (review.plan, review.necessary) == (None, False)
     at = plan.end + 0.1
-    review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
+    review = made.review(plan, replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)
     solver = DirectSolverParameters(deadline=1.0, seed=3)
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
@@ -188,7 +169,7 @@ def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: A
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
     at, delay = plan.start + 10.0, 10.0
-    review = reviewer(plan, delay).review(FAR, measured(plan, at, -200.0), at)
+    review = reviewer(delay).review(plan, FAR, measured(plan, at, -200.0), at)
     assert review.necessary
     assert "'x' is 200 m away from the active plan" in review.reason
     assert review.plan is not None, review.reason
@@ -212,20 +193,20 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePl
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
     lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
-    made, at = reviewer(lazy, delay=10.0), 0.1
-    review = made.review(FAR, measured(lazy, at), at)
+    made, at = reviewer(delay=10.0), 0.1
+    review = made.review(lazy, FAR, measured(lazy, at), at)
     assert not review.necessary
     assert review.plan is not None, review.reason
     assert 'saves' in review.reason
     asked = replace(FAR, limit=2.0)
-    review = made.review(asked, measured(lazy, at), at)
+    review = made.review(lazy, asked, measured(lazy, at), at)
     assert review.necessary
     assert review.reason == 'the problem has changed'
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):
     monkeypatch.setattr(Cart, 'cost_to_go', lambda *_: None)
-    made, at = reviewer(plan), plan.start + 0.1
-    review = made.review(plan.problem, measured(plan, at), at)
+    made, at = reviewer(), plan.start + 0.1
+    review = made.review(plan, plan.problem, measured(plan, at), at)
     assert review.plan is None
     assert review.solve_time == 0.0
