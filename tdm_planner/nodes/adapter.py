@@ -28,7 +28,7 @@ from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Execution, Observation
+from tdm_planner.replanning import ActivePlan, Observation
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
 from tdm_planner.replanning.replanner import ActivePlans, SAME_START
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
@@ -191,7 +191,7 @@ class Adapter:
     ) -> None:
         self._node, self._clock, self._problem = node, clock, problem
         self.plans = ActivePlans()
-        self._plant = plant = planned_plant(problem, values)
+        self.plant = plant = planned_plant(problem, values)
         self.kind = plant.kind
         names = values['robots'] if plant.several else [plant.vehicle]
         self.vehicles = {n: Vehicle(node, clock, n, plant, values, request) for n in names}
@@ -202,20 +202,14 @@ class Adapter:
 
     def values_changed(self, values: Values) -> None:
         """Follow changed parameters; an active plan is drawn as it was made."""
-        self._values = values
         for vehicle in self.vehicles.values():
             vehicle.values_changed(values)
         with suppress(InvalidProblem):
-            preview = None if self._drawn else self._plant.preview(values)
+            preview = None if self._drawn else self.plant.preview(values)
             if preview is not None:
                 self._markers.publish(plan_markers(self.kind.frame, *preview))
 
     # The state.
-
-    @property
-    def measures(self) -> bool:
-        """Whether there is anything to measure: otherwise plans are made from parameters."""
-        return bool(self.kind.state_names)
 
     def missing(self) -> list[str]:
         """Return a sentence for every topic on which no state was received yet. Any thread."""
@@ -229,7 +223,7 @@ class Adapter:
 
         Raise InvalidProblem or NoState as `Vehicle.predicted` does.
         """
-        return self._starts(self._of_all(lambda v: v.predicted(values, now, start, self.plans)))
+        return self._starts(self.of_all(lambda v: v.predicted(values, now, start, self.plans)))
 
     def pending_start(self, now: float) -> float | None:
         """Return when the newest plan begins [s], if after `now`, and if a tracker awaits it."""
@@ -243,17 +237,9 @@ class Adapter:
     def rests(self, now: float) -> bool:
         """Whether a late start can be put off: of a stated plant that follows no plan."""
         moved = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
-        return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
+        return self.plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
-    def observations(self, values: Values, now: float) -> dict[str, Observation]:
-        """
-        Return the newest measured state of every vehicle, and what its tracker does.
-
-        Raise NoState naming what is missing or older than `start.max_age`, and how old it is.
-        """
-        return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
-
-    def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
+    def of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
         found, missing = {}, []
         for name, vehicle in self.vehicles.items():
@@ -276,12 +262,12 @@ class Adapter:
 
     def publish(self, plan: ActivePlan, stamp: int) -> None:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
-        motions, several = plan.solution.trajectories, self._plant.several
+        motions, several = plan.solution.trajectories, self.plant.several
         only = next(iter(self.vehicles.values())) if len(motions) == 1 else None
         views = {name: view_of(plan.problem, motion) for name, motion in motions.items()}
         for name, trajectory in motions.items():
             kind = views[name].kind
-            besides = self._plant.besides(plan.problem, trajectory)
+            besides = self.plant.besides(plan.problem, trajectory)
             message = plan_message(kind, trajectory, to_stamp(stamp), besides)
             vehicle = self.vehicles.get(name, only)
             if vehicle is not None:
@@ -324,27 +310,10 @@ class Adapter:
         solution = problem.recovered(trajectories)
         return ActivePlan(problem, solution, self._clock.instant(stamp))
 
-    # Trackers.
-
-    def execution(self, problem: Any) -> Execution:
-        """Return the model of how the trackers execute plans. In the worker's thread."""
-        return self._plant.execution(problem, self.tracker_parameters, self._values)
-
-    @property
-    def tracker_parameters(self) -> dict[str, Any]:
-        """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
-        known = {name: vehicle.tracker.parameters for name, vehicle in self.vehicles.items()}
-        return {name: found for name, found in known.items() if found is not None}
-
-    @property
-    def inactive(self) -> list[str]:
-        """Return the vehicles whose trackers are inactive, or were heard once and are gone."""
-        return [name for name, v in self.vehicles.items() if v.tracker.inactive]
-
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker of several that is not connected."""
         found = []
-        for v in self.vehicles.values() if self._plant.several else ():
+        for v in self.vehicles.values() if self.plant.several else ():
             if v.trajectory.get_subscription_count() == 0:
                 found.append(f'{v.label}no tracker listens to {v.trajectory.topic_name}')
             if self._node.count_publishers(v.measured.topic) == 0:

@@ -81,7 +81,7 @@ class Planner(ManagedNode):
             create_plan_service(self, kind, name, self._on_request)
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
-        if values['start.source'] == 'measured' and not self._adapter.measures:
+        if values['start.source'] == 'measured' and not self._adapter.kind.state_names:
             self.get_logger().warning(
                 f'{problem.name} has no parameters start.<state>: plans begin at its stated '
                 'start, whatever is measured'

@@ -148,7 +148,7 @@ def make_plan(
 
     Raise TdmError saying why there is no plan.
     """
-    measured = values['start.source'] == 'measured' and adapter.measures
+    measured = values['start.source'] == 'measured' and bool(adapter.kind.state_names)
     if measured:
         _await_first_state(adapter, values['start.max_age'], clock)
     if not clock.runs:
@@ -276,17 +276,18 @@ class Replanning:
 
     def _on_timer(self) -> None:
         adapter, newest, now = self._adapter, self._adapter.plans.newest, self._clock.now()
-        if newest is None or not (self._node.active and adapter.measures):
+        if newest is None or not (self._node.active and adapter.kind.state_names):
             return
-        inactive = adapter.inactive if newest.start <= now else []
-        if inactive:
+        vehicles, longest = adapter.vehicles, self._node.parameter_values['start.max_age']
+        inactive = [name for name, v in vehicles.items() if v.tracker.inactive]
+        if inactive and newest.start <= now:
             reason = f'no replanning: no tracker is active for {", ".join(inactive)}'
             if self._last != reason:
                 self._last = reason
                 self._node.get_logger().warning(reason)
             return
         try:
-            observations = adapter.observations(self._node.parameter_values, now)
+            observations = adapter.of_all(lambda vehicle: vehicle.seen(now, longest))
         except NoState as error:
             self._last = f'{error.code}: {error}'
             self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
@@ -312,10 +313,11 @@ class Replanning:
     def _replanner_of(self, plan: ActivePlan, values: Values) -> Replanner:
         """Return the replanner, for the plan, its trackers and parameters as they are now."""
         parameters, adapter = build(ReplanParameters, values, 'replan.'), self._adapter
-        made_for = plan, adapter.tracker_parameters, parameters
+        trackers = {name: vehicle.tracker.parameters for name, vehicle in adapter.vehicles.items()}
+        made_for = plan, trackers, parameters
         if self._replanner is None or made_for != self._made_for:
-            self._replanner = Replanner(adapter.execution(plan.problem), parameters)
-            self._made_for = made_for
+            execution = adapter.plant.execution(plan.problem, trackers, values)
+            self._replanner, self._made_for = Replanner(execution, parameters), made_for
         return self._replanner
 
     def _on_review(self, outcome: Review | Exception) -> None:

@@ -59,12 +59,12 @@ class FormationExecution(Execution):
     def __init__(
         self,
         problem: RobotFormation,
-        parameters: Mapping[str, RobotTrackerParameters] = MappingProxyType({}),
+        parameters: Mapping[str, RobotTrackerParameters | None] = MappingProxyType({}),
     ) -> None:
         self._plant = problem.plant
         default = RobotTrackerParameters(plant=problem.plant, limits=problem.limits)
         self._parameters = {
-            name: replace(parameters.get(name, default), rate=1.0 / _STEP)
+            name: replace(parameters.get(name) or default, rate=1.0 / _STEP)
             for name in problem.task.names
         }
         self._motions: dict[str, tuple[RobotTracker, Motion]] = {}

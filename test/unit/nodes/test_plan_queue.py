@@ -111,17 +111,17 @@ def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> Non
 
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(monkeypatch):
     values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
-    it = Mock(active=True, measures=True, inactive=(), parameter_values=values)
+    it = Mock(active=True, vehicles={}, parameter_values={**values, 'start.max_age': 1.0})
     it.now.return_value, it.plans = 0.0, ActivePlans()
     replanning = Replanning(it, it, it, it, it.publish)
     kind = type('Kind', (), {'from_parameters': dict, 'to_parameters': lambda _: {'wide': 1.0}})
     plan = partial(ActivePlan, kind(), 'solution')
     it.plans.add(plan(0.0, request_parameters={'wide': 2.0}))
-    it.observations.return_value = {}
+    it.of_all.return_value = {}
     replanning._on_timer()
     ((review, done), _) = it.review.call_args
     monkeypatch.setattr(Replanner, 'review', lambda self, plan, asked, *_: asked)
-    assert review() == {**values, 'wide': 2.0}
+    assert review() == {**it.parameter_values, 'wide': 2.0}
     for _ in range(2):
         done(Review(plan(0.5), 'the problem has changed', True))
         assert [call.args[0].start for call in it.publish.call_args_list] == [0.5]

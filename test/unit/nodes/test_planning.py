@@ -42,7 +42,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False):
     """Return one that is asked how far ahead; a plan begins at `begins`, a state comes [s]."""
-    made, begin = Mock(measures=True, asked=[]), BEGIN + begins
+    made, begin = Mock(asked=[]), BEGIN + begins
 
     def measured_start(values, now: float, start: float) -> dict:
         made.asked.append(now - BEGIN)
