@@ -72,7 +72,6 @@ class TrackerNode(ManagedNode):
         self.warn_of_unknown_overrides()
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
-        self._commands = self._clock_steps = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
@@ -165,7 +164,6 @@ class TrackerNode(ManagedNode):
     # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
 
     def _on_clock_step(self, step: float) -> None:
-        self._clock_steps += 1
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
     def _on_state(self, state: Array, at: float) -> None:
@@ -275,7 +273,6 @@ class TrackerNode(ManagedNode):
         message = command_message(self.type.kind, control)
         message.header.stamp = stamp
         self._command_publisher.publish(message)
-        self._commands += 1
 
     def _tell_error(self, action: Action, stamp: Time) -> None:
         """Publish the deviation of the states, and the feedback within the command as efforts."""
@@ -353,9 +350,7 @@ class TrackerNode(ManagedNode):
             'planners': self._planners.count,
             'gains computed in [s]': self._preparation,
             'rate [Hz]': self._rate.measured(),
-            'commands sent': self._commands,
             'states ignored': self._states_ignored,
-            'clock steps': self._clock_steps,
         }
         return Report(level, message, figures)
 

@@ -171,12 +171,12 @@ class TrajectoryTracker(ABC):
         Raises
         ------
         TrajectoryRejected
-            If it lies in the past, is not this plant's, or the state is too far from it. A tracker
-            that has just been restarted into a plan recovers then, with `replan.on_deviation`.
+            If it lies in the past, or the state is too far from it. A tracker that has just been
+            restarted into a plan recovers then, with `replan.on_deviation`.
 
         """
         try:
-            check_trajectory(self.plant, trajectory, start, now)
+            check_trajectory(trajectory, start, now)
             with suppress(*BREAKDOWN):  # what cannot be predicted is compared at the start
                 self._check_start(Motion(trajectory, start, None), now)
         except TrajectoryMissed as missed:
