@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Final, Literal, NamedTuple, TYPE_CHECKING
+from typing import Any, ClassVar, Final, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -140,11 +140,13 @@ class Drawn:
     """
     What a plant looks like; this one has no picture.
 
-    `surroundings` are what stands still around it.
+    `surroundings` are what stands still around it. While it moves, its ways of the last `span` s
+    are drawn.
     """
 
     kind: PlantKind
     surroundings: Sequence[Shape] = ()
+    span: ClassVar[float] = 1.0
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the plant looks like in states `x`, under controls `u`."""
@@ -217,6 +219,7 @@ class RobotDrawing(Drawn):
     radius: float = 0.0
     surroundings: Sequence[Shape] = ()
     kind = ROBOT
+    span = 60.0
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Body and heading, the safety circle, and the jet."""

@@ -20,7 +20,6 @@ from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_sim.plant_node import (
     deviation,
     Disturbance,
-    MarkerParameters,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -71,7 +70,6 @@ class PendulumPlantParameters(SimulationParameters):
     initial: InitialState = group(InitialState)
     noise: PendulumNoise = group(PendulumNoise)
     disturbance: PendulumDisturbance = group(PendulumDisturbance)
-    markers: MarkerParameters = group(MarkerParameters)
 
 
 def _setup(given: PendulumPlantParameters) -> PlantSetup:

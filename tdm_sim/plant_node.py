@@ -27,7 +27,7 @@ from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
-from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
+from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
@@ -99,21 +99,6 @@ class SimulationParameters(Validated):
     )
 
 
-@dataclass(frozen=True)
-class MarkerParameters(Validated):
-    """How the plant is drawn while a viewer subscribes."""
-
-    rate: float = parameter(
-        25.0,
-        'rate of the markers while a viewer subscribes; 0 switches them off',
-        unit='Hz',
-        allowed=Range(0.0, 100.0),
-    )
-    trail: float = parameter(
-        1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
-    )
-
-
 def deviation(of: str, unit: str) -> Any:
     """Declare the standard deviation of a measurement (white, Gaussian noise)."""
     return parameter(
@@ -133,7 +118,7 @@ class Disturbance(Validated):
 @dataclass(frozen=True)
 class PlantModel:
     """
-    A plant to be simulated: its joints, parameters (with a group `markers`) and functions of them.
+    A plant to be simulated: its joints, parameters and functions of them.
 
     The joints may have states that the simulation alone knows (the angle of a wheel). `push` gives
     one push of `disturbance.impulse` and returns a description. `name`, of parameters and
@@ -191,7 +176,7 @@ class PlantNode(ParameterNode):
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
         self._name = self.model.name(given, self.get_namespace())
-        self._picture = Picture(self.model.drawn(given), given.markers.trail, self._name)
+        self._picture = Picture(self.model.drawn(given), self._name)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self._joint_states = self.create_publisher(JointState, 'joint_states', QUEUE)
         self._odometry = self.create_publisher(Odometry, 'odom', QUEUE) if kind.odometry else None
@@ -227,7 +212,7 @@ class PlantNode(ParameterNode):
         given: Any = build(self.model.parameters, self.parameter_values)
         self.parameters = given
         self.simulation.setup = self._setup(given)
-        self._picture.set_up(self.model.drawn(given), given.markers.trail)
+        self._picture.set_up(self.model.drawn(given))
         self._describe()
         source, speed = self._clock_source, given.real_time_factor
         if source is not None and source.speed != speed:
@@ -286,14 +271,12 @@ class PlantNode(ParameterNode):
             self._odometry.publish(odometry(kind, values, deviations, stamp, self._name))
 
     def _show(self, measured: Array, now: Time) -> None:
-        rate = self.parameters.markers.rate
         self._picture.add(self._last, measured)
         elapsed = now.nanoseconds - self._drawn
-        if rate == 0.0 or 0 <= elapsed * rate < 1e9 or not self._markers.get_subscription_count():
+        if 0 <= elapsed * MARKER_RATE < 1e9 or not self._markers.get_subscription_count():
             return
         self._drawn = now.nanoseconds
-        control = self.simulation.control
-        shown = self._picture.draw(now.to_msg(), measured, control, lifetime_at(rate))
+        shown = self._picture.draw(now.to_msg(), measured, self.simulation.control)
         if shown.markers:
             self._markers.publish(shown)
 

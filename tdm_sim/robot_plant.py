@@ -26,7 +26,6 @@ from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.plant_node import (
     deviation,
     Disturbance,
-    MarkerParameters,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -103,15 +102,6 @@ class RobotArena(Validated):
 
 
 @dataclass(frozen=True)
-class RobotMarkers(MarkerParameters):
-    """How the robot is drawn while a viewer subscribes."""
-
-    trail: float = parameter(
-        60.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
-    )
-
-
-@dataclass(frozen=True)
 class RobotPlantParameters(SimulationParameters):
     """Parameters of the node."""
 
@@ -126,7 +116,6 @@ class RobotPlantParameters(SimulationParameters):
     noise: RobotNoise = group(RobotNoise)
     disturbance: RobotDisturbance = group(RobotDisturbance)
     arena: RobotArena = group(RobotArena)
-    markers: RobotMarkers = group(RobotMarkers)
 
 
 def _setup(given: RobotPlantParameters) -> PlantSetup:

@@ -29,7 +29,6 @@ from tdm_sim.pendulum_plant import PENDULUM_MODEL
 from tdm_sim.plant_node import (
     deviation,
     Disturbance,
-    MarkerParameters,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -65,7 +64,6 @@ class StatedPlantParameters(SimulationParameters):
         'first command that is not zero',
     )
     disturbance: StatedDisturbance = group(StatedDisturbance)
-    markers: MarkerParameters = group(MarkerParameters)
 
 
 def _with_states(problem: type[DirectProblem]) -> type[StatedPlantParameters]:

@@ -19,7 +19,7 @@ from tdm_planner.arrays import Array, wrapped
 from tdm_planner.drawing import DrawnPath
 from tdm_planner.exceptions import Failure, InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.markers import MARKER_DEPTH, Pen, Picture, plan_markers
+from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Pen, Picture, plan_markers
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
 from tdm_planner.nodes.reading import check_frame, read_joints, yaw_of
@@ -37,7 +37,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 T = TypeVar('T')
 
-_MARKER_RATE = 20.0  # Hz
 _OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
 _NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 _LETTERS = 0.1  # m
@@ -75,7 +74,7 @@ class Vehicle:
         self._picture: Picture | None = None
         self.measured = MeasuredState(node, clock, kind, prefix, self._observe)
         self._markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
-        node.create_timer(1.0 / _MARKER_RATE, self._show)
+        node.create_timer(1.0 / MARKER_RATE, self._show)
         if f'formation.{name}' in values:
             node.create_subscription(PoseStamped, f'{prefix}goal_pose', self._on_goal, 10)
 
@@ -85,9 +84,8 @@ class Vehicle:
         with suppress(InvalidProblem):
             drawn = self._plant.drawn(values)
             if drawn is not None:
-                trail, name = self._plant.trail, self.prefix.rstrip('/')
-                self._picture = self._picture or Picture(drawn, trail, name)
-                self._picture.set_up(drawn, trail)
+                self._picture = self._picture or Picture(drawn, self.prefix.rstrip('/'))
+                self._picture.set_up(drawn)
 
     def seen(self, now: float, max_age: float) -> Observation:
         """Return the newest state and what the tracker does; raise NoState as `fresh` does."""

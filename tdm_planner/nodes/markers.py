@@ -45,8 +45,8 @@ from tdm_planner.nodes.messages import to_duration, to_quaternion
 from visualization_msgs.msg import Marker, MarkerArray
 
 MARKER_DEPTH = 5  # messages a slow viewer may lag behind
-LONGEST_LIFETIME = 3600.0  # s
-LIFETIME = 0.5  # s that something moving stays visible without news, at least
+MARKER_RATE = 20.0  # Hz of a plant in motion, while a viewer subscribes
+LIFETIME = 0.5  # s that something moving stays visible without news
 
 LONGEST_PATH = 300  # points
 
@@ -78,11 +78,6 @@ def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
     number = re.search(r'\d{1,9}$', name)
     index = int(number.group()) - 1 if number else zlib.crc32(name.encode())
     return _painted(COLOURS[index % len(COLOURS)], alpha)
-
-
-def lifetime_at(rate: float) -> float:
-    """Return for how long [s] what is drawn at `rate` [Hz] must stay visible, not to flicker."""
-    return max(LIFETIME, min(3.0 / rate, LONGEST_LIFETIME))
 
 
 def to_points(positions: Array) -> list[Point]:
@@ -138,15 +133,15 @@ class Picture:
     A plant with a name has its colour, and shows it.
     """
 
-    def __init__(self, drawn: Drawn, trail: float, name: str = '') -> None:
+    def __init__(self, drawn: Drawn, name: str = '') -> None:
         self._name = name
         self._trails: dict[int, deque[tuple[float, Point]]] = {}  # by shape: instants, places
-        self.set_up(drawn, trail)
+        self.set_up(drawn)
 
-    def set_up(self, drawn: Drawn, trail: float) -> None:
-        """Draw another plant, with a trail of `trail` s, from now on."""
+    def set_up(self, drawn: Drawn) -> None:
+        """Draw another plant from now on."""
         self._drawn = drawn
-        self._age, self._spacing = trail, max(trail / _TRAIL_POINTS, _SHORTEST_SPACING)
+        self._spacing = max(drawn.span / _TRAIL_POINTS, _SHORTEST_SPACING)
         self._width = 0.0  # of lines [m], until the first drawing
         self._due = -math.inf  # instant [s] of the next place of the trails
 
@@ -161,7 +156,7 @@ class Picture:
             if shape.trail:
                 trail = self._trails.setdefault(number, deque())
                 trail.append((instant, to_points(way_of(shape, 1))[0]))
-                while instant - trail[0][0] > self._age + _ROUNDING:
+                while instant - trail[0][0] > self._drawn.span + _ROUNDING:
                     trail.popleft()
 
     def clear(self) -> None:
@@ -169,11 +164,9 @@ class Picture:
         self._trails.clear()
         self._due = -math.inf
 
-    def draw(
-        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
-    ) -> MarkerArray:
-        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-        pen, name = Pen(self._drawn.kind.frame, stamp, lifetime), self._name
+    def draw(self, stamp: Time, state: Array, control: Array) -> MarkerArray:
+        """Return the plant in a state (nx,) under controls (nu,)."""
+        pen, name = Pen(self._drawn.kind.frame, stamp, LIFETIME), self._name
         shapes = self._drawn.shapes(state, control)
         self._width = width = self._width or _WIDTH * _size(self._drawn.shapes(state))
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]

@@ -67,12 +67,11 @@ class PlannedPlant:
     not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
-    is not of this package. `trail` is the time [s] for which its trail is drawn. `near` are the
-    largest deviations (nx,) of a plant that follows its plan, None if they depend on that.
+    is not of this package. `near` are the largest deviations (nx,) of a plant that follows its
+    plan, None if they depend on that.
     """
 
     vehicle: ClassVar[str] = PLANT_NAME
-    trail: ClassVar[float] = 2.0
     near: ClassVar[Array | None] = None
     stays: ClassVar[bool] = True  # until a plan begins
     several: ClassVar[bool] = False  # each with topics below its name
@@ -125,7 +124,6 @@ class PlannedPendulum(PlannedPlant):
     """The rotary pendulum; between plans it swings without torque."""
 
     vehicle = PENDULUM_NAME
-    trail = 1.0
     near = np.array([0.5, 0.7, 6.0, 8.0])
     stays = False
 
@@ -174,7 +172,6 @@ class PlannedPendulum(PlannedPlant):
 class PlannedRobots(PlannedPlant):
     """The robots of a formation; between plans they drift."""
 
-    trail = 60.0
     near = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])  # the thruster may turn as it likes
     stays = False
     several = True

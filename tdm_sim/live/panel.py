@@ -34,7 +34,7 @@ GROUPS = ('limits', 'weights')  # of parameters that are shown first
 _SPREAD = 4.0  # of a slider over a wide range, in values: from 0 or a quarter of it on
 _STEPS = 200
 _DOUBLE, _INTEGER = 3, 2  # of rcl_interfaces/msg/ParameterType
-_NOT_SHOWN = re.compile(r'(start\.(max_age|delay)|replan\.|solver\.|markers\.|.*seed$|rate$)')
+_NOT_SHOWN = re.compile(r'(start\.(max_age|delay)|replan\.|solver\.|.*seed$|rate$)')
 
 
 class Panel:

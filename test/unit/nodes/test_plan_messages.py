@@ -21,7 +21,7 @@ from stated import refused
 from tdm_planner.drawing import PendulumDrawing, RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
-from tdm_planner.nodes.markers import Picture
+from tdm_planner.nodes.markers import LIFETIME, Picture
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
@@ -200,12 +200,12 @@ def place(point) -> list[float]:
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
 def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
-    picture, arrays = Picture(drawn, 60.0, name), []
+    picture, arrays = Picture(drawn, name), []
     for k, values in enumerate(states):
         state = np.array(values)
         picture.add(float(k), state)
-        array = picture.draw(Time(sec=k), state, state[:3], lifetime=3.0)
-        check_markers(array, drawn.kind.frame, 3.0)
+        array = picture.draw(Time(sec=k), state, state[:3])
+        check_markers(array, drawn.kind.frame, LIFETIME)
         arrays.append(array)
         names = Scene(*arrays).names
         trail = {key for key in names if key[0] == 'trail'}
@@ -214,7 +214,7 @@ def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states)
 
 
 def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
-    picture, theta = Picture(DRAWN_PENDULUM, 0.5), np.linspace(0.0, 1.0, 201)
+    picture, theta = Picture(DRAWN_PENDULUM), np.linspace(0.0, 1.0, 401)
     for k, value in enumerate(theta):
         picture.add(0.005 * k, np.array([value, 0.3, 0.0, 0.0]))
 
@@ -223,7 +223,7 @@ def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
         return [place(p) for p in scene['trail', 1].points] if 'trail' in scene.namespaces else []
 
     _, tips = pendulum_points(PLANT, theta, np.array(0.3))
-    np.testing.assert_allclose(trail(), tips[100::4], atol=1e-9)
+    np.testing.assert_allclose(trail(), tips[200::4], atol=1e-9)
     picture.add(-7.0, np.zeros(4))  # the clock went back
     assert trail() == []
     picture.add(-6.98, np.zeros(4))
