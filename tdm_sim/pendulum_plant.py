@@ -19,7 +19,6 @@ from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_sim.plant_node import (
     deviation,
-    Disturbance,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -50,7 +49,7 @@ class PendulumNoise(Validated):
 
 
 @dataclass(frozen=True)
-class PendulumDisturbance(Disturbance):
+class PendulumDisturbance(Validated):
     """Disturbances of the pendulum."""
 
     impulse: float = parameter(

@@ -93,7 +93,7 @@ class SimulationParameters(Validated):
     )
     seed: int = parameter(
         0,
-        'seed of measurement noise, command loss and push directions',
+        'seed of measurement noise and push directions',
         allowed=SEED,
         read_only=True,
     )
@@ -103,15 +103,6 @@ def deviation(of: str, unit: str) -> Any:
     """Declare the standard deviation of a measurement (white, Gaussian noise)."""
     return parameter(
         0.0, f'standard deviation of the noise of {of}', unit=unit, allowed=NON_NEGATIVE
-    )
-
-
-@dataclass(frozen=True)
-class Disturbance(Validated):
-    """Disturbances of a plant; subclasses add the `impulse` of a push."""
-
-    command_loss: float = parameter(
-        0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)
     )
 
 
@@ -190,8 +181,7 @@ class PlantNode(ParameterNode):
         self._timer = self._make_timer()
 
     def _setup(self, given: Any) -> PlantSetup:
-        own, loss = self.model.setup(given), given.disturbance.command_loss
-        return replace(own, command_timeout=given.command_timeout, command_loss=loss)
+        return replace(self.model.setup(given), command_timeout=given.command_timeout)
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate

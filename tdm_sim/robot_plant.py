@@ -25,7 +25,6 @@ from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.plant_node import (
     deviation,
-    Disturbance,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -72,7 +71,7 @@ class RobotNoise(Validated):
 
 
 @dataclass(frozen=True)
-class RobotDisturbance(Disturbance):
+class RobotDisturbance(Validated):
     """Disturbances of the robot."""
 
     impulse: float = parameter(

@@ -92,10 +92,9 @@ class PlantSetup:
     Set-up of a simulated plant; arrays (nx,) or (nu,) in the plant's order and SI units.
 
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
-    multiplied by `gains`. Without a command for `command_timeout` s the controls are
-    zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
-    deviations of measured states. A plant that is `held` stays in its initial state until it is
-    `released`, or until the first command that is not zero.
+    multiplied by `gains`. Without a command for `command_timeout` s the controls are zero. `noise`
+    holds the standard deviations of measured states. A plant that is `held` stays in its initial
+    state until it is `released`, or until the first command that is not zero.
     """
 
     plant: Plant
@@ -105,7 +104,6 @@ class PlantSetup:
     noise: Array
     gains: Array | float = 1.0
     command_timeout: float = 0.1
-    command_loss: float = 0.0
     largest_step: float = SIMULATION_STEP
     held: bool = False
 
@@ -130,9 +128,8 @@ class SimulatedPlant:
         self._expiry = -math.inf
         self.released = False
         # Independent streams: draws from one must not change the other.
-        self._noise, self._loss, self._direction = (
-            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
-        )
+        streams = np.random.SeedSequence(seed).spawn(2)
+        self._noise, self._direction = map(np.random.default_rng, streams)
 
     @property
     def state(self) -> Array:
@@ -162,8 +159,6 @@ class SimulatedPlant:
         values = np.array(control, dtype=float)
         if values.shape != self._command.shape or not np.isfinite(values).all():
             raise ValueError(f'a command must be {self._command.size} finite numbers')
-        if self._loss.random() < self.setup.command_loss:
-            return
         self._command = values
         self.released = self.released or bool(values.any())
         self._expiry = self.time + self.setup.command_timeout

@@ -28,7 +28,6 @@ from tdm_planner.tracking.tracked_plants import problem_of, stated_problem, with
 from tdm_sim.pendulum_plant import PENDULUM_MODEL
 from tdm_sim.plant_node import (
     deviation,
-    Disturbance,
     PlantModel,
     PlantNode,
     SimulationParameters,
@@ -46,7 +45,7 @@ PROBLEM = ParameterSpec(
 
 
 @dataclass(frozen=True)
-class StatedDisturbance(Disturbance):
+class StatedDisturbance(Validated):
     """Disturbances of the plant."""
 
     impulse: float = parameter(
