@@ -22,7 +22,7 @@ from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Pen, Picture, plan_markers
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
-from tdm_planner.nodes.reading import check_frame, read_joints, yaw_of
+from tdm_planner.nodes.reading import check_frame, yaw_of
 from tdm_planner.nodes.services import Request
 from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_views import view_of
@@ -127,19 +127,14 @@ class Vehicle:
 
     def _show(self) -> None:
         """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
-        markers, newest, kind = self._markers, self.measured.newest, self._plant.kind
+        markers, newest = self._markers, self.measured.newest
         if self._picture is None or newest is None or markers.get_subscription_count() == 0:
             return
         old = self._clock.now() - newest[1] > _OLDEST_SHOWN
         if old or self._node.count_publishers(markers.topic_name) > 1:
             return
-        efforts: dict[str, float] = {}  # that the plant's driver reports
-        for joint in kind.actuated:
-            with suppress(InvalidProblem):
-                efforts |= read_joints([joint], self.measured.joints, [joint.effort])
-        control = np.array([efforts.get(name, 0.0) for name in kind.control_names])
         now = self._node.get_clock().now().to_msg()
-        markers.publish(self._picture.draw(now, newest[0], control))
+        markers.publish(self._picture.draw(now, newest[0], self.measured.control))
 
     def _on_goal(self, message: PoseStamped) -> None:
         parameter, anchor = f'formation.{self.name}', self._values['formation.anchor']

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 import math
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NoState
@@ -29,8 +31,8 @@ class MeasuredState:
     `prefix` is the plant's namespace ('' or 'robot1/'). Instants are those of `clock`: a stamp of
     zero means the arrival, and nothing is taken before the clock runs. `observer` is called with
     every state and its instant. A message that does not hold the states is ignored, as is a state
-    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. `joints`
-    is the newest message of `joint_states`. Safe to read in any thread.
+    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. Safe to
+    read in any thread.
     """
 
     def __init__(
@@ -42,18 +44,19 @@ class MeasuredState:
         observer: Callable[[Array, float], None],
         ignored: Callable[[str], None] = lambda _: None,
         longest: Callable[[], float] = lambda: math.inf,
+        qos: QoSProfile = NEWEST,
     ) -> None:
         self._clock, self._kind, self._prefix = clock, kind, prefix
         self._observer, self._ignored, self._longest = observer, ignored, longest
         self._newest: dict[str, tuple[Mapping[str, float], float]] = {}  # states, their instant
-        self.joints = JointState()  # the newest
+        self._joints = JointState()  # the newest
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
         self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
         for name in dict.fromkeys([self._leading, 'joint_states']):
             take = partial(self._receive, name)
             message_type = Odometry if name == 'odom' else JointState
-            subscription = node.create_subscription(message_type, prefix + name, take, NEWEST)
+            subscription = node.create_subscription(message_type, prefix + name, take, qos)
             self._topics[name] = subscription.topic_name
 
     @property
@@ -78,6 +81,15 @@ class MeasuredState:
         values = {k: v for states, _ in self._newest.values() for k, v in states.items()}
         _, instant = self._newest[self._leading]
         return np.array([values[name] for name in self._kind.state_names]), instant
+
+    @property
+    def control(self) -> Array:
+        """Return the controls (nu,) that the newest joints report as efforts, 0 for others."""
+        efforts: dict[str, float] = {}
+        for joint in self._kind.actuated:
+            with suppress(InvalidProblem):
+                efforts |= read_joints([joint], self._joints, [joint.effort])
+        return np.array([efforts.get(name, 0.0) for name in self._kind.control_names])
 
     def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
         """
@@ -132,7 +144,7 @@ class MeasuredState:
         at = self._clock.instant_of(message.header.stamp)
         self._newest[name] = states, at
         if name == 'joint_states':
-            self.joints = message
+            self._joints = message
         newest = self.newest
         if name != self._leading or newest is None:
             return

@@ -7,21 +7,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from functools import partial
 from typing import Any, NamedTuple
 
-from nav_msgs.msg import Odometry
 import numpy as np
-import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
 from tdm_planner.arrays import Array
 from tdm_planner.client import PlanResult
 from tdm_planner.drawing import COLOURS, rgb
-from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
-from tdm_planner.plant_kind import PENDULUM, PlantKind
+from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.problem import Problem
@@ -48,61 +43,15 @@ class Motion(NamedTuple):
     instant: int
 
 
-class WatchedVehicle:
-    """
-    The state of one vehicle in the namespace `prefix`, '' or 'robot1/', of its planner.
-
-    A callback for every state would cost more than the page does: the newest one is taken when it
-    is asked for.
-    """
-
-    def __init__(self, node: rclpy.node.Node, kind: PlantKind, prefix: str) -> None:
-        self._kind = kind
-
-        def subscribed(message: type, topic: str) -> Any:
-            return node.create_subscription(message, f'{prefix}{topic}', lambda _: None, _LAST)
-
-        states = partial(read_joints, kind.measured, names=kind.state_names)
-        efforts = [partial(read_joints, [j], names=kind.control_names) for j in kind.actuated]
-        self._readers = [(subscribed(JointState, 'joint_states'), [states, *efforts])]
-        if kind.odometry:
-            self._readers.append((subscribed(Odometry, 'odom'), [partial(read_odometry, kind)]))
-        self._values: dict[str, float] = dict.fromkeys(kind.control_names, 0.0)
-        self._instant = 0
-
-    def newest(self) -> Motion | None:
-        """Return what is known of the motion; None until the state is complete."""
-        kind = self._kind
-        for subscription, readers in self._readers:
-            message = _newest(subscription)
-            for read in readers if message is not None else ():
-                with suppress(InvalidProblem):  # others may publish here; not all tell of efforts
-                    self._values |= read(message)
-                    self._instant = nanoseconds_of(message.header.stamp)
-        if any(name not in self._values for name in kind.state_names):
-            return None
-        return Motion(
-            np.array([self._values[name] for name in kind.state_names]),
-            np.array([self._values[name] for name in kind.control_names]),
-            self._instant,
-        )
-
-
-def _newest(subscription: Any) -> Any:
-    """Take the last message that has come; None where there is no new one."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, False)
-    return None if taken is None else taken[0]
-
-
 class Rig:
     """Problem, vehicles and their motions, and the plan; nothing until `follow` was called."""
 
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
+        self._clock = MotionClock(listener.states)
         self.problem: Problem | None = None
         self.view = PlantView(PENDULUM)
-        self.vehicles: dict[str, WatchedVehicle] = {}
+        self.vehicles: dict[str, MeasuredState] = {}
         self.motions: dict[str, Motion] = {}
         self.plan: PlanResult | None = None
         self.chosen = ''
@@ -122,8 +71,13 @@ class Rig:
         others |= names != list(self.vehicles)
         if others:
             self.vehicles = {
-                name: WatchedVehicle(
-                    self._listener.states, view.kind, f'{name}/' if several else ''
+                name: MeasuredState(
+                    self._listener.states,
+                    self._clock,
+                    view.kind,
+                    f'{name}/' if several else '',
+                    lambda *_: None,
+                    qos=_LAST,
                 )
                 for name in names
             }
@@ -131,10 +85,26 @@ class Rig:
         self.problem, self.view = problem, view
         return others
 
+    def measure(self) -> None:
+        """
+        Update the newest states: of vehicles whose state is complete.
+
+        A callback for every state would cost more than the page does: the last ones are taken.
+        """
+        for subscription in self._listener.states.subscriptions:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, False)
+            if taken is not None:
+                subscription.callback(taken[0])
+        self.motions = {
+            name: Motion(newest[0], vehicle.control, self._clock.stamp(newest[1]))
+            for name, vehicle in self.vehicles.items()
+            if (newest := vehicle.newest) is not None
+        }
+
     def move(self) -> bool:
         """Update the newest states and the newest plan; returns whether the plan has changed."""
-        news = {name: vehicle.newest() for name, vehicle in self.vehicles.items()}
-        self.motions = {name: motion for name, motion in news.items() if motion is not None}
+        self.measure()
         before, self.plan = self.plan, self._listener.client.newest
         return self.plan is not before
 

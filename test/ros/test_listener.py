@@ -54,7 +54,7 @@ class Seen(Space):
         count = len(self.texts)
 
         def done() -> bool:
-            self.rig.motions = {n: m for n, v in self.rig.vehicles.items() if (m := v.newest())}
+            self.rig.measure()
             return len(self.texts) > count
 
         deed()
