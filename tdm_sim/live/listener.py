@@ -10,7 +10,7 @@ Nodes are found by their diagnostics, published once a second.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 import time
 from typing import Any, NamedTuple
@@ -18,7 +18,9 @@ import uuid
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log, ParameterEvent
+from rcl_interfaces.srv import SetParameters
 import rclpy
+from rclpy.client import Client
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, qos_profile_parameter_events, QoSProfile
@@ -35,7 +37,6 @@ ROLES = PLANNING, TRACKING, SIMULATION = 'planning', 'tracking', 'simulation'  #
 _DEPTH = 100  # as many nodes may speak at once
 _EVENTS = 200
 _LONGEST = 20.0  # s for an answer
-_LOOK = 0.002  # s between looks whether one has come
 # What a node has logged: its instant [s], its level as in rcl_interfaces/msg/Log, node and text.
 Event = tuple[float, int, str, str]
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -93,9 +94,9 @@ class Listener:
         self.declared: dict[str, Declared] = {}
         self.events: deque[Event] = deque(maxlen=_EVENTS)
         self.changes = 0  # of parameters
-        # Clients of a node's parameters, by its name, and of a service.
+        # Clients of a node's parameters, by its name, and of a service by type and name.
         self._parameters = cache(lambda node: AsyncParameterClient(self.node, node, SERVICE))
-        self._trigger = cache(partial(self.node.create_client, Trigger, qos_profile=SERVICE))
+        self._client = cache(partial(self.node.create_client, qos_profile=SERVICE))
         make = self.node.create_subscription
         make(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, _DEPTH)
         make(Log, '/rosout', self._on_log, _ROSOUT)
@@ -180,32 +181,22 @@ class Listener:
         self.changes += 1
 
     def set_parameters(self, nodes: Sequence[str], values: Mapping[str, Any]) -> None:
-        """Set parameters of nodes; raise InvalidProblem with the first one's reason."""
-        given = [Parameter(name, value=value) for name, value in values.items()]
-        asked = []
-        for node in nodes:
-            client = self._parameters(node)
-            _await(client.services_are_ready, f'{node} serves no parameters')
-            asked.append((node, client.set_parameters(given)))
-        for node, answer in asked:
-            _await(answer.done, f'{node} did not answer within {_LONGEST:g} s')
-            for result in answer.result().results:
+        """Set parameters of nodes in turn; raise InvalidProblem with the first one's reason."""
+        given = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParameters.Request(parameters=given)
+        for client in [self._client(SetParameters, f'{node}/set_parameters') for node in nodes]:
+            for result in _answer(client, request).results:
                 if not result.successful:
                     raise InvalidProblem(result.reason)
 
     def trigger(self, service: str) -> str:
         """Call a std_srvs/Trigger; returns its message."""
-        client = self._trigger(service)
-        _await(client.service_is_ready, f'no node serves {service}')
-        answer = client.call_async(Trigger.Request())
-        _await(answer.done, f'{service} did not answer within {_LONGEST:g} s')
-        return str(answer.result().message)
+        return str(_answer(self._client(Trigger, service), Trigger.Request()).message)
 
 
-def _await(condition: Callable[[], bool], otherwise: str) -> None:
-    """Wait until another thread has made a condition true; NoAnswer if it does not in time."""
-    end = time.monotonic() + _LONGEST
-    while not condition():
-        if time.monotonic() > end:
-            raise NoAnswer(otherwise)
-        time.sleep(_LOOK)
+def _answer(client: Client, request: Any) -> Any:
+    """Return the answer to a request, while another thread serves the node; NoAnswer if none."""
+    answer = client.call(request, _LONGEST) if client.wait_for_service(_LONGEST) else None
+    if answer is None:
+        raise NoAnswer(f'{client.service_name} did not answer within {_LONGEST:g} s')
+    return answer
