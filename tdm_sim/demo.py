@@ -43,8 +43,7 @@ _ANSWER_LIMIT = 300.0  # s for the planner to answer: it may have to compile its
 _LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
-# `parameters.yaml` is of demos of earlier versions.
-_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
+_OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
 _OF_MESSAGES = ('plan_id', 'stamp', 'vehicles')  # what a plan's summary has, and its file has not
 
 
