@@ -144,12 +144,11 @@ def along(way: Array) -> Rotation:
 
 
 class View(NamedTuple):
-    """Where the camera stands and what it looks at; size and lowest point of what is drawn [m]."""
+    """Where the camera stands, what it looks at, and the size of what is drawn [m]."""
 
     camera: Array
     target: Array
     size: float
-    floor: float
 
     @property
     def width(self) -> float:
@@ -175,4 +174,4 @@ def view_on(shapes: Iterable[Shape]) -> View:
         away = [0.0, -0.35, 0.85]
     elif high[1] - low[1] < _THIN * size:
         away = [0.0, -1.0, 0.25]
-    return View(target + size * np.array(away), target, size, float(low[2]))
+    return View(target + size * np.array(away), target, size)

@@ -13,8 +13,8 @@ from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.live.geometry import GHOST, GOAL, Look, PATH, picture, view_on
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
 from tdm_sim.live.operations import Operations, Recordings
-from tdm_sim.live.panel import in_order, Panel, Slider, slider_of
-from tdm_sim.live.rig import History, Rig, SolveTimes
+from tdm_sim.live.panel import Panel, Slider, slider_of
+from tdm_sim.live.rig import Chart, History, Rig, SOLVING
 from tdm_sim.live.scene import drag_handles_of, DragHandle, Pose, Scene
 import viser
 
@@ -47,7 +47,6 @@ class Page:
         self._seen = -1
         self._fault = ''
         self._history = History(self._rig.view)
-        self._solve_times = SolveTimes()
 
     def close(self) -> None:
         """Drop the waiting operations, and end a recording."""
@@ -81,8 +80,10 @@ class Page:
         charts = self._history.charts(self._rig.planned(self._rig.chosen))
         if not charts:
             return
-        solving = self._solve_times.chart()
-        self._panel.charts(charts if solving is None else [*charts, solving])
+        solved = 1e3 * np.array(self._rig.solve_times)
+        if solved.size > 1:
+            charts.append(Chart(SOLVING, np.arange(1.0 - solved.size, 1.0), {'of a plan': solved}))
+        self._panel.charts(charts)
 
     def news(self, fault: str = '') -> None:
         """Show the nodes' reports and faults, `fault` first."""
@@ -133,7 +134,7 @@ class Page:
                 slider = slider_of(descriptor, owner.values.get(name))
                 if slider is not None:
                     sliders.setdefault(name, slider)
-        self._panel.sliders(in_order(sliders.values()))
+        self._panel.sliders(sliders)
         planner = declared['planner']
         assert planner is not None
         self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
@@ -166,7 +167,6 @@ class Page:
         if rig.plan is None:
             self._scene.layers['plan'].show(picture((), self._width))
             return
-        self._solve_times.add(rig.plan.plan_id, rig.plan.solve_time)
         goals, paths, along = [], [], []
         for name in rig.vehicles:
             plan = rig.planned(name)

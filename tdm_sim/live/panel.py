@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from functools import partial
 from html import escape
-from itertools import cycle
+from itertools import cycle, groupby
 import math
 from pathlib import Path
 import re
@@ -29,7 +29,7 @@ _SMALL = (
 )
 
 WIDEST = 50.0  # times the value that a range may be as wide, to be shown whole
-GROUPS = ('limits', 'weights')  # of parameters that are shown first
+FIRST = ('limits', 'weights')  # groups of parameters
 
 _SPREAD = 4.0  # of a slider over a wide range, in values: from 0 or a quarter of it on
 _STEPS = 200
@@ -134,11 +134,10 @@ class Panel:
 
     # Sliders.
 
-    def sliders(self, groups: Mapping[str, Sequence[Slider]]) -> None:
-        """Show these sliders; where they are the same ones, their values."""
-        wanted = {slider.name: slider for found in groups.values() for slider in found}
+    def sliders(self, wanted: dict[str, Slider]) -> None:
+        """Show these sliders, by name; where they are the same ones, their values."""
         if wanted.keys() != self._shown.keys():
-            self._make(groups)
+            self._make(wanted.values())
         for name, slider in wanted.items():
             if name in self._shown and slider.value != self._shown[name].value:
                 handle = self._sliders[name]
@@ -151,16 +150,17 @@ class Panel:
         if beside is not None:
             beside.content = _block('tdm-reason', escape(text), f'color: {LIMIT};')
 
-    def _make(self, groups: Mapping[str, Sequence[Slider]]) -> None:
+    def _make(self, sliders: Iterable[Slider]) -> None:
         for folder in self._folders:
             folder.remove()
         self._folders, self._sliders, self._reasons = [], {}, {}
         with self._sliders_tab:
-            for number, (group, sliders) in enumerate(groups.items()):
+            ordered = sorted(sliders, key=lambda s: (not s.group.startswith(FIRST), s.group))
+            for number, (group, found) in enumerate(groupby(ordered, lambda s: s.group)):
                 folder = self._gui.add_folder(group or 'others', expand_by_default=number < 2)
                 self._folders.append(folder)
                 with folder:
-                    for slider in sliders:
+                    for slider in found:
                         self._sliders[slider.name] = self._add(slider)
                     self._reasons[group] = self._gui.add_html('')
 
@@ -279,18 +279,3 @@ def shown_range(value: float, low: float, high: float) -> tuple[float, float]:
     else:
         below, above = (value / _SPREAD if value else 0.0), _SPREAD * size
     return max(low, below), min(high, above)
-
-
-def in_order(sliders: Iterable[Slider]) -> dict[str, list[Slider]]:
-    """Return sliders by group: limits and weights first, what is about the plant last."""
-    groups: dict[str, list[Slider]] = {}
-    for slider in sliders:
-        groups.setdefault(slider.group, []).append(slider)
-
-    def rank(group: str) -> tuple[int, str]:
-        first = group.partition('.')[0]
-        if first in GROUPS:
-            return GROUPS.index(first), group
-        return (4 if first in ('plant', 'noise', 'estimator') else 3), group
-
-    return {group: groups[group] for group in sorted(groups, key=rank)}

@@ -31,7 +31,7 @@ RATE = 25.0  # Hz of what is remembered
 MARGINS = 'margins of the limits'
 SOLVING = 'time to solve [ms]'
 
-_KEPT = 60  # plans whose time to solve is shown
+_KEPT = 60  # plans whose time to solve is remembered
 _LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -54,6 +54,7 @@ class Rig:
         self.vehicles: dict[str, MeasuredState] = {}
         self.motions: dict[str, Motion] = {}
         self.plan: PlanResult | None = None
+        self.solve_times: deque[float] = deque(maxlen=_KEPT)  # of the last plans [s]
         self.chosen = ''
 
     def follow(self, values: Mapping[str, Any]) -> bool:
@@ -106,6 +107,8 @@ class Rig:
         """Update the newest states and the newest plan; returns whether the plan has changed."""
         self.measure()
         before, self.plan = self.plan, self._listener.client.newest
+        if self.plan is not None and self.plan is not before:
+            self.solve_times.append(self.plan.solve_time)
         return self.plan is not before
 
     def colour(self, name: str) -> Colour | None:
@@ -190,24 +193,3 @@ def _by_unit(names: Sequence[str], units: dict[str, str]) -> list[tuple[str, lis
         (', '.join(names[k] for k in found) + (f' [{unit}]' if unit else ''), found)
         for unit, found in groups.items()
     ]
-
-
-class SolveTimes:
-    """How long the last plans took to solve."""
-
-    def __init__(self) -> None:
-        self._known: deque[tuple[int, float]] = deque(maxlen=_KEPT)
-
-    def add(self, plan_id: int, solve_time: float) -> None:
-        """Remember a plan; a planner that begins to count anew begins anew."""
-        if self._known and plan_id < self._known[-1][0]:
-            self._known.clear()
-        if not self._known or plan_id != self._known[-1][0]:
-            self._known.append((plan_id, solve_time))
-
-    def chart(self) -> Chart | None:
-        """Return the time to solve [ms] over the number of the plan."""
-        if len(self._known) < 2:
-            return None
-        x, y = np.array(self._known, dtype=float).T
-        return Chart(SOLVING, x, {'time to solve': 1e3 * y})

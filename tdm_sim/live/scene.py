@@ -46,7 +46,7 @@ _LINEAR = np.round(255 * np.where(
 )).astype(np.uint8)  # fmt: skip
 _LIGHT = 0.35  # of the surroundings; more makes colours pale
 _LETTERS = 40  # in a line of a sentence
-_NEAR, _FADE, _FAR = 0.01, 20.0, 100.0  # what the camera sees, in sizes of what is drawn
+_NEAR, _FAR = 0.01, 100.0  # what the camera sees, in sizes of what is drawn
 
 
 class DragHandle(NamedTuple):
@@ -288,7 +288,6 @@ class Scene:
         self.layers = {name: Layer(server, name) for name in ('still', 'plan', 'ghost')}
         self.layers['plants'] = Layer(server, 'plants', pulled)
         self.handles: dict[str, HandleView] = {}
-        self._grid: Any = None
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.configure_environment_map(environment_intensity=_LIGHT)
@@ -300,18 +299,6 @@ class Scene:
         for camera in cameras:
             camera.position, camera.look_at = view.camera, view.target
             camera.near, camera.far = _NEAR * view.size, _FAR * view.size
-        if self._grid is not None:
-            self._grid.remove()
-        step = 10.0 ** np.floor(np.log10(view.size))
-        self._grid = self._server.scene.add_grid(
-            '/grid',
-            width=4.0 * view.size,
-            height=4.0 * view.size,
-            cell_size=0.1 * step,
-            section_size=step,
-            fade_distance=_FADE * view.size,
-            position=(view.target[0], view.target[1], view.floor - view.width),
-        )
 
     def show_handles(self, handles: Mapping[str, tuple[DragHandle, Pose]]) -> None:
         """Show exactly these handles, each at its pose."""

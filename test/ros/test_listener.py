@@ -15,7 +15,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_sim.live.listener import Listener, PLANNING, ROLES, SILENT, SIMULATION
 from tdm_sim.live.operations import Operations, Recordings
-from tdm_sim.live.rig import Rig
+from tdm_sim.live.rig import MARGINS, Rig, SOLVING
 from tdm_sim.live.scene import drag_handles_of
 from viser.transforms import SO3
 
@@ -156,7 +156,8 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
         status = page._panel._status.content
         charts = {title for title, *_ in page._panel._charts}
         assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
-        assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= charts
+        assert {'theta, psi [rad]', 'torque [N m]', MARGINS, SOLVING} <= charts
+        assert len(page._rig.solve_times) == 2
         assert 'limits.torque' in page._panel._sliders
         shown_handle = page._scene.handles['disk']
         before = np.array(shown_handle.control.wxyz)

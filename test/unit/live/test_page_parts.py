@@ -25,7 +25,7 @@ from tdm_sim.live import operations, run
 from tdm_sim.live.geometry import along, Look, picture, view_on
 from tdm_sim.live.operations import Recordings, TaskThread
 from tdm_sim.live.panel import shown_range, slider_of
-from tdm_sim.live.rig import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
+from tdm_sim.live.rig import History, MARGINS, RATE, SPAN
 from tdm_sim.live.scene import drag_handles_of, pulled, Scene
 from tdm_sim.processes import NodeProcesses, ProcessFailed
 import viser
@@ -101,18 +101,6 @@ def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
     assert -SPAN - 1.0 < x[0] < -SPAN / 2
     made.add(5.0, np.zeros(4), np.zeros(1))
     assert made.charts(None) == []
-
-
-def test_the_times_to_solve_are_those_of_different_plans() -> None:
-    times = SolveTimes()
-    assert times.chart() is None
-    for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
-        times.add(number, solve_time)
-    chart = times.chart()
-    assert (chart.title, chart.x.tolist()) == (SOLVING, [1.0, 2.0])
-    assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
-    times.add(1, 0.2)  # the planner was started anew
-    assert times.chart() is None
 
 
 def test_a_newer_task_supersedes_one_that_waits_and_failures_are_told() -> None:
