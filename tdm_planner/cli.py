@@ -143,7 +143,7 @@ def _parser() -> argparse.ArgumentParser:
         '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
     )
     live.add_argument(
-        '--port', type=_number(1, 65535), default=8080, help='or the next one that is free'
+        '--port', type=_number(0, 65535), default=8080, help='or the next one that is free'
     )
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
 
