@@ -4,97 +4,37 @@
 """
 Writes a rosbag2 by means of the Python package `rosbags`.
 
-The bag stays readable when the disk is full or the recorder is killed: blocks of MCAP and
-transactions of SQLite are completed every second, or sooner if they are large, and disk space is
-reserved for what must be written at the end.
+The bag stays readable when the disk gets full or the recorder is killed: blocks of MCAP and
+transactions of SQLite are completed every second, or sooner if they are large, and the bag ends
+while there is room for what must be written at the end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+import errno
+import math
 import os
 from pathlib import Path
+import shutil
 import sqlite3
 import time
-from types import MappingProxyType
 from typing import Any, ClassVar, get_type_hints, Literal
 
 from rclpy.qos import QoSProfile
 from rosbags.interfaces import Qos, QosTime
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 from rosbags.typesys import get_typestore, Stores
 from tdm_planner.exceptions import InvalidProblem, TdmError
 
-RESERVE = 8 * 2**20  # bytes: a block of messages, the index of all, the metadata
+RESERVE = 8 * 2**20  # bytes that stay free: for a block of messages, the index, the metadata
 LONGEST_OPEN = 1.0  # s that messages wait to be completed or committed
+MOST_OPEN = 2**19  # bytes of messages that wait
 
 StorageError = (OSError, sqlite3.Error)
 STORAGES = ('mcap', 'sqlite3')
-
-
-class _Mcap(McapWriter):
-    """An MCAP file that can be cut off after the last complete block, `end` [bytes]."""
-
-    MOST_OPEN = 2**18  # bytes of messages in a block
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.end = self.bio.tell()
-
-    def close_chunk(self) -> None:
-        super().close_chunk()
-        self.end = self.bio.tell()
-        self.bio.flush()
-
-    def complete(self) -> None:
-        if self.chunk.msgs:
-            self.close_chunk()
-
-    def rescue(self, counts: dict[int, int]) -> None:
-        """Repair after a failed write, and set `counts`, messages by topic, to the storage's."""
-        self.bio.flush()
-        self.bio.seek(self.end)
-        self.bio.truncate()
-        # The last message is in the open block, although writing it is what failed.
-        counts.update(self.channel_stats)
-
-
-class _Sqlite(Sqlite3Writer):
-    """
-    A database, with the methods of `_Mcap`.
-
-    SQLite rolls back the transaction when the disk is full: its messages are kept to be written
-    again.
-    """
-
-    MOST_OPEN = 2**20  # bytes of messages in a transaction, which takes longer than a block
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.complete()
-
-    def add_connection(self, *arguments: Any) -> None:
-        super().add_connection(*arguments)
-        self.complete()  # or the topic would be forgotten with the transaction
-
-    def write(self, *message: Any) -> None:
-        super().write(*message)
-        self._open.append(message)
-
-    def complete(self) -> None:
-        self.conn.commit()
-        self._open: list[tuple[Any, ...]] = []
-
-    def rescue(self, counts: dict[int, int]) -> None:
-        if not self.conn.in_transaction:
-            for message in self._open:
-                super().write(*message)
-        self.complete()
-        found = self.conn.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id')
-        counts.update(dict.fromkeys(counts, 0) | dict(found.fetchall()))
 
 
 class RecordingError(TdmError):
@@ -111,14 +51,12 @@ class BagWriter(Writer):
     """
     A context: the bag's folder is made on entering, and closed as a valid bag on leaving.
 
-    All calls must come from one thread. When a message cannot be written, as on a full disk,
-    `failure` says why, further messages are dropped, and earlier ones stay readable.
+    All calls must come from one thread. When the disk is full up to `RESERVE`, or a message cannot
+    be written, `failure` says so, further messages are dropped, and earlier ones stay readable.
 
     Raise RecordingError if `storage` is none of `STORAGES`, or the folder exists; on entering, if
     it cannot be made.
     """
-
-    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _Mcap, StoragePlugin.SQLITE3: _Sqlite})
 
     def __init__(self, path: Path, storage: str = 'mcap') -> None:
         if storage not in STORAGES:
@@ -132,8 +70,7 @@ class BagWriter(Writer):
         plugin = StoragePlugin[storage.upper()]
         super().__init__(path, version=Writer.VERSION_LATEST, storage_plugin=plugin)
         self.failure = ''
-        self._reserve = path / '.reserve'  # of space: removed when the disk is full
-        self._completed = time.monotonic()
+        self._completed = -math.inf  # monotonic time
         self._open = 0  # bytes of messages written since then
 
     @property
@@ -155,6 +92,8 @@ class BagWriter(Writer):
         `publishers` are rclpy's TopicEndpointInfo.
         """
         definition, type_hash = definition_and_hash(type_name, publishers[0].topic_type_hash)
+        if self.failure:
+            raise RecordingError(self.failure)
         offers = [_offered(item.qos_profile) for item in publishers]
         try:
             return self.add_connection(
@@ -170,32 +109,43 @@ class BagWriter(Writer):
             return
         try:
             super().write(connection, timestamp, data)
+            self._open += len(data)
+            self.keep()
         except StorageError as error:
             self._fail(error)
-        self._open += len(data)
-        self.keep()
 
     def keep(self) -> None:
         """Let what has been written survive a kill, every second; to be called often."""
         now = time.monotonic()
-        due = now - self._completed >= LONGEST_OPEN or self._open > self._storage.MOST_OPEN
-        if due and not self.failure:
-            self._completed, self._open = now, 0
-            try:
-                self._storage.complete()
-            except StorageError as error:
-                self._fail(error)
+        open_for = now - self._completed
+        if self.failure or (open_for < LONGEST_OPEN and self._open < MOST_OPEN):
+            return
+        self._completed, self._open = now, 0
+        try:
+            self._complete()
+            free = shutil.disk_usage(self.path).free
+        except StorageError as error:
+            self._fail(error)
+            return
+        if free < RESERVE:
+            self._say(os.strerror(errno.ENOSPC))
+
+    def _complete(self) -> None:
+        if not isinstance(self._storage, McapWriter):
+            self._storage.conn.commit()
+            return
+        if self._storage.chunk.msgs:
+            self._storage.close_chunk()
+        self._storage.bio.flush()
 
     def _fail(self, error: Exception) -> None:
-        """Make a failure of the storage that of the bag: what was written before is rescued."""
-        self.failure = f"the bag '{self.path}' cannot be written: {_reason(error)}"
-        self._release()
+        """Leave the bag as a kill would: readable up to what was completed."""
+        self._say(f'{_reason(error)}; it has no index')
         with suppress(*StorageError):
-            self._storage.rescue(self.counts)
+            self.abort()
 
-    def _release(self) -> None:
-        with suppress(OSError):  # the disk may be read-only by now
-            self._reserve.unlink()
+    def _say(self, reason: str) -> None:
+        self.failure = f"the bag '{self.path}' cannot be written: {reason}"
 
     def __enter__(self) -> BagWriter:
         try:
@@ -205,25 +155,15 @@ class BagWriter(Writer):
                 f"the folder '{self.path}' cannot be made: {_reason(error)}"
             ) from None
         self._storage: Any = self.storage
-        try:
-            with self._reserve.open('xb') as file:
-                os.posix_fallocate(file.fileno(), 0, RESERVE)
-        except OSError as error:
-            self._fail(error)
         return self
 
     def __exit__(self, *error: object) -> Literal[False]:
         """Write index and metadata, also after an error: the messages stay readable."""
-        self._release()
-        for _ in range(2):  # the second time after the storage was put in order
+        if self.storage is not None:
             try:
                 self.close()
             except StorageError as full:
                 self._fail(full)
-            else:
-                return False
-        self.failure += '; it has no index'
-        self.abort()
         return False
 
 

@@ -1,17 +1,16 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""For tests of what records: messages of a bag by topic, as they were written; a full disk."""
+"""For tests of what records: messages of a bag by topic, as written; a disk that gets full."""
 
 from collections import defaultdict
-import errno
-import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
-from tdm_sim.bag_writer import BagWriter, RESERVE
+from tdm_sim import bag_writer
 import yaml
 
 
@@ -40,27 +39,11 @@ def numbers(messages: list) -> list[int]:
     return [int(message.data[:6]) for message in messages]
 
 
-class FullFile:
-    """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
+def fill(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+    """Let a bag be on a disk with room for so many bytes beside what is reserved."""
 
-    def __init__(self, file, room: int, reserve: Path) -> None:
-        self._file, self._room, self._reserve = file, room, reserve
+    def usage(path: Path) -> SimpleNamespace:
+        used = sum(file.stat().st_size for file in path.iterdir())
+        return SimpleNamespace(free=bag_writer.RESERVE + room - used)
 
-    def __getattr__(self, name: str):
-        return getattr(self._file, name)
-
-    def write(self, data: bytes) -> int:
-        room = self._room + (0 if self._reserve.exists() else RESERVE)
-        if len(data) > room:
-            self._file.write(data[:room])
-            self._room -= room
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        self._room -= len(data)
-        return int(self._file.write(data))
-
-
-def fill(writer: BagWriter, room: int) -> BagWriter:
-    """Let the disk that an MCAP file is on be full after so many bytes."""
-    storage = writer.storage
-    storage.bio = FullFile(storage.bio, room, writer.path / '.reserve')
-    return writer
+    monkeypatch.setattr(bag_writer.shutil, 'disk_usage', usage)

@@ -13,13 +13,12 @@ from threading import Event
 from bag_contents import fill, numbers, read_with_mcap
 import pytest
 from std_msgs.msg import String
-from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, record
 
 
 def test_a_recording_that_fills_the_disk_has_a_reason_and_a_whole_bag(ros, tmp_path, monkeypatch):
-    enter, ended = BagWriter.__enter__, Event()
-    monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
+    ended = Event()
+    fill(monkeypatch, 3_000_000)
     publisher, number = ros.node.create_publisher(String, '/texts', 100), count()
 
     def publish() -> None:
