@@ -129,10 +129,11 @@ def make_folder(path: Path) -> None:
         raise UnusableFile(f"the folder '{path}' cannot be made: {error.strerror}") from None
 
 
-def write_file(path: Path, data: bytes) -> None:
-    """Write a file; raises UnusableFile if that cannot be done."""
+def write_file(path: Path, data: bytes, mode: str = 'wb') -> None:
+    """Write a file, or append to it ('ab'); raises UnusableFile if that cannot be done."""
     try:
-        path.write_bytes(data)
+        with path.open(mode) as file:
+            file.write(data)
     except OSError as error:
         raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
 

@@ -4,18 +4,18 @@
 """
 A study from beginning to end: points, rows, table, pictures, page.
 
-Its folder holds its statement and the table of the rows computed so far, which is replaced as a
-whole, so that it can be read whenever the study ends.
+Its folder holds its statement and the rows computed so far, a line each; the table is made of them
+however the study ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import timedelta
-from functools import partial
+import io
 import json
-import os
 from pathlib import Path
 import time
 from typing import Any
@@ -24,7 +24,7 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem, PlannerFault, TdmError
-from tdm_planner.plan_files import finite, UnusableFile
+from tdm_planner.plan_files import finite, make_folder, UnusableFile, write_file
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
@@ -34,12 +34,9 @@ from tdm_sim.study.workers import each, workers
 
 Row = dict[str, Any]
 
-_SAVED = 10.0  # s between two times at which the table is saved, and between lines that stay
-STATEMENT = 'study.json'
+ROWS = 'rows.jsonl'
+_PERIOD = 10.0  # s between lines that stay
 _FIGURES = ('cost', 'duration', 'solve_time', 'evaluations')
-# Where all texts are empty, CSV cannot tell that they are texts.
-_TEXTS = csv.ConvertOptions(column_types=dict.fromkeys(('code', 'reason', 'lost'), pa.string()))
-_READERS = {'.parquet': parquet.read_table, '.csv': partial(csv.read_csv, convert_options=_TEXTS)}
 _WRITERS = {'.parquet': parquet.write_table, '.csv': csv.write_csv}
 
 
@@ -95,51 +92,49 @@ def run(
         raise InvalidProblem(
             f"the table cannot end in '{ending}': must be {' or '.join(_WRITERS)}"
         )
-    if folder is not None:
-        named = problem if isinstance(problem, str) else f'{kind.__module__}:{kind.__qualname__}'
-        statement = {  # the same statement gives the same table
-            'version': __version__,
-            'problem': named,
-            'parameters': shared,
-            'over': {axis.name: list(axis.values) for axis in axes},
-            'closed_loop': closed_loop and asdict(closed_loop),
-        }
-        _claim(folder, statement)
-    table = Table(folder and folder / f'table{ending}')
-    left = sorted({*range(len(points))} - table.rows)
-    if left:
-        done = len(points) - len(left)
-        kept = f', {done} of which are there' if done else ''
-        say.phase(f'planning {len(points)} times{kept}')
-        with workers(scheduler, processes) as client:
-            lost = _row(PlannerFault.code, 'every process that computed it died')
-            results = each(client, trial, [points[row] for row in left], lambda _: lost)
-            _collect(table, points, ((left[k], row) for k, row in results), say)
-    found = table.save()
+    named = problem if isinstance(problem, str) else f'{kind.__module__}:{kind.__qualname__}'
+    statement = {  # the same statement gives the same rows
+        'version': __version__,
+        'problem': named,
+        'parameters': shared,
+        'over': {axis.name: list(axis.values) for axis in axes},
+        'closed_loop': closed_loop and asdict(closed_loop),
+    }
+    rows = Rows(folder and folder / ROWS, statement)
+    left = [row for row in range(len(points)) if row not in rows.found]
+    try:
+        if left:
+            done = len(rows.found)
+            kept = f', {done} of which are there' if done else ''
+            say.phase(f'planning {len(points)} times{kept}')
+            with workers(scheduler, processes) as client:
+                lost = _row(PlannerFault.code, 'every process that computed it died')
+                results = each(client, trial, [points[row] for row in left], lambda _: lost)
+                _collect(rows, points, ((left[k], row) for k, row in results), say)
+    finally:
+        found = rows.table()
+        if folder is not None:
+            written = io.BytesIO()
+            _WRITERS[ending](found, written)
+            write_file(folder / f'table{ending}', written.getvalue())
     if folder is not None:
         say.phase(f'drawing {folder}')
         _show(folder, found, axes, trial)
     return found
 
 
-def _collect(table: Table, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
-    """Add the rows as they are computed; save the table now and then, and at any end."""
-    done, total = len(table.rows), len(points)
-    began = saved = time.monotonic()
-    try:
-        for count, (row, found) in enumerate(results, done + 1):
-            table.add({'row': row, **points[row], **found})
-            now = time.monotonic()
-            left = timedelta(seconds=round((now - began) / (count - done) * (total - count)))
-            text = f'{count} of {total}, {left} left'
-            say.update(f'planning: {text}')
-            if now - saved > _SAVED:
-                if not say.live:
-                    say.phase(text)
-                table.save()
-                saved = time.monotonic()
-    finally:
-        table.save()
+def _collect(rows: Rows, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
+    """Keep the rows as they are computed, and tell how many are left."""
+    done, total = len(rows.found), len(points)
+    began = told = time.monotonic()
+    for count, (row, found) in enumerate(results, done + 1):
+        rows.add({'row': row, **points[row], **found})
+        now = time.monotonic()
+        left = timedelta(seconds=round((now - began) / (count - done) * (total - count)))
+        say.update(f'planning: {count} of {total}, {left} left')
+        if not say.live and now - told > _PERIOD:
+            told = now
+            say.phase(f'{count} of {total}, {left} left')
 
 
 @dataclass(frozen=True)
@@ -177,63 +172,48 @@ def _row(code: str, reason: str) -> Row:
     return {'verified': not code, 'code': code, 'reason': reason, **dict.fromkeys(_FIGURES)}
 
 
-class Table:
-    """The rows of a study, new and found on the disk; `path` None: in memory only."""
+class Rows:
+    """
+    The rows of a study, `found` by their numbers; lines of a file after one that states the study.
 
-    def __init__(self, path: Path | None) -> None:
+    `path` None: in memory only. Raise UnusableFile if the file cannot be used, or states another
+    study.
+    """
+
+    def __init__(self, path: Path | None, statement: Mapping[str, Any]) -> None:
         self._path = path
-        self._kept = pa.table({'row': pa.array([], pa.int64())})
-        self._fresh: list[Mapping[str, Any]] = []
-        try:
-            if path is not None and path.is_file():
-                self._kept = _READERS[path.suffix](path)
-        except (OSError, pa.ArrowInvalid) as error:
-            raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
-
-    @property
-    def rows(self) -> set[int]:
-        """Numbers of the rows that were found on the disk."""
-        return set(self._kept['row'].to_pylist())
+        self.found: dict[int, Row] = {}
+        if path is None:
+            return
+        asked = json.dumps(finite(statement)).encode()
+        make_folder(path.parent)
+        if not path.exists():
+            write_file(path, asked)
+        stated, *lines = path.read_bytes().split(b'\n')
+        if stated != asked:
+            raise UnusableFile(
+                f"the folder '{path.parent}' holds another study (see {ROWS}): name another one"
+            )
+        for line in lines:
+            with suppress(ValueError):  # it was cut off
+                row = json.loads(line)
+                self.found[row['row']] = row
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Take a row; its column `row` is its number."""
-        self._fresh.append({name: cell(value) for name, value in row.items()})
-
-    def save(self) -> pa.Table:
-        """Return all rows in their order, written to the disk; UnusableFile if that fails."""
-        if not self._fresh:
-            return self._kept
-        names = dict.fromkeys(name for row in self._fresh for name in row)
-        fresh = pa.table({name: [row.get(name) for row in self._fresh] for name in names})
-        found = pa.concat_tables([self._kept, fresh], promote_options='permissive').sort_by('row')
-        # Margins by name: an order that does not depend on which rows came first.
-        last = sorted(name for name in found.column_names if name.startswith((MARGIN, FLOWN)))
-        first = [name for name in found.column_names if name not in last]
-        self._kept, self._fresh = found.select([*first, *reversed(last)]).combine_chunks(), []
+        """Keep a row; its column `row` is its number. Raise UnusableFile if that fails."""
+        kept = {name: cell(value) for name, value in row.items()}
+        self.found[kept['row']] = kept
         if self._path is not None:
-            new = self._path.with_suffix('.new')
-            try:
-                _WRITERS[self._path.suffix](self._kept, new)
-                os.replace(new, self._path)
-            except OSError as error:
-                text = f"the table '{self._path}' cannot be written: {error.strerror}"
-                raise UnusableFile(text) from None
-        return self._kept
+            write_file(self._path, b'\n' + json.dumps(kept).encode(), 'ab')
 
-
-def _claim(folder: Path, statement: Mapping[str, Any]) -> None:
-    """Take a folder for the study of this statement, a new one or that of the same study."""
-    asked, path = json.dumps(finite(statement), indent=1) + '\n', folder / STATEMENT
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if not path.is_file():
-            path.write_text(asked, encoding='utf-8')
-        same = path.read_text(encoding='utf-8') == asked
-    except OSError as error:
-        raise UnusableFile(f"the folder '{folder}' cannot be used: {error.strerror}") from None
-    if not same:
-        said = f"the folder '{folder}' holds another study (see {STATEMENT}): name another one"
-        raise UnusableFile(said)
+    def table(self) -> pa.Table:
+        """Return all rows in their order."""
+        rows = [row for _, row in sorted(self.found.items())]
+        names = dict.fromkeys(['row', *(name for row in rows for name in row)])
+        # Margins by name: an order that does not depend on which plans have them.
+        last = sorted((n for n in names if n.startswith((MARGIN, FLOWN))), reverse=True)
+        first = [name for name in names if name not in last]
+        return pa.table({name: [row.get(name) for row in rows] for name in (*first, *last)})
 
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
