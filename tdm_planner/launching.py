@@ -13,6 +13,7 @@ real plants the trackers go on to hold them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 import json
 from pathlib import Path
 import tempfile
@@ -27,7 +28,6 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
 from tdm_planner.parameter_files import config_file, read_document
 from tdm_planner.starting import executable_of
-from tdm_sim.record_command import record_command
 import yaml
 
 SWITCH = ['true', 'false', 'True', 'False', '1', '0']
@@ -129,11 +129,13 @@ class Launch:
 
     def recorder(self) -> ExecuteProcess:
         """Describe the process that records all topics of the namespace."""
-        command = record_command(self.namespace, self['bag'], bool(self._clock))
-        if self['bag'] and Path(self['bag']).exists():
-            raise InvalidProblem(f"bag = '{self['bag']}' is there already: name another folder")
+        named = self.namespace.replace('/', '_') or 'tdm'
+        bag = self['bag'] or f'{named}_{datetime.now():%Y_%m_%d-%H_%M_%S}'
+        if Path(bag).exists():
+            raise InvalidProblem(f"bag = '{bag}' is there already: name another folder")
+        tdm, space = executable_of('tdm_planner', 'tdm'), f'/{self.namespace}'
         return ExecuteProcess(
-            cmd=command,
+            cmd=[tdm, 'record', '--quiet', '--output', bag, '--namespace', space],
             name='record',
             output='screen',
             on_exit=self._on_exit('recorder', needed=True),

@@ -10,7 +10,7 @@ offer and the wire's type hashes. One thread subscribes, opens, writes and close
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 import importlib
 from pathlib import Path
@@ -29,8 +29,10 @@ from tdm_planner.nodes.runtime import check_topic, fault_of, LONGEST_WAIT, make_
 from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
-from tdm_sim.record_command import is_wanted, RECORDING
 
+RECORDING = 'recording to'  # how the line begins that is printed with the first message
+# Topics that belong to no namespace, and are recorded with any.
+SHARED_TOPICS = frozenset({'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'})
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
 LIVE_PERIOD, PLAIN_PERIOD = 0.5, 10.0  # s between updates of the live line, and plain lines
 # Quality of service that every publisher's offer matches, as strong as all of them allow; deep
@@ -131,6 +133,20 @@ class Recorder(Node):
 
         lost = SubscriptionEventCallbacks(message_lost=count_lost)
         self.create_subscription(kind, topic, write, AS_OFFERED, raw=True, event_callbacks=lost)
+
+
+def is_wanted(topic: str, names: Collection[str] = (), namespace: str | None = None) -> bool:
+    """
+    Whether a topic, by its full name, is to be recorded: those named, and all in a namespace.
+
+    With a namespace come `SHARED_TOPICS`; with neither, all topics. Hidden ones must be named.
+    """
+    if topic in names or any(part.startswith('_') for part in topic.split('/')):
+        return topic in names
+    if namespace is None:
+        return not names
+    below = f'/{namespace.strip("/")}/'.replace('//', '/')
+    return topic in SHARED_TOPICS or topic.startswith(below)
 
 
 def message_class(type_name: str) -> Any:

@@ -29,8 +29,7 @@ ROOMS = {
     ),
     'recorder, report': (
         'rosbag2 in, one HTML page out',
-        'tdm_sim.report tdm_sim.recorder tdm_sim.record_command '
-        'tdm_sim.bag_writer tdm_sim.progress',
+        'tdm_sim.report tdm_sim.recorder tdm_sim.bag_writer tdm_sim.progress',
     ),
     'simulated plants': ('nodes that integrate', 'tdm_sim'),
     'nodes': ('planner, tracker, client', 'tdm_planner.nodes tdm_planner.client'),

@@ -24,7 +24,7 @@ from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import DragHandle, Pose, pulled
 from tdm_sim.processes import NodeProcesses, ProcessFailed
-from tdm_sim.record_command import RECORDING
+from tdm_sim.recorder import RECORDING
 
 Act = Callable[[], str]
 Told = Callable[[str], None]

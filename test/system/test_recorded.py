@@ -15,7 +15,7 @@ from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes.messages import LATCHED
-from tdm_sim.record_command import RECORDING
+from tdm_sim.recorder import RECORDING
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
