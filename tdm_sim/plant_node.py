@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch, watch_set_back
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
@@ -177,7 +177,6 @@ class PlantNode(ParameterNode):
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
-        self._jump = watch_set_back(self, self._on_clock_jump, on_change=True)
         self._timer = self._make_timer()
 
     def _setup(self, given: Any) -> PlantSetup:
@@ -293,10 +292,6 @@ class PlantNode(ParameterNode):
         self._counts['pushes'] += 1
         self.get_logger().info(description)
         return Trigger.Response(success=True, message=description)
-
-    def _on_clock_jump(self, _: Any) -> None:
-        # The motion goes on from the simulated clock's new time.
-        self._last = self._time.now()
 
     def _report(self) -> Report:
         simulation, slow = self.simulation, self._rate.problem()

@@ -38,10 +38,10 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> T
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def watch_set_back(node: Node, callback: Callable[[TimeJump], None], on_change: bool) -> Any:
-    """Call back when a node's clock is set back, or becomes simulated; keep the result."""
+def watch_set_back(node: Node, callback: Callable[[TimeJump], None]) -> Any:
+    """Call back when a node's clock is set back; keep the result."""
     backwards = JumpThreshold(
-        min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=on_change
+        min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
     )
     return node.get_clock().create_jump_callback(backwards, post_callback=callback)
 

@@ -63,7 +63,7 @@ class Planner(ManagedNode):
         self._unfollowed = ''
         self._plan_id = self._requests = self._failures = 0
         self._prepared = False
-        self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
+        self._jumps = watch_set_back(self, self._on_simulated_jump)
         self.bring_up()
 
     # Lifecycle and parameters.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NotFinite
-from tdm_planner.parameters import NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import parameter, POSITIVE, Range, Validated
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -46,7 +46,7 @@ _AFTER = 0.1  # s that a flight lasts beyond what its judge asks for
 
 @dataclass(frozen=True)
 class ClosedLoop(Validated):
-    """Closed-loop runs of a plan: how many, with which mismatch, sensor noise and rate."""
+    """Closed-loop runs of a plan: how many, with which mismatch and rate."""
 
     seeds: int = parameter(
         1, 'flights of every plan, each on a plant of its own', allowed=Range(1, 1e6)
@@ -58,11 +58,6 @@ class ClosedLoop(Validated):
     )
     rate: float = parameter(
         TrackerParameters.rate, 'rate of the commands', unit='Hz', allowed=POSITIVE
-    )
-    noise: float = parameter(
-        1.0,
-        'measurement noise, relative to what the estimator assumes of the sensors',
-        allowed=NON_NEGATIVE,
     )
 
 
@@ -86,7 +81,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
     ticks = math.ceil((solution.duration + after) * how.rate)
     for number, (name, plan) in enumerate(plans.items()):
         tracker, own_seed = tracker_of(problem, rate=how.rate), len(plans) * seed + number
-        plant = tracked(tracker, plan.states[0], how.mismatch, how.noise, own_seed).plant
+        plant = tracked(tracker, plan.states[0], how.mismatch, 1.0, own_seed).plant
         interval = tracker.parameters.interval
         times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
         states, controls = [plant.state], []
