@@ -37,10 +37,10 @@ def start(context: LaunchContext) -> list[Any]:
     if launch.on('rviz'):
         planner = ros_parameters(launch.document, 'planner', launch.namespace)
         arena = build(FormationParameters, planner).arena
-        robots = [node.robot for node in nodes if node.executable == 'tracker']
+        robots = [node.namespace for node in nodes if node.executable == 'tracker']
         described.append(launch.rviz('robots', robots, arena.length, arena.width))
     described += [
-        launch.node(node.executable, node.robot, node.parameters)
+        launch.node(node.executable, node.namespace, node.parameters)
         for node in nodes
         if node.executable != 'robot_plant' or launch.on('plant')
     ]

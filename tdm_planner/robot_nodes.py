@@ -18,21 +18,19 @@ from tdm_planner.problems.formation.parameters import (
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 
 
-class RobotNode(NamedTuple):
+class Part(NamedTuple):
     """
-    A node to start: executable, its robot ('' for the planner of all), extra parameters.
+    A node to start: executable, namespace, parameters beside those of the file.
 
-    A robot's nodes run in a namespace of its name, below the planner's.
+    The namespace is one below the planner's: of a robot's nodes its name, '' of the planner.
     """
 
     executable: str
-    robot: str = ''
+    namespace: str = ''
     parameters: Mapping[str, Any] = {}
 
 
-def robot_nodes(
-    document: Any, namespace: str = 'robots', number: int | None = None
-) -> list[RobotNode]:
+def robot_nodes(document: Any, namespace: str = 'robots', number: int | None = None) -> list[Part]:
     """
     Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
@@ -48,10 +46,10 @@ def robot_nodes(
     values |= changed
     specifications = formation_specifications(values)
     tracking = {'kind': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
-    nodes = [RobotNode('planner', parameters=changed)]
+    nodes = [Part('planner', parameters=changed)]
     for robot in values.get('robots', DEFAULT_ROBOTS):
         specs = {name: specifications[f'{robot}.start.{name}'] for name in _INITIAL}
         start = {n: spec.check(values.get(spec.name, spec.default)) for n, spec in specs.items()}
         initial = {f'initial.{name}': v for name, v in start.items() if v is not None}
-        nodes += [RobotNode('robot_plant', robot, initial), RobotNode('tracker', robot, tracking)]
+        nodes += [Part('robot_plant', robot, initial), Part('tracker', robot, tracking)]
     return nodes

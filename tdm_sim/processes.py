@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 import json
@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
@@ -37,7 +37,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
-from tdm_planner.robot_nodes import robot_nodes
+from tdm_planner.robot_nodes import Part, robot_nodes
 from tdm_planner.starting import NODES, uninterrupted
 from tdm_planner.trajectory import NANOSECOND, SECOND
 from tdm_sim.plant_node import SimulationParameters
@@ -136,14 +136,6 @@ def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> N
             os.killpg(process.pid, number)
 
 
-class Part(NamedTuple):
-    """A node of a scene: executable, namespace, parameters beside those of the file."""
-
-    executable: str
-    namespace: str
-    parameters: Mapping[str, Any] = {}
-
-
 class Scene:
     """
     Planner, trackers and plants in the planner's namespace and below it, seen from outside.
@@ -154,9 +146,12 @@ class Scene:
     """
 
     def __init__(
-        self, problem: Problem, namespace: str, parts: tuple[Part, ...], file: Path | None
+        self, problem: Problem, namespace: str, parts: Sequence[Part], file: Path | None
     ) -> None:
-        self.problem, self.namespace, self.parts, self.file = problem, namespace, parts, file
+        self.problem, self.namespace, self.file = problem, namespace, file
+        self.parts = [
+            part._replace(namespace=f'{namespace}/{part.namespace}'.rstrip('/')) for part in parts
+        ]
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
@@ -284,19 +279,16 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     values = read_parameters(file, namespace=space if built_in else None, required=built_in)
     if plant == 'robots':
         planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
-        parts = [
-            Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
-            for node in (*others, planner)
-        ]
+        parts = [*others, planner]
     elif built_in:
-        parts = [Part(name, space) for name in (f'{plant}_plant', 'tracker', 'planner')]
+        parts = [Part(name) for name in (f'{plant}_plant', 'tracker', 'planner')]
     else:
         parts = [
-            Part('plant', space, {'problem': plant, 'held': True}),  # until there is a plan
-            Part('tracker', space, {'kind': plant}),
-            Part('planner', space, {'problem': plant}),
+            Part('plant', '', {'problem': plant, 'held': True}),  # until there is a plan
+            Part('tracker', '', {'kind': plant}),
+            Part('planner', '', {'problem': plant}),
         ]
-    return Scene(kind.from_parameters(values), space, tuple(parts), file and file.resolve())
+    return Scene(kind.from_parameters(values), space, parts, file and file.resolve())
 
 
 def speed_settings(

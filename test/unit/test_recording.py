@@ -32,9 +32,10 @@ from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
+from tdm_planner.robot_nodes import Part
 from tdm_sim import recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash, MOST_OPEN
-from tdm_sim.processes import Part, speed_settings
+from tdm_sim.processes import speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.recorder import (
     Figures,
