@@ -33,7 +33,6 @@ from tdm_sim.report.page import page_html
 from tdm_sim.report.plotting import legend_above
 from tdm_sim.report.tables import card
 from tdm_sim.study.axes import Axis, cell
-from tdm_sim.study.flights import FLOWN, MARGIN
 
 Columns = Mapping[str, Sequence[Any]]
 Codes = NDArray[np.object_]  # (N,) of every row why it is not verified; '': it is
@@ -55,7 +54,6 @@ _MARKERS = 'xv^<>sd'
 _DPI = 110
 _SHARES = {'caught': 'share of flights caught', 'held': 'share of flights held'}
 _TITLES = {'cost': 'cost J', 'duration': 'duration [s]', **_SHARES}
-_FIGURES = ('cost', 'duration', 'solve_time', 'evaluations', 'caught', 'held')
 _REASONS = 8  # that are told of a code, the most frequent
 
 
@@ -249,7 +247,6 @@ def write_page(
         cards.append(card(title[:1].upper() + title[1:], body))
     tables = [
         ('Verified', ('', f'of {len(columns["row"])}', 'reason'), _counts(columns)),
-        ('Figures', ('', 'least', 'median', 'largest'), _figures(columns)),
         ('Parameters', ('', 'values'), [*map(_values, axes), *shared.items()]),
     ]
     for title, head, rows in tables:
@@ -273,17 +270,6 @@ def _counts(columns: Columns) -> Rows:
     for code, count in codes.most_common():
         reasons = [('', n, reason) for (of, reason), n in told if of == code]
         rows += [(code, count, ''), *reasons[:_REASONS]]
-    return rows
-
-
-def _figures(columns: Columns) -> Rows:
-    """Return least, median and largest of every column of figures."""
-    rows = []
-    for name, values in columns.items():
-        known = [v for v in values if v is not None]
-        if known and (name in _FIGURES or name.startswith((MARGIN, FLOWN))):
-            quantiles = np.quantile(np.array(known, dtype=float), [0.0, 0.5, 1.0])
-            rows.append((name, *(f'{value:.4g}' for value in quantiles)))
     return rows
 
 
