@@ -48,7 +48,6 @@ TAIL_STEPS, _FINE_TAIL_STEPS = Steps(12, 1.0 / 4.0), Steps(12, 1.0 / 24.0)
 _KEPT = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
-_WEAKEST = 0.1  # smallest share of the torque tried
 _MOST_VARIED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # Tails are shot in rounds of 12 iterations. After each, a candidate is dropped whose sum of
@@ -105,15 +104,8 @@ class Candidate:
         return replace(self, durations=np.append(self.head[0], durations))
 
 
-def starts(
-    task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
-) -> ArcBatch:
-    """
-    Return `count` sequences of up to `most` arcs: log-uniform totals split by Dirichlet(2).
-
-    With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
-    arcs leave no room.
-    """
+def starts(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> ArcBatch:
+    """Return `count` sequences of up to `most` arcs: log-uniform totals split by Dirichlet(2)."""
     most = min(most, _MOST_RANDOM_ARCS)
     w0 = task.plant.natural_frequency
     quickest = max(task.transfer_time, 1e-3 / w0)
@@ -123,9 +115,6 @@ def starts(
     totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
     durations = shares * (totals / shares.sum(axis=1))[:, None]
     first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
-    if weaken:
-        share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
-        first *= np.where(rng.uniform(size=count) < 0.5, share, 1.0)
     torques = task.planned_torque * first[:, None] * (-1.0) ** np.arange(most)
     turns = np.full(count, math.nan if task.turns is None else float(task.turns))
     return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))

@@ -289,7 +289,7 @@ class SwitchingSearch(Search[Candidate]):
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
             if self.budget.past(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
-            batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
+            batch = starts(self._task, self._rng, size, self._arcs)
             found += shot(self._task, batch, steps, self._part(latest))
             best = batch.rows(np.array([np.argmin(batch.costs)]))
             if best.costs[0] < (math.inf if self._closest is None else self._closest[0]):
