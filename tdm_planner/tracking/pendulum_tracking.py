@@ -65,7 +65,6 @@ _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for 
 _HURRY = 0.003  # of an interval, by which lateness is made up for in one, at most: any motor can
 PACES = 0.85, 1.15  # at which a plan may be played
 UPRIGHT = 0.05  # rad from upright that counts as reached
-_TOLD_APART = 3.0  # standard deviations of measured angles
 
 
 @dataclass(frozen=True)
@@ -211,19 +210,6 @@ class PendulumTracker(TrajectoryTracker):
         spring = _RECOVERY_STIFFNESS * plant.coefficients.disk * frequency**2
         damper = 2.0 * _RECOVERY_DAMPING * plant.coefficients.disk * frequency
         self.recovery_gain = np.array([0.0, spring, 0.0, damper])
-
-    @property
-    def warning(self) -> str:
-        """Say that commands are too slow, and that the motor holds less than sensors tell."""
-        # About the largest angle [rad] from which a weak motor keeps the pendulum from falling.
-        leaning = self.parameters.plant.drive(self.parameters.limits.torque)
-        noise = self.parameters.estimator.angle_noise
-        weak = (
-            f'limits.torque holds the pendulum within {leaning:.2g} rad of upright only, and '
-            f'sensors are off by {noise:g} rad (estimator.angle_noise): it will hardly be caught'
-        )
-        told = [super().warning, weak if leaning < _TOLD_APART * noise else '']
-        return '; '.join(filter(None, told))
 
     def level(self, state: Array, goal: Array) -> float:
         """Cost to go about upright, as a share of what its regulator takes without saturating."""

@@ -99,9 +99,6 @@ def test_scales_follow_the_rig() -> None:
     least = f'must be {12 * falls:.0f} Hz or more'
     assert large.warning == f'rate = 200 Hz is too slow for this plant: {least}'
     assert given[2:] == pytest.approx([0.3, 0.3])
-    weak = pendulum_tracker(limits__torque=2e-4)
-    assert weak.warning.startswith('limits.torque holds the pendulum within 0.00')
-    assert pendulum_tracker(limits__torque=2e-4, estimator__angle_noise=1e-4).warning == ''
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(None, np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(None, np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
