@@ -17,7 +17,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import (
     DeadlineExceeded,
@@ -128,8 +127,6 @@ class SwitchingSearch(Search[Candidate]):
         # A strong motor that the disk's range makes weak: random starts find shorter swing-ups.
         self._narrow = self._pumping and task.drive >= _WEAK_DRIVE
         self._rounds = self._starts = 0
-        # Sum of squares, durations and torques of the start that missed by least.
-        self._closest: tuple[float, Array, Array] | None = None
         self._arrived = 0
 
     def candidates(self) -> Iterable[Candidate]:
@@ -254,7 +251,7 @@ class SwitchingSearch(Search[Candidate]):
         return not self.budget.past(_SEARCH_UNTIL)
 
     def failure(self) -> Infeasible:
-        """Return what was found and why it does not do, or how near the search came."""
+        """Return what was found and why it does not do, or how long it was looked for."""
         if self.rejected:
             return VerificationFailed(
                 f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
@@ -291,9 +288,6 @@ class SwitchingSearch(Search[Candidate]):
                 break
             batch = starts(self._task, self._rng, size, self._arcs)
             found += shot(self._task, batch, steps, self._part(latest))
-            best = batch.rows(np.array([np.argmin(batch.costs)]))
-            if best.costs[0] < (math.inf if self._closest is None else self._closest[0]):
-                self._closest = float(best.costs[0]), best.durations[0], best.torques[0]
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
@@ -393,4 +387,4 @@ class SwitchingSearch(Search[Candidate]):
             search += f'; with a drive of {task.drive:.2g} it takes many swings: {more}torque'
         elif task.swing_drive < _WEAK_DRIVE:
             search += f"; the disk's range limits what a swing gains: {more}disk_angle"
-        return search + (task.missed(*self._closest[1:]) if self._closest else '')
+        return search

@@ -13,7 +13,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
-from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
+from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -166,21 +166,6 @@ class SwingUpTask:
             f'keeps the disk inside limits.disk_angle = {self.disk_angle_limit:g} rad from '
             f'start.psi_dot = {self.start[3]:g} rad/s on'
         )
-
-    def missed(self, durations: Array, torques: Array) -> str:
-        """Say by what arcs of constant torque miss the goal most; '' if they break down."""
-        states = roll_states(self.plant, self.start, durations, torques)
-        if not np.isfinite(states).all():
-            return ''
-        w0 = self.plant.natural_frequency
-        error = np.abs(states[-1] - self.goal_nearest(states[-1]))
-        scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
-        worst = int(np.argmax(scaled))
-        excess = float(np.abs(states[:, 1]).max()) - self.disk_angle_limit
-        if excess > scaled[worst]:
-            return f'; the closest went beyond limits.disk_angle by {excess:.2g} rad'
-        name, unit = self.plant.state_names[worst], self.plant.state_units[worst]
-        return f'; the closest missed {name} by {error[worst]:.2g} {unit}'
 
     @property
     def least_reach(self) -> float:
