@@ -249,7 +249,7 @@ def polish(
     first = best = program.evaluate(candidate.tail[0] * w0)
     for penalty in _PENALTIES[1:] if task.swing_drive < _STIFF_DRIVE else _PENALTIES:
         options = TrustRegionOptions(
-            penalties=(penalty / task.distance, penalty / task.distance),
+            penalties=(penalty, penalty),
             radius=0.5,
             iterations=25,
             cost_tolerance=1e-4,

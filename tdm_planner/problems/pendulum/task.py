@@ -120,18 +120,6 @@ class SwingUpTask:
             times += [math.sqrt(distance / acceleration), speed / acceleration]
         return max(times)
 
-    @property
-    def distance(self) -> float:
-        """
-        Largest scaled distance of the start from the goal, at most 1.
-
-        The time a transfer takes grows with the root of its distance, so that the price of an
-        error at the end grows without bound as the distance shrinks.
-        """
-        w0 = self.plant.natural_frequency
-        error = np.abs(self.start - self.goal_nearest(self.start))
-        return min(1.0, float((error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]).max()))
-
     def least_peak(self) -> float:
         """
         Smallest peak of |psi| [rad] over a short horizon that a torque was found to lead to.
