@@ -5,8 +5,8 @@
 Method `switching`: the quickest verified swing-up in arcs of constant torque.
 
 Shooting brings rounds of initial guesses, random and pumping ones, upright. The quickest
-arrivals are polished coarsely, then in order of their time finely, until one passes the
-verification.
+arrivals are polished coarsely, then in order of their time their end is corrected in a fine
+integration, until one passes the verification.
 """
 
 from __future__ import annotations
@@ -85,7 +85,6 @@ _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the d
 _OVERTIME = 0.03  # s after the deadline in which it may end
 _INTEGRATION_TIME, _REPLAY_TIME = 3e-5, 5e-5  # s for 1/w0 of a motion: to correct, to check it
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
-_FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 
 # Arcs of an earlier plan, or read from a collocation.
 _CHANGES = 0.0, 0.01, 0.03, 0.1  # of the logarithms of their durations, side by side,
@@ -150,41 +149,33 @@ class SwitchingSearch(Search[Candidate]):
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """
-        Yield the motion under the finely polished arcs, integrated ever more finely.
+        Yield the motion under the arcs, finely integrated.
 
-        Arcs too short to matter are omitted, unless it fails without them. After pumping, and of
-        earlier plans with many arcs, only the end is corrected; the time is minimised only where
-        that leaves a violation.
+        Arcs too short to matter are omitted, unless it fails without them. Only the end is
+        corrected; the time is minimised anew for an earlier plan with few arcs.
         """
         task, budget = self._task, self.budget
         with suppress(DeadlineExceeded):  # while one was checked
-            shorter = without_short_arcs(task, candidate)
-            fine, violation = shorter, math.inf
-            warm = self._previous is not None
-            many = candidate.durations.size > _WARM_POLISHED if warm else self._pumping
-            if many and not self._short_of_time(shorter):
-                fine, violation = corrected(task, shorter, FINE_STEPS, budget)
+            shorter, violation = without_short_arcs(task, candidate), math.inf
             omitted = shorter.durations.size < candidate.durations.size
+            few = self._previous is not None and candidate.durations.size <= _WARM_POLISHED
             for arcs in [shorter, candidate] if omitted else [shorter]:
                 if violation < _FEASIBLE:
                     break
                 if self._short_of_time(arcs):
                     return
-                until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-                fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
-            if not violation < self._lost:
-                if not budget.spent:  # or else there was no time to correct it
-                    self.rejected = (
-                        f'a coarsely integrated swing-up has a violation of {violation:.2g} when '
-                        'it is integrated finely'
-                    )
-                return
-            yield self._checked(fine, violation)
-            for more in _FINER:
-                if violation > _FEASIBLE or self._short_of_time(fine):
-                    return
-                fine, violation = corrected(task, fine, more * FINE_STEPS, budget)
+                if few:
+                    until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+                    fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
+                else:
+                    fine, violation = corrected(task, arcs, FINE_STEPS, budget)
+            if violation < self._lost:
                 yield self._checked(fine, violation)
+            elif not budget.spent:  # or else there was no time to correct it
+                self.rejected = (
+                    f'a coarsely integrated swing-up has a violation of {violation:.2g} when '
+                    'it is integrated finely'
+                )
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
