@@ -41,8 +41,7 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01
-_SHOTS, _CAREFUL_SHOTS = 9, 10
-_STEP = 0.1  # of the error, by which corrections are differenced
+_SHOTS = 9
 _TURNED = 1e-12  # rad, rad/s: what is left of an error of the attitude at the end
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 _ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
@@ -58,13 +57,12 @@ def trajectory(
     robot: int,
     budget: Budget,
     enough: float,
-    careful: bool,
 ) -> Trajectory:
     """
     Return controls of one robot and the states that follow from them by forward integration.
 
     The end is corrected until it misses the goal by `enough` times .2 mm, .1 mm/s, or until the
-    `budget` is spent; by differences, where nothing else leads there, only if `careful`.
+    `budget` is spent.
     """
     times, wanted, yaw_acceleration = _wanted(task, form, values, robot)
     yaw, torque = _turned(task, robot, times, yaw_acceleration)
@@ -90,7 +88,7 @@ def trajectory(
         motion = fly(wanted + added)
         return Shot(sizes, motion, (motion.states[-1, [0, 2, 1, 3]] - goal) / _AIM)
 
-    return _shoot(shot, effects, budget, enough, _CAREFUL_SHOTS if careful else 0).flown
+    return _shoot(shot, effects, budget, enough).flown
 
 
 def _wanted(
@@ -156,46 +154,22 @@ class Shot(NamedTuple):
         return float(np.abs(self.error).max())
 
 
-def _shoot(
-    fly: Callable[[Array], Shot],
-    effects: Array,
-    budget: Budget,
-    enough: float,
-    careful_shots: int,
-) -> Shot:
+def _shoot(fly: Callable[[Array], Shot], effects: Array, budget: Budget, enough: float) -> Shot:
     """
     Correct until the end is hit within `enough`, or the nearest shot where none is.
 
     Broyden's method from the `effects` (4, 4) that corrections had on the errors, were thrust
-    ideal; then, where that has not led there, carefully, by what differences say they really do,
-    in `careful_shots` at most.
+    ideal.
     """
     best = shot = fly(np.zeros(4))
-    first = effects
-
-    def done() -> bool:
-        return best.miss <= enough or budget.spent
-
     for _ in range(_SHOTS):
-        if done():
+        if best.miss <= enough or budget.spent:
             break
-        change = -np.linalg.lstsq(first, shot.error, rcond=1e-6)[0]
+        change = -np.linalg.lstsq(effects, shot.error, rcond=1e-6)[0]
         last, shot = shot, fly(shot.sizes + change)
-        gained = shot.error - last.error - first @ change
-        first = first + np.outer(gained, change) / (change @ change)
+        gained = shot.error - last.error - effects @ change
+        effects = effects + np.outer(gained, change) / (change @ change)
         best = min(best, shot, key=lambda each: each.miss)
-    share = 1.0
-    for _ in range(careful_shots):
-        if done():
-            break
-        if share == 1.0:  # by differences
-            step = max(1.0, _STEP * best.miss)
-            beside = np.stack([fly(best.sizes + each).error for each in step * np.eye(4)], axis=1)
-            effects = (beside - best.error[:, None]) / step
-        change = -share * np.linalg.lstsq(effects, best.error, rcond=1e-3)[0]
-        shot = fly(best.sizes + change)
-        nearer = np.linalg.norm(shot.error) < np.linalg.norm(best.error)
-        best, share = (shot, 1.0) if nearer else (best, 0.4 * share)
     return best
 
 

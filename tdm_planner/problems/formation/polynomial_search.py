@@ -242,7 +242,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             iterations=_ITERATIONS,
         )
         self._refining = self._options._replace(radius=_REFINING_RADIUS)
-        self._careful = True  # whether to do all that can be done for a candidate
+        self._careful = True  # whether to try more distance for a candidate
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = _NEARLY if self.rest else 1.0
         if self.rest:
@@ -315,7 +315,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
 
     def motions(self, candidate: Polynomials) -> dict[str, Trajectory]:
         """Return the motions that inverse dynamics make of a candidate, but for those kept."""
-        program, how = candidate.program, (self.budget, self._enough, self._careful)
+        program, how = candidate.program, (self.budget, self._enough)
         return {
             name: trajectory(program.task, program.form, candidate.point.cache, i, *how)
             for i, name in enumerate(self.task.names)
