@@ -42,7 +42,7 @@ def push(local: Numbers, thrust: Any, torque: Any) -> tuple[Any, ...]:
     return gas, pushed, 1.0 - np.abs(acceleration(mu, mu_s, *local[6:8])) / torque
 
 
-_LOCAL, _VALUES, _WEIGHTED = 8, 3, 2  # local variables, values, those of which curvature is wanted
+_LOCAL, _VALUES, _WEIGHTED = 8, 3, 1  # local variables, values, those of which curvature is wanted
 _push = inlined(with_slopes(push, (), local=_LOCAL))
 _push_with_curvature = inlined(with_slopes(push, ('local',), weighted=_WEIGHTED, local=_LOCAL))
 _CURVATURE = _VALUES * (1 + _LOCAL)  # where it begins among the results
@@ -205,15 +205,12 @@ def _add_slope(
 
 
 @compiled
-def derivatives(
-    t: Manoeuvre, at: Values, weight: float, dual: Array
-) -> tuple[Array, Array, Array, Array]:
+def derivatives(t: Manoeuvre, at: Values, weight: float) -> tuple[Array, Array, Array, Array]:
     """
     Differentiate gas and margins by x.
 
-    Gradient (n, P) of `weight` times the gas; Hessian (n, P, P) of that less `dual` (n, K) times
-    the margins of thrust; the margins near active (r,), those of thrust first, and their slopes
-    (r, n, P).
+    Gradient (n, P) and Hessian (n, P, P) of `weight` times the gas; the margins near active (r,),
+    and their slopes (r, n, P).
     """
     g, (n, size), count, near = t.grid, at.x.shape, t.grid.weights.size, at.approaches
     most, at_nodes, r = (at.own < g.active).sum() + len(near), 2 * count, 0
@@ -234,7 +231,7 @@ def derivatives(
             for axis in range(3):
                 by[2 + 2 * axis + d] = g.paths[axis, d] @ ends_by[axis]
         for k in range(count):
-            weights[0], weights[1] = weight * g.weights[k], -dual[i, k]
+            weights[0] = weight * g.weights[k]
             _push_with_curvature(local[k], t.thrust, t.torque, weights, found)
             slopes = found[_VALUES:_CURVATURE].reshape(_LOCAL, _VALUES)
             bend = found[_CURVATURE:].reshape(_LOCAL, _LOCAL)
@@ -246,14 +243,12 @@ def derivatives(
             for axis in range(2):  # the start's acceleration comes with the square of mu
                 a = 2.0 * g.given[axis] * t.acceleration[i, axis]
                 for d in range(2):
-                    one, other, _ = slopes[2 + 2 * axis + d]
-                    both = weights[0] * one + weights[1] * other
-                    hessian[i, 0, 0] += a * both * g.paths[axis, d, k, 2]
-    for first, last in ((0, count), (count, g.active.size)):
-        for i in range(n):
-            for c in range(first, last):
-                if at.own[i, c] < g.active[c]:
-                    margins[r], rows[r, i] = at.own[i, c], slopes_of[i, c]
-                    r += 1
+                    along = weights[0] * slopes[2 + 2 * axis + d, 0]
+                    hessian[i, 0, 0] += a * along * g.paths[axis, d, k, 2]
+    for i in range(n):
+        for c in range(g.active.size):
+            if at.own[i, c] < g.active[c]:
+                margins[r], rows[r, i] = at.own[i, c], slopes_of[i, c]
+                r += 1
     approach_rows(_add_slope, (t, at), t.varied, t.clearances, near, rows[r:], margins[r:])
     return gradient, hessian, margins, rows

@@ -13,10 +13,10 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from tdm_planner.arrays import Array, Integers
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
-from tdm_planner.direct_method.nonlinear_program import Budget, Multipliers
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.formation import polynomial_kernels as kernels
 from tdm_planner.problems.formation.parameters import FormationParameters
@@ -133,17 +133,9 @@ class PolynomialProgram(FormationProgram):
         """Return gas and margins."""
         return kernels.evaluate(self.manoeuvre, x, found)
 
-    def derive(
-        self, flown: kernels.Values, multipliers: Multipliers | None
-    ) -> tuple[Array, Array, Array, Array, tuple[Integers, ...]]:
-        """Differentiate gas and margins; second derivatives are those of gas and thrust rows."""
-        thrust = flown.own[:, : self.manoeuvre.grid.weights.size]
-        dual = np.zeros(thrust.shape)
-        if multipliers is not None:
-            robots, nodes = multipliers.tags
-            dual[robots, nodes] = multipliers.inequalities[: robots.size]
-        found = kernels.derivatives(self.manoeuvre, flown, self.weights[2], dual)
-        return *found, np.nonzero(thrust < self.manoeuvre.grid.active[0])
+    def derive(self, flown: kernels.Values) -> tuple[Array, Array, Array, Array]:
+        """Differentiate gas and margins; second derivatives are those of the gas."""
+        return kernels.derivatives(self.manoeuvre, flown, self.weights[2])
 
     def own_margins(self, flown: kernels.Values) -> dict[str, Array]:
         """Margins of thrust, torque and walls."""

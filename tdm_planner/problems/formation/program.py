@@ -257,14 +257,8 @@ class FormationProgram(NonlinearProgram):
         """
 
     @abstractmethod
-    def derive(
-        self, flown: Any, multipliers: Multipliers | None
-    ) -> tuple[Array, Array, Array, Array, Any]:
-        """
-        Differentiate by x: weighted gas (n, P), (n, P, P); margins near active (r,), (r, n, P).
-
-        The second derivatives may be those of the Lagrangian. At last, the `tags` of the rows.
-        """
+    def derive(self, flown: Any) -> tuple[Array, Array, Array, Array]:
+        """Differentiate by x: weighted gas (n, P), (n, P, P); near margins (r,), (r, n, P)."""
 
     @abstractmethod
     def own_margins(self, flown: Any) -> dict[str, Array]:
@@ -287,7 +281,7 @@ class FormationProgram(NonlinearProgram):
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of the gas, made positive definite."""
-        gradient, blocks, margins, rows, tags = self.derive(point.cache, multipliers)
+        gradient, blocks, margins, rows = self.derive(point.cache)
         curvature = scaled(self._scales, blocks, *self.curvature, rows)
         jacobian = rows.reshape(margins.size, gradient.size)
         gradient = (self._scales * gradient).ravel()
@@ -305,7 +299,6 @@ class FormationProgram(NonlinearProgram):
             terms=self._late(point.cache.x)[1],
             terms_jacobian=self._intervals,
             term_weights=np.full(self.task.n - 1, self.weights[1]),
-            tags=tags,
         )
 
     def binding(self, point: Point) -> str:

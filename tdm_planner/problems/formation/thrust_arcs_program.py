@@ -20,7 +20,6 @@ import math
 import numpy as np
 from scipy.optimize import least_squares
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.problems.formation import thrust_arcs_kernels as kernels
 from tdm_planner.problems.formation.polynomial_plan import follow
 from tdm_planner.problems.formation.program import FormationProgram
@@ -108,11 +107,9 @@ class ThrustArcProgram(FormationProgram):
         """Return burns, approaches, gas and the worst margin."""
         return kernels.evaluate(self.fleet, x, found)
 
-    def derive(
-        self, flown: kernels.ArcValues, multipliers: Multipliers | None
-    ) -> tuple[Array, Array, Array, Array, None]:
+    def derive(self, flown: kernels.ArcValues) -> tuple[Array, Array, Array, Array]:
         """Differentiate gas, the distances of approaches, and own margins near active."""
-        return *kernels.derivatives(self.fleet, flown, self.weights[2]), None
+        return kernels.derivatives(self.fleet, flown, self.weights[2])
 
     def own_margins(self, flown: kernels.ArcValues) -> dict[str, Array]:
         """Margins of what the thruster needs, and of robots that fly towards a wall."""

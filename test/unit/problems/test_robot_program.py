@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from replays import central, faults
 from tdm_planner.direct_method.bases import bernstein_basis, reciprocal, time_derivatives
-from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart
 from tdm_planner.problems.formation import thrust_arcs_program
@@ -116,9 +115,9 @@ def test_gradient_and_rows_against_differences(made):
     each = range(program.task.n)
 
     def margins(x):
-        thrust, *others = own_margins(program, x)
-        rest = [row[i][mask[i]] for i in each for row, mask in zip(others, near[1:], strict=True)]
-        return np.concatenate([thrust[near[0]], *rest])
+        rows = own_margins(program, x)
+        every = [row[i][mask[i]] for i in each for row, mask in zip(rows, near, strict=True)]
+        return np.concatenate(every)
 
     count, slopes = margins(xi).size, central(margins, xi)
     assert at.inequalities[:count] == pytest.approx(margins(xi))
@@ -165,24 +164,14 @@ def test_separations_against_differences(made):
     assert near
 
 
-@pytest.mark.parametrize('with_multipliers', [False, True])
-def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
-    """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
+def test_hessian_of_the_gas(made):
+    """Against differences of the gradient, its eigenvalues lifted alike."""
     program, xi = made
-    at = program.linearise(program.evaluate(xi), None)
-    tags, thrust = at.tags, own_margins(program, xi)[0]
-    dual = np.zeros(thrust.shape)
-    if with_multipliers:
-        dual = np.random.default_rng(0).uniform(0, 1, dual.shape) * (thrust < 0.34)
-    inequalities = np.zeros(at.inequalities.size)
-    inequalities[: tags[0].size] = dual[tags]
-    multipliers = Multipliers(np.zeros(0), inequalities, tags)
-    hessian = program.linearise(program.evaluate(xi), multipliers).hessian
+    hessian = program.linearise(program.evaluate(xi), None).hessian
 
     def gradient(x):
-        """Of the smooth part of J less the multipliers times the thrust rows."""
-        here = program.linearise(program.evaluate(x), None)
-        return here.gradient - dual[here.tags] @ here.inequality_jacobian[: here.tags[0].size]
+        """Of the smooth part of J."""
+        return program.linearise(program.evaluate(x), None).gradient
 
     numeric = central(gradient, xi, 1e-5)
     n, size = program.units.shape
