@@ -42,11 +42,11 @@ class Fleet(NamedTuple):
 
     `start`, `velocity` (N, 2) of the n robots, then of what stands still, with `clearances` (N, N)
     from one another, zero where they do not count, and the burns `held` (N, m, 4) of what is not
-    varied. `goal` (n, 2); `alpha` (n,) NaN where free,
-    `yaw`, `yaw_rate`, `goal_yaw` (n,); `varied` (n,) those whose motion is varied; `low`, `high`
-    (n, 2) where corners may be. `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is
-    the shortest coast, `speed` [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the
-    units of the parameters; approaches are looked for between instants `interval` s apart.
+    varied. `goal` (n, 2); `alpha` (n,) NaN where free, `yaw`, `yaw_rate`, `goal_yaw` (n,);
+    `varied` (n,) those whose motion is varied. `thrust` F [m/s^2], `rate` of the thruster [rad/s].
+    `pause` [s] is the shortest coast, `speed` [m/s] what rounds |p| off at zero, `length` [m] and
+    `time` [s] the units of the parameters; approaches are looked for between instants `interval` s
+    apart.
     """
 
     start: Array
@@ -59,8 +59,6 @@ class Fleet(NamedTuple):
     yaw_rate: Array
     goal_yaw: Array
     varied: Mask
-    low: Array
-    high: Array
     thrust: float
     rate: float
     pause: float
@@ -74,7 +72,7 @@ class ArcValues(NamedTuple):
     """
     What is known at one x (n, v): all gas [m/s], rounded off at zero, and the worst margin.
 
-    Burns (N, m, 4) and their slopes (n, m, 4, v), own margins (n, m + 2), approaches (r, 6).
+    Burns (N, m, 4) and their slopes (n, m, 4, v), own margins (n, m), approaches (r, 6).
     """
 
     x: Array
@@ -110,31 +108,21 @@ def end_leg(leg: Sequence[Any], at: Sequence[Any]) -> tuple[Any, ...]:
     """
     Return the velocity of a leg that ends or begins at rest, and half of the burn there [s].
 
-    `leg`: its way and time; `at`: thrust, pause, and what the time g is longer than it is. Where
-    no time is left to coast, the coast is continued with its slope.
+    `leg`: its way and time; `at`: thrust and pause. Where no time is left to coast, the coast is
+    continued with its slope.
     """
     x, y, sigma = leg
-    thrust, pause, longer = at
+    thrust, pause = at
     length = np.sqrt(x * x + y * y + _TINY)
     least = _ROUNDED * pause
     square = sigma * sigma - 2.0 * length / thrust
     coast = np.sqrt(0.5 * (square + least * least + np.abs(square - least * least)))
     coast = 0.5 * (coast + square / coast)
-    g = 0.5 * (sigma + coast) + longer
+    g = 0.5 * (sigma + coast)
     return x / g, y / g, 0.5 * (sigma - coast)
 
 
-_leg_slopes = inlined(with_slopes(end_leg, ('leg',), leg=3, at=3))
-
-
-@inlined
-def _end_leg(x: float, y: float, sigma: float, fleet: Fleet) -> tuple[float, ...]:
-    """Values of `end_leg`, then their slopes by x, by y and by sigma; velocities stay finite."""
-    found: tuple[float, ...] = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, 0.0))
-    short = 2.5 * fleet.pause - (sigma - found[2])
-    if short > 0.0:
-        found = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, short))
-    return found
+_leg_slopes = inlined(with_slopes(end_leg, ('leg',), leg=3, at=2))
 
 
 @compiled
@@ -142,13 +130,15 @@ def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> No
     """Burns (m, 4) of robot i and their slopes (m, 4, v) by its varied parameters x (v,)."""
     m, v = burns.shape[0], x.size
     start, velocity, goal = fleet.start[i], fleet.velocity[i], fleet.goal[i]
-    # Velocities of the legs, and half of the burn at rest of the first one and of the last.
+    # Velocities of the legs, and half of the burn at rest of the first one and of the last;
+    # values of `end_leg`, then their slopes by x, by y and by the time.
     legs, by = np.zeros((m + 1, 3)), np.zeros((m + 1, 3, v))
     slopes[:] = 0.0
     w, last = v - 4, m - 1  # of the last corner, W, tau and T are x[w:]
     way = x[1] - start[0] - velocity[0] * x[3], x[2] - start[1] - velocity[1] * x[3]
-    begun = _end_leg(way[0], way[1], x[3] - x[0], fleet)
-    ended = _end_leg(goal[0] - x[w], goal[1] - x[w + 1], x[w + 3] - x[w + 2], fleet)
+    left, at = (goal[0] - x[w], goal[1] - x[w + 1]), (fleet.thrust, fleet.pause)
+    begun = _leg_slopes((*way, x[3] - x[0]), at)
+    ended = _leg_slopes((*left, x[w + 3] - x[w + 2]), at)
     for a in range(3):
         legs[1, a], legs[last, a] = begun[a], ended[a]
         first, final, by_time = by[1, a], by[last, a], begun[9 + a]
@@ -238,26 +228,8 @@ def positions(times: Array, fleet: Fleet, i: int, burns: Array) -> Array:
 
 
 @compiled
-def _coast(burn: Array, sigma: float, beside: float, fleet: Fleet) -> float:
-    """
-    Coast between an end's `burn` and what is `beside` the other end of its leg of `sigma` s.
-
-    As a difference of squares: where no time is left to coast, the coast itself changes steeply.
-    """
-    size = math.hypot(burn[X], burn[Y])
-    square = sigma * sigma - 2.0 * size * (sigma - burn[HALF]) / fleet.thrust
-    coast: float = (square - beside * beside) / max(sigma, fleet.pause)
-    return coast
-
-
-@compiled
 def own_margins(x: Array, fleet: Fleet, i: int, burns: Array, margins: Array) -> None:
-    """
-    Margins of robot i that concern no other (m + 2,).
-
-    First the coast before every burn, less what the thruster needs to turn; then, by axis, how far
-    a robot on the move may go on before its first burn turns it back from a wall.
-    """
+    """Coasts of robot i before every burn (m,), less what the thruster needs to turn."""
     m, duration = burns.shape[0], x[x.size - 1]
     a, switch = turning(duration, fleet.goal_yaw[i] - fleet.yaw[i], fleet.yaw_rate[i])
     angle, since = fleet.alpha[i], 0.0  # of the thruster, and since when it may turn
@@ -266,11 +238,6 @@ def own_margins(x: Array, fleet: Fleet, i: int, burns: Array, margins: Array) ->
         half = burns[k, HALF]
         begin = burns[k, CENTRE] - half
         gap = begin - end - pause
-        if k == 1:
-            gap = _coast(burns[0], x[3] - x[0], burns[1, HALF] + pause, fleet)
-        elif k == m - 1:
-            sigma = x[x.size - 1] - x[x.size - 2]
-            gap = _coast(burns[k], sigma, burns[k - 1, HALF] + pause, fleet)
         if math.hypot(burns[k, X], burns[k, Y]) > WEAKEST * fleet.speed or k == m - 1:
             heading = math.atan2(burns[k, Y], burns[k, X])
             yaw = fleet.yaw[i], fleet.yaw_rate[i], fleet.goal_yaw[i]
@@ -284,31 +251,13 @@ def own_margins(x: Array, fleet: Fleet, i: int, burns: Array, margins: Array) ->
         if half < 0.0:
             margins[k] = min(margins[k], 2.0 * (half - fleet.pause) / fleet.time)
         end, pause = begin + 2.0 * half, fleet.pause
-    for axis in range(2):
-        margins[m + axis] = 1.0
-        speed = abs(fleet.velocity[i, axis])
-        outward = fleet.velocity[i, axis] > 0.0
-        braking = -burns[0, axis] if outward else burns[0, axis]
-        if speed > 0.0 and braking > speed:
-            wall = fleet.high[i, axis] if outward else fleet.low[i, axis]
-            reach = speed * (x[0] + burns[0, HALF] * speed / braking)
-            margins[m + axis] = (abs(wall - fleet.start[i, axis]) - reach) / fleet.length
-
-
-@inlined
-def _smoothing(fleet: Fleet, i: int, k: int, m: int) -> float:
-    """Return what rounds |p_k| off: nothing for burns that cannot vanish."""
-    moving = fleet.velocity[i, 0] != 0.0 or fleet.velocity[i, 1] != 0.0
-    return fleet.speed if 0 < k < m - 1 or (k == 0 and moving) else 1e-6 * fleet.speed
 
 
 @compiled
-def _gas_slopes(fleet: Fleet, i: int, burns: Array, slopes: Array, gradient: Array) -> None:
-    m = burns.shape[0]
+def _gas_slopes(fleet: Fleet, burns: Array, slopes: Array, gradient: Array) -> None:
     gradient[:] = 0.0
-    for k in range(m):
-        e = _smoothing(fleet, i, k, m)
-        size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + e * e)
+    for k in range(burns.shape[0]):
+        size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + fleet.speed**2)
         for q in range(gradient.size):
             along = burns[k, X] * slopes[k, X, q] + burns[k, Y] * slopes[k, Y, q]
             gradient[q] += along / size
@@ -318,7 +267,7 @@ def _gas_slopes(fleet: Fleet, i: int, burns: Array, slopes: Array, gradient: Arr
 def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
     """Burns, own margins and approaches at the parameters x (n, v); `found` (r, 6) for those."""
     (n, v), m = x.shape, fleet.held.shape[1]
-    burns, slopes, margins = fleet.held.copy(), np.zeros((n, m, 4, v)), np.ones((n, m + 2))
+    burns, slopes, margins = fleet.held.copy(), np.zeros((n, m, 4, v)), np.ones((n, m))
     last, gas = 0.0, 0.0
     for i in range(n):
         last = max(last, x[i, v - 1])
@@ -326,8 +275,8 @@ def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
             continue
         round_off(x[i], fleet, i, burns[i], slopes[i])
         for k in range(m):
-            e = _smoothing(fleet, i, k, m)
-            gas += math.sqrt(burns[i, k, X] ** 2 + burns[i, k, Y] ** 2 + e * e) - e
+            size = math.sqrt(burns[i, k, X] ** 2 + burns[i, k, Y] ** 2 + fleet.speed**2)
+            gas += size - fleet.speed
         own_margins(x[i], fleet, i, burns[i], margins[i])
     motion = fleet, burns
     near, worst = approaches(_place, motion, fleet.clearances, last, fleet.interval, found)
@@ -348,13 +297,13 @@ def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Arra
     margins, rows = np.zeros(most), np.zeros((most, n, v))
     gradient, hessian = np.zeros((n, v)), np.zeros((n, v, v))
     burns, slopes = np.zeros((m, 4)), np.zeros((m, 4, v))
-    first, second = np.zeros((2, v)), np.zeros((2, m + 2))
-    by = np.zeros((m + 2, v))
+    first, second = np.zeros((2, v)), np.zeros((2, m))
+    by = np.zeros((m, v))
     approach_rows(_add_slope, at, fleet.varied, fleet.clearances, near, rows, margins)
     for i in range(n):
         if not fleet.varied[i]:
             continue
-        _gas_slopes(fleet, i, at.burns[i], at.slopes[i], gradient[i])
+        _gas_slopes(fleet, at.burns[i], at.slopes[i], gradient[i])
         x = at.x[i].copy()
         for q in range(v):
             position = q % 3 != 0 and q < v - 1
@@ -362,13 +311,13 @@ def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Arra
             for side in range(2):
                 x[q] = at.x[i, q] + (step if side else -step)
                 round_off(x, fleet, i, burns, slopes)
-                _gas_slopes(fleet, i, burns, slopes, first[side])
+                _gas_slopes(fleet, burns, slopes, first[side])
                 own_margins(x, fleet, i, burns, second[side])
             x[q] = at.x[i, q]
             hessian[i, :, q] = 0.5 * (first[1] - first[0]) / step
             by[:, q] = 0.5 * (second[1] - second[0]) / step
         hessian[i] = 0.5 * (hessian[i] + hessian[i].T)
-        for k in range(m + 2):
+        for k in range(m):
             if at.margins[i, k] < _NEAR:
                 margins[count], rows[count, i] = at.margins[i, k], by[k]
                 count += 1

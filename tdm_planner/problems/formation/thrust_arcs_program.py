@@ -85,8 +85,6 @@ class ThrustArcProgram(FormationProgram):
             held=held,
             **{name: np.ascontiguousarray(getattr(task, name)) for name in _OF_TASK},
             varied=self.varied,
-            low=self.low,
-            high=self.high,
             thrust=float(task.thrust),
             rate=_RATE_SHARE * float(task.thruster_rate),
             pause=_PAUSE * first,
@@ -112,7 +110,7 @@ class ThrustArcProgram(FormationProgram):
         return kernels.derivatives(self.fleet, flown, self.weights[2])
 
     def own_margins(self, flown: kernels.ArcValues) -> dict[str, Array]:
-        """Margins of what the thruster needs, and of robots that fly towards a wall."""
+        """Margins of what the thruster needs."""
         return {"the time that the thruster of '{}' needs between burns": flown.margins}
 
 

@@ -89,7 +89,7 @@ def _survey(choices: Array, fleet: Fleet, times: Array) -> tuple[Array, Array]:
 @compiled
 def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
     """Have robots wait for their thrusters, and take longer, as long as they could not fly so."""
-    burns, slopes, margins = np.zeros((3, 4)), np.zeros((3, 4, 5)), np.zeros(5)
+    burns, slopes, margins = np.zeros((3, 4)), np.zeros((3, 4, 5)), np.zeros(3)
     for i in range(len(x)):
         for _ in range(_STRETCHES):
             if not fleet.varied[i]:
@@ -126,7 +126,7 @@ def guesses(
         """Parameters (n, 5): corners at shares of way and time, off by bows."""
         x = np.zeros((n, 5))
         corner = task.start + share[:, None] * way + bow[:, None] * normal
-        corner = np.clip(corner, fleet.low, fleet.high)
+        corner = np.clip(corner, program.low, program.high)
         first = np.linalg.norm(corner - task.start, axis=1)
         last = np.linalg.norm(task.goal - corner, axis=1)
         share = first / np.maximum(first + last, 1e-9)
