@@ -197,7 +197,7 @@ class FormationProgram(NonlinearProgram):
         free = np.where(task.staying[:, None], turning, True) & ~kept[:, None]
         self.free = np.flatnonzero(free.ravel())
         self._scales = units * free
-        (self.low, self.high), (self.centres, apart) = task.wall_bounds(), task.circles()
+        (self.low, self.high), (self.centres, apart) = task.wall_bounds(), task.zones()
         self.clearances = self._clearances(apart)
         self.interval = self.first / _INSTANTS
         arrivals = np.zeros((task.n, task.n, self.size))
@@ -209,15 +209,13 @@ class FormationProgram(NonlinearProgram):
         self._first, self._intervals = self.weights[0] * arrivals[0], np.diff(arrivals, axis=0)
 
     def _clearances(self, apart: Array) -> Array:
-        """Clearances (N, N) of all from one another; those of robots from what stands still."""
+        """Clearances (N, N) of all from one another; none where both stand still or are kept."""
         task, n, count = self.task, self.task.n, len(self.centres)
         found = np.zeros((n + count, n + count))
         found[np.triu_indices(n, 1)] = task.pair_clearances()
         found[:n, n:] = apart
         still = np.concatenate([~self.varied, np.ones(count, dtype=bool)])
         found[np.ix_(still, still)] = 0.0
-        staying = np.flatnonzero(task.staying)
-        found[staying], found[:n, staying] = 0.0, 0.0
         return found
 
     def bound(self, lower: Array, upper: Array, fixed: Array) -> None:
@@ -311,7 +309,7 @@ class FormationProgram(NonlinearProgram):
         if len(approaches):
             nearest = approaches[int(np.argmin(approaches[:, CLOSENESS]))]
             one, other = nearest[:2].astype(int)
-            label = f"the distance of '{names[one]}' from keep-out zones or staying robots"
+            label = f"the distance of '{names[one]}' from keep-out zones"
             if other < len(names):
                 label = f"arena.minimum_separation of '{names[one]}' and '{names[other]}'"
             found[label] = float(nearest[CLOSENESS])

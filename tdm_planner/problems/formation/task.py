@@ -110,24 +110,19 @@ class FormationTask:
         low, high = (np.maximum(np.minimum(wanted, away), half) for away in (low, high))
         return low, self.sides - high
 
-    def circles(self) -> tuple[Array, Array]:
+    def zones(self) -> tuple[Array, Array]:
         """
-        Centres (m, 2) of what stands still, and distances to plan for (n, m), 0 for oneself.
+        Centres (m, 2) of the keep-out zones, and distances to plan for (n, m).
 
-        These are the keep-out zones, from whose edge half a separation is kept as from the walls,
-        and the robots that stay.
+        Half a separation is kept from their edge, as from the walls.
         """
-        staying = np.flatnonzero(self.staying)
-        centres = np.concatenate([self.obstacles[:, :2], self.start[staying]])
-        zones = self.obstacles[:, 2] + self.separation / 2
-        required = np.append(zones, np.full(staying.size, self.separation))
+        centres = self.obstacles[:, :2].copy()  # contiguous, as the kernels were compiled
+        required = self.obstacles[:, 2] + self.separation / 2
         ends = np.minimum(
             np.linalg.norm(self.start[:, None] - centres, axis=2),
             np.linalg.norm(self.goal[:, None] - centres, axis=2),
         )
-        wanted = self._wanted_clearance(required, ends)
-        wanted[staying] = 0.0
-        return centres, wanted
+        return centres, self._wanted_clearance(required, ends)
 
     def cost_terms(self, arrivals: Array, gas: Array) -> dict[str, float]:
         """Return the weighted terms of (28): arrival times (n,) s, gas (n,) m/s."""

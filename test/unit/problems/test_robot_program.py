@@ -140,7 +140,7 @@ def test_separations_against_differences(made):
     task, point = program.task, program.evaluate(xi)
     found = point.cache.approaches
     first, second = found[:, :2].astype(int).T
-    centres, _ = task.circles()
+    centres, _ = task.zones()
     every = np.arange(len(found))
     assert (second >= task.n).any()
 
