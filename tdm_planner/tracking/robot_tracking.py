@@ -5,9 +5,9 @@
 Tracking of a floating robot whose one thruster turns slowly, and station-keeping.
 
 The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
-thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
-projection of the wanted acceleration on the direction held, and none while that direction is off
-by more than a set angle. The yaw is independent: planned torque plus feedback.
+thruster turns towards it; the thrust is the projection of the wanted acceleration on the direction
+held, and none while that direction is off by more than a set angle. The yaw is independent:
+planned torque plus feedback.
 
 A plan that burns and coasts is followed otherwise. In a burn the feedback takes away the velocity
 that would lead astray by the end of the coast that follows. A coast is corrected by one short burn
@@ -39,17 +39,11 @@ _YAW, _OMEGA, _ALPHA = 4, 5, 6
 _ACTUATORS_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
 _GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
 _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
-_LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
-_BURN_LATERAL = 0.05  # the same at a burn of a plan that burns and coasts
-_ANY_DIRECTION = 50.0  # rad
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
 GOAL_DISTANCE, GOAL_TURN = 0.02, 0.03  # m, rad from the goal that count as reached
 _GOAL_CALM = 3.0  # times the speeds above, at the goal
 _PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
-_SETTLED = 0.25  # share of the miss left alone at which a correction ends
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
-_REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
-_FREE = -math.inf, math.inf
 
 
 @dataclass(frozen=True)
@@ -155,43 +149,6 @@ class EstimatedRobot(PlantWithGains):
         return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class RobotLaw:
-    """
-    What is prepared before the start.
-
-    From the thruster's angles between `lower` and `upper` (n,), every `_REACH_STEP` s, it can be
-    in time where the plan needs it. `burns` (n, 3) are the burns of a plan that burns and coasts:
-    start and end [s], and the thruster's angle at the start.
-    """
-
-    lower: Array
-    upper: Array
-    burns: Array | None
-
-    def reach(self, elapsed: float) -> tuple[float, float]:
-        """Return the range of the thruster's angle at `elapsed` s after the start."""
-        k = min(max(math.ceil(elapsed / _REACH_STEP), 0), len(self.lower) - 1)
-        return float(self.lower[k]), float(self.upper[k])
-
-    def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
-        """
-        Return what is left of the burn that goes on within [start, end], 0 while coasting.
-
-        And the time from `start` until the coast ends that goes on or comes next, infinite where
-        no burn follows, and the thruster's angle then.
-        """
-        assert self.burns is not None
-        begins, ends, angles = self.burns.T
-        k = int(np.searchsorted(ends, start, side='right'))
-        burning = k < len(ends) and begins[k] < end
-        left = float(ends[k] - start) if burning else 0.0
-        k += burning
-        if k == len(begins):
-            return left, math.inf, None
-        return left, float(begins[k] - start), float(angles[k])
-
-
 class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
@@ -215,7 +172,6 @@ class RobotTracker(TrajectoryTracker):
         estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap, delay=delay)
         super().__init__(parameters, plant, estimator)
         self._largest = push
-        self._correcting = False
         self._servo_share = servo_share
         # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.
         self._stiffness = self._largest / feedback.position
@@ -227,20 +183,13 @@ class RobotTracker(TrajectoryTracker):
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
-    def prepare(self, trajectory: Trajectory) -> RobotLaw:
-        """Tabulate from where the thruster can reach the planned directions in time."""
-        steps = max(1, math.ceil(trajectory.duration / _REACH_STEP))
-        t = _REACH_STEP * np.arange(steps + 1)
-        sample = trajectory.sample(trajectory.times[0] + t)
-        alpha, thrust = sample.state[:, _ALPHA], sample.control[:, 0]
-        burns = _burns(trajectory) if trajectory.interpolation == 'zero_order_hold' else None
-        share = _LATERAL if burns is None else _BURN_LATERAL
-        lateral = share * self.parameters.limits.thrust
-        allowed = np.minimum(lateral / np.maximum(thrust, 1e-9), _ANY_DIRECTION)
-        turned = self.parameters.limits.thruster_rate * t
-        upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
-        lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
-        return RobotLaw(lower, upper, burns)
+    def prepare(self, trajectory: Trajectory) -> Array | None:
+        """Return the burns (n, 2) of a plan that burns and coasts: start and end [s]."""
+        if trajectory.interpolation != 'zero_order_hold':
+            return None
+        on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])
+        edges = np.flatnonzero(np.diff(on)).reshape(-1, 2)
+        return np.asarray(trajectory.times[edges] - trajectory.times[0])
 
     def deviation(self, motion: Motion, error: Array) -> float:
         """Return the distance from the planned position [m]."""
@@ -259,7 +208,7 @@ class RobotTracker(TrajectoryTracker):
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Planned acceleration and torque plus feedback."""
-        law: RobotLaw = motion.law
+        burns: Array | None = motion.law
         elapsed = time - motion.start
         at = motion.trajectory.times[0] + elapsed
         interval = self.parameters.interval
@@ -269,27 +218,22 @@ class RobotTracker(TrajectoryTracker):
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
-        lower, upper = law.reach(elapsed + interval)
         wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
-        coasting, onward = False, None
-        if law.burns is not None:
-            left, horizon, onward = law.ahead(elapsed, elapsed + interval)
+        coasting = False
+        if burns is not None:
+            left, horizon = _ahead(burns, elapsed, elapsed + interval)
             horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
             coasting = left == 0.0
             if coasting:
-                onward = None if onward is None else onward + near
                 wanted = self._correction(error, horizon)
             else:
-                onward, self._correcting = None, False
                 wanted = -_excess(error, horizon) / max(left, _PULSE * interval)
         control = self._drive(
             state,
             driven[2:4] + wanted,
             torque + self._yaw_feedback(error[_YAW], error[_OMEGA]),
             float(after[_ALPHA]) + near,
-            (lower + near, upper + near),
             coasting,
-            onward,
         )
         feedback = control - [thrust, 0.0, torque]
         return Action(control, feedback, error)
@@ -325,9 +269,8 @@ class RobotTracker(TrajectoryTracker):
     def _correction(self, error: Array, horizon: float) -> Array:
         """Acceleration (2,) that corrects a coast of `horizon` s: short burns cost least gas."""
         off = _excess(error, horizon)
-        level = self.parameters.feedback.coasting * (_SETTLED if self._correcting else 1.0)
-        self._correcting = math.hypot(off[0], off[1]) * horizon > level
-        return -off / (_PULSE * self.parameters.interval) * self._correcting
+        missed = math.hypot(off[0], off[1]) * horizon > self.parameters.feedback.coasting
+        return -off / (_PULSE * self.parameters.interval) * missed
 
     def _yaw_feedback(self, yaw: float, omega: float) -> float:
         turn = self._yaw_stiffness * yaw + self._yaw_damping * omega
@@ -344,16 +287,13 @@ class RobotTracker(TrajectoryTracker):
         wanted: Array,
         torque: float,
         alpha: float,
-        reach: tuple[float, float] = _FREE,
         coasting: bool = False,
-        onward: float | None = None,
     ) -> Array:
         """
         Return the controls (3,) nearest to what is wanted of a perfect robot.
 
         That is the acceleration `wanted` (2,) and the `torque`. The thruster rests at `alpha`
-        where next to no acceleration is wanted, and keeps within `reach`. It turns the way round
-        that brings it to the angle `onward` soonest after, where that is given.
+        where next to no acceleration is wanted.
         """
         limits, plant = self.parameters.limits, self.parameters.plant
         feedback = self.parameters.feedback
@@ -362,14 +302,7 @@ class RobotTracker(TrajectoryTracker):
         now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
         off = math.atan2(wanted[1], wanted[0]) - heading
         off = float(wrapped(np.asarray(off)))
-        turn = off
-        if onward is not None:
-            after, other = onward - now, off - math.copysign(math.tau, off)
-            if abs(other) + abs(after - other) < abs(off) + abs(after - off):
-                turn = other
-        target, (lower, upper) = alpha if size <= quiet else now + turn, reach
-        if lower <= upper:
-            target = min(max(target, lower), upper)
+        target = alpha if size <= quiet else now + off
         thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0
         if abs(off) < (_ALIGNED if coasting else feedback.misalignment):
@@ -383,9 +316,16 @@ def _excess(error: Array, horizon: float) -> Array:
     return np.asarray(error[2:4] + error[:2] / horizon)
 
 
-def _burns(trajectory: Trajectory) -> Array:
-    """Return a trajectory's burns (n, 3): start, end [s] and the thruster's angle at the start."""
-    on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])
-    begins, ends = np.flatnonzero(np.diff(on)).reshape(-1, 2).T
-    times = trajectory.times - trajectory.times[0]
-    return np.stack([times[begins], times[ends], trajectory.states[begins, _ALPHA]], axis=1)
+def _ahead(burns: Array, start: float, end: float) -> tuple[float, float]:
+    """
+    Return what is left of the burn that goes on within [start, end], 0 while coasting.
+
+    And the time from `start` until the coast ends that goes on or comes next, infinite where no
+    burn follows. `burns` (n, 2) are start and end [s].
+    """
+    begins, ends = burns.T
+    k = int(np.searchsorted(ends, start, side='right'))
+    burning = k < len(ends) and begins[k] < end
+    left = float(ends[k] - start) if burning else 0.0
+    k += burning
+    return left, math.inf if k == len(begins) else float(begins[k] - start)
