@@ -232,7 +232,8 @@ class Problem(ABC):
         Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
         `seed` (default: `solver.seed`) is that of the random initial guesses. `warm_start` is a
-        plan of a problem of the same kind, with other ends or limits, to start from.
+        plan of a problem of the same kind, with other ends or limits, to start from; of one that
+        has been followed, what is left (`ActivePlan.remainder`).
         With `counted` the search does not look at the clock: every second of the deadline is
         `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
         the same to the last bit however slow or busy the machine.

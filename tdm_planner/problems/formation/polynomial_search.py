@@ -33,7 +33,6 @@ from tdm_planner.problems.formation.search import (
     FormationSearch,
     INSTANTS,
     kept_motions,
-    LATE,
     screened,
 )
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
@@ -234,7 +233,6 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             iterations=_ITERATIONS,
         )
         self._refining = self._options._replace(radius=_REFINING_RADIUS)
-        self._careful = True  # whether to try more distance for a candidate
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = _NEARLY if self.rest else 1.0
         if self.rest:
@@ -257,22 +255,18 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         """
         Yield the minimum that the remaining motion of a plan leads to.
 
-        Robots about to arrive keep theirs, more of them where that does not do.
+        Robots about to arrive keep theirs.
         """
         program = PolynomialProgram(self.task, form)
         x = program.warm_guess(self.rest)
         coast = self._needed_coast(program, x)
-        few, more = (kept_motions(self.task, self.rest, turns) for turns in (1.0, LATE))
-        # With higher polynomials, and where no more robots can keep theirs, this is the last try.
-        for last in (False, True) if form is self.form and len(more) > len(few) else (True,):
-            self.kept, self._careful = more if last else few, last
-            kept = np.array([name in self.kept for name in self.task.names])
-            task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
-            held = np.where(kept[:, None], x, np.nan)
-            program = PolynomialProgram(task, form, held)
-            options = self._options._replace(iterations=_WARM_ITERATIONS)
-            found = self.minimised(program, program.reduce(x), options)
-            yield from self._completed([] if found is None else [found])
+        self.kept = kept_motions(self.task, self.rest)
+        kept = np.array([name in self.kept for name in self.task.names])
+        task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
+        program = PolynomialProgram(task, form, np.where(kept[:, None], x, np.nan))
+        options = self._options._replace(iterations=_WARM_ITERATIONS)
+        found = self.minimised(program, program.reduce(x), options)
+        return self._completed([] if found is None else [found])
 
     def _completed(self, found: Iterable[Polynomials]) -> Iterator[Polynomials]:
         """Yield minima with thrusters turned first; then with more distance kept."""
@@ -280,8 +274,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         for candidate in found:
             turned.append(self._turned(candidate) or candidate)
             yield turned[-1]
-        if self._careful:
-            yield from filter(None, map(self._apart, turned))
+        yield from filter(None, map(self._apart, turned))
 
     @staticmethod
     def _needed_coast(program: PolynomialProgram, x: Array) -> Array:

@@ -57,8 +57,6 @@ _TRIES = 30  # random combinations to begin with, where they are more
 _SWEEPS = 6  # of a coordinate descent, at most
 _SAME = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
 _MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
-_LEAST = 1e-3  # s that is left of a motion that has ended
-_MOMENTS = 400  # of a plan, at which it is compared with where the robots are
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,8 @@ class FormationSearch(Search[C]):
         self.settings, self.rng = settings, rng
         self.starts, self.tried = settings.solver.starts, 0
         self.closest: Candidate[Any] | None = None
-        self.rest = {} if previous is None else rest_of(self.task, previous)
+        left = {} if previous is None else previous.trajectories
+        self.rest = dict(left) if set(left) == set(task.names) else {}
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
         self.rounds: list[Callable[[], Iterable[C]]] = []
         # The violation, relative to a limit, whose square is worth that penalty.
@@ -271,45 +270,14 @@ def _descended(single: Array, pair: Array, choice: Integers, rng: np.random.Gene
     return choice
 
 
-def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
-    """
-    Return what is left of a plan by name; nothing of one for other robots.
-
-    How far the plan has been followed is read from the robots' states: the instant at which, all
-    robots together, the plan is nearest to where they are. A plan on which one of them is just
-    beginning has not been followed.
-    """
-    if set(previous.trajectories) != set(task.names):
-        return {}
-    plans = {name: previous.trajectories[name] for name in task.names}
-    begun = [
-        (np.abs(plan.states[0, :6] - start_state(task, i)[:6]) < _SAME[:6]).all()
-        for i, plan in enumerate(plans.values())
-    ]
-    if any(begun):
-        return plans
-    last = max(plan.duration for plan in plans.values())
-    times, scale = np.linspace(0.0, last, _MOMENTS), np.array([1.0, 1.0, last / 4, last / 4])
-    distance = np.zeros(times.size)
-    for i, plan in enumerate(plans.values()):
-        away = plan.sample(times).state[:, :4] - start_state(task, i)[:4]
-        distance += np.square(away * scale).sum(axis=1)
-    now = float(times[np.argmin(distance)])
-    if now == 0.0:
-        return plans
-    return {name: plan.after(min(now, plan.duration - _LEAST)) for name, plan in plans.items()}
-
-
-def kept_motions(
-    task: FormationTask, plans: Mapping[str, Trajectory], half_turns: float
-) -> dict[str, Trajectory]:
+def kept_motions(task: FormationTask, plans: Mapping[str, Trajectory]) -> dict[str, Trajectory]:
     """
     Motions of the robots that are to keep what is left of `plans`, by name.
 
-    They start on their plans, end at their goals, and have less time before them than so many
-    `half_turns` of the thruster take.
+    They start on their plans, end at their goals, and have less time before them than three
+    half-turns of the thruster take.
     """
-    leg = half_turns * math.pi / task.thruster_rate
+    leg = LATE * math.pi / task.thruster_rate
     found = {}
     for i, name in enumerate(task.names):
         if task.staying[i] or name not in plans or not plans[name].duration < leg:

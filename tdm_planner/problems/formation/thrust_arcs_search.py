@@ -26,7 +26,6 @@ from tdm_planner.problems.formation.search import (
     FormationSearch,
     INSTANTS,
     kept_motions,
-    LATE,
     screened,
 )
 from tdm_planner.problems.formation.task import FormationTask
@@ -205,16 +204,11 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     def _resumed(self) -> Iterator[Arcs]:
         """Yield the minimum that the rest of the plan before leads to."""
-        task = self.task
-        for half_turns in (1.0, LATE):
-            fewer, self.kept = self.kept, kept_motions(task, self.rest, half_turns)
-            if half_turns > 1.0 and len(self.kept) == len(fewer):
-                break
-            x = resumed(task, self.rest, self.kept)
-            count = (x.shape[1] + 4) // 3
-            if any(len(remaining(motion)) > count for motion in self.kept.values()):
-                break
-            program = ThrustArcProgram(task, count, self.kept)
+        self.kept = kept_motions(self.task, self.rest)
+        x = resumed(self.task, self.rest, self.kept)
+        count = (x.shape[1] + 4) // 3
+        if all(len(remaining(motion)) <= count for motion in self.kept.values()):
+            program = ThrustArcProgram(self.task, count, self.kept)
             yield from self._polished(program, program.reduce(x))
 
     def _polished(

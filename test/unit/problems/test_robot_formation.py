@@ -18,6 +18,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.parameters import resized
+from tdm_planner.replanning import ActivePlan
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -149,7 +150,7 @@ def test_warm_start_from_an_active_plan(default):
         for name, motion in plan.trajectories.items()
     }
     later = replace(problem, starts=starts)
-    again = flown(later, warm_start=plan)
+    again = flown(later, warm_start=ActivePlan(problem, plan, 0.0).remainder(now))
     assert again.duration == pytest.approx(plan.duration - now, rel=0.15)
     assert again.evaluations < later.solve().evaluations
 

@@ -17,7 +17,7 @@ import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.formation.search import kept_motions, LATE
+from tdm_planner.problems.formation.search import kept_motions
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
@@ -247,7 +247,7 @@ def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(leg, push, elsewhe
     expected = planned + AWAY[:2] if push or elsewhere else planned
     np.testing.assert_allclose(task.start[0], expected, atol=1e-9)
     for other in (task, asked_at(plan, at, asked, robot1=0 * AWAY).task):
-        kept = kept_motions(other, plan.remainder(at).trajectories, LATE)
+        kept = kept_motions(other, plan.remainder(at).trajectories)
         keeps = not elsewhere and not (push and other is task)
         assert ('robot1' in kept) == keeps
 
