@@ -60,10 +60,8 @@ FEW = 8  # robots up to which plans are looked for directly, without one of poly
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
-_PROMISING = 1.01  # times the best cost: minima that are polished
-_POLISHED = 2  # of them at most
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
-_ROUGH, _FINE = 1e-3, 2e-4  # predicted decrease of J at which a minimum is one
+_ACCURACY = 1e-3  # predicted decrease of J at which a minimum is one
 _RADIUS, _POLISHING_RADIUS = 0.15, 0.1
 _ITERATIONS = 50
 _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the tolerance
@@ -170,7 +168,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             feasibility=(self.feasible,),
             radius=_RADIUS,
             iterations=_ITERATIONS,
-            cost_tolerance=_ROUGH,
+            cost_tolerance=_ACCURACY,
         )
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
@@ -191,16 +189,11 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             yield search.assessed(motions, polynomials.point.xi)
 
     def _minima(self) -> list[Arcs]:
-        """Feasible local minima, cheapest first, the most promising of them polished."""
+        """Feasible local minima, cheapest first."""
         program = ThrustArcProgram(self.task)
         drawn = 0 if self.rest else _DESPERATE  # on the way there is little time
         first = map(program.reduce, guesses(program, self.rng, self.starts, drawn))
-        found = self.minima(program, first, self._options, _WORSE)
-        for k, candidate in enumerate(found[:_POLISHED]):
-            if candidate.point.cost < _PROMISING * found[0].point.cost and not self.budget.spent:
-                finer = self._polished(program, candidate.point.xi, _FINE)
-                found[k] = min([candidate, *finer], key=lambda each: each.point.cost)
-        return sorted(found, key=lambda each: each.point.cost)
+        return self.minima(program, first, self._options, _WORSE)
 
     def _resumed(self) -> Iterator[Arcs]:
         """Yield the minimum that the rest of the plan before leads to."""
@@ -211,12 +204,9 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             program = ThrustArcProgram(self.task, count, self.kept)
             yield from self._polished(program, program.reduce(x))
 
-    def _polished(
-        self, program: ThrustArcProgram, xi: Array, accuracy: float = _ROUGH
-    ) -> list[Arcs]:
+    def _polished(self, program: ThrustArcProgram, xi: Array) -> list[Arcs]:
         """Return the minimum near Xi, if there is one."""
-        options = self._options._replace(radius=_POLISHING_RADIUS, cost_tolerance=accuracy)
-        found = self.minimised(program, xi, options)
+        found = self.minimised(program, xi, self._options._replace(radius=_POLISHING_RADIUS))
         return [] if found is None else [found]
 
     def plans(self, candidate: Arcs | Solution) -> Iterator[Solution]:
