@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from string import Template
+
+from tdm_planner.parameter_files import config_file
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 
@@ -18,69 +21,24 @@ def pendulum_urdf(plant: RotaryPendulum) -> str:
     """
     of, radius, rod_length = plant.inertia, plant.arm_length, 2.0 * plant.com_distance
     thick, high = 0.12 * radius, 1.15 * rod_length  # of the disk; of the base, for the rod to hang
-    half = 0.5 * of.disk
-    disk = _inertial(2.0 * of.disk / radius**2, 0.0, (half, half, of.disk))
-    # The plant's axes are x across, y along the rod, z the pivot's; the link's are pivot, across,
-    # along.
-    rod = _inertial(plant.mass, plant.com_distance, (of.z, of.x, of.y))
-    return f"""<?xml version="1.0"?>
-<!-- Written by `make config` for the plant's default parameters; the plant node publishes its own
-     on robot_description. Joint positions are the states: disk = psi, pendulum = theta, both zero
-     with the pendulum upright above +x. -->
-<robot name="rotary_pendulum">
-  <material name="dark">
-    <color rgba="0.25 0.25 0.3 1" />
-  </material>
-  <material name="grey">
-    <color rgba="0.5 0.5 0.52 1" />
-  </material>
-  <material name="red">
-    <color rgba="0.85 0.2 0.2 1" />
-  </material>
-  <link name="world" />
-  <link name="base">{_cylinder('dark', 0.5 * radius, high, -0.5 * (thick + high))}
-  </link>
-  <link name="disk">{disk}{_cylinder('grey', radius, thick, 0.0)}
-  </link>
-  <link name="rod">{rod}{_cylinder('red', 0.035 * rod_length, rod_length, 0.5 * rod_length)}
-  </link>
-  <joint name="base" type="fixed">
-    <origin xyz="0 0 0" rpy="0 0 0" />
-    <parent link="world" />
-    <child link="base" />
-  </joint>
-  <joint name="disk" type="continuous">
-    <origin xyz="0 0 0" rpy="0 0 0" />
-    <parent link="base" />
-    <child link="disk" />
-    <axis xyz="0 0 1" />
-  </joint>
-  <joint name="pendulum" type="continuous">
-    <origin xyz="{radius!r} 0 0" rpy="0 0 0" />
-    <parent link="disk" />
-    <child link="rod" />
-    <axis xyz="-1 0 0" />
-  </joint>
-</robot>
-"""
-
-
-def _inertial(mass: float, height: float, moments: tuple[float, float, float]) -> str:
-    x, y, z = moments
-    return f"""
-    <inertial>
-      <origin xyz="0 0 {height!r}" rpy="0 0 0" />
-      <mass value="{mass!r}" />
-      <inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0" />
-    </inertial>"""
-
-
-def _cylinder(material: str, radius: float, length: float, height: float) -> str:
-    return f"""
-    <visual>
-      <origin xyz="0 0 {height:.6g}" rpy="0 0 0" />
-      <geometry>
-        <cylinder radius="{radius:.6g}" length="{length:.6g}" />
-      </geometry>
-      <material name="{material}" />
-    </visual>"""
+    numbers = {
+        'base_height': -0.5 * (thick + high),
+        'base_radius': 0.5 * radius,
+        'base_length': high,
+        'disk_length': thick,
+        'disk_mass': 2.0 * of.disk / radius**2,
+        'disk_inertia': of.disk,
+        'half_disk_inertia': 0.5 * of.disk,
+        'arm_length': radius,
+        'mass': plant.mass,
+        'com_distance': plant.com_distance,
+        # The plant's axes are x across, y along the rod, z the pivot's; the link's are pivot,
+        # across, along.
+        'inertia_x': of.z,
+        'inertia_y': of.x,
+        'inertia_z': of.y,
+        'rod_radius': 0.035 * rod_length,
+        'rod_length': rod_length,
+    }
+    template = config_file('pendulum.urdf.template').read_text(encoding='utf-8')
+    return Template(template).substitute(numbers)

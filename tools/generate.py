@@ -17,8 +17,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tools.architecture import figure
 from tools.node_tables import parameters_by_node, Specifications
@@ -100,7 +98,6 @@ def generated() -> dict[Path, str]:
         config / 'pendulum.yaml': pendulum_file(),
         config / 'robots.yaml': robots_file(ROBOTS_TITLE, {}, {}),
         config / 'robots_air_bearing.yaml': air_bearing_file(),
-        config / 'pendulum.urdf': pendulum_urdf(RotaryPendulum()),
         config / 'security' / 'policy.xml': policy(),
         ROOT / 'docs' / 'images' / 'architecture.svg': figure(),
         **documentation(ROOT / 'docs'),
