@@ -165,12 +165,12 @@ def test_states_that_cannot_be_planned_from(ros):
         (JointState(name=['wheel'], position=[0.0], velocity=[0.0]), 'pendulum, disk must be'),
         (JointState(**short), "'velocity' has 0 values for 2 named joints"),
         (state([math.nan, 0.0, 0.0, 0.0]), 'position of joint pendulum is nan'),
-        (state([3.0, 0.0, 1e12, 0.0]), 'velocity of joint pendulum is 1e+12 rad/s: must be in ['),
+        (state([3.0, 0.0, 1e12, 0.0]), "'start.theta_dot' = "),
         (state([3.0, 2.5, 0.0, 0.0]), "'start.psi' = 2.5"),
     ):
         measuring.measure(message)
         code, reason = measuring.refusal()
-        assert code == ('INVALID_PROBLEM' if 'start.psi' in words[0] else 'NO_STATE')
+        assert code == ('INVALID_PROBLEM' if "'start." in words[0] else 'NO_STATE')
         assert all(word in reason for word in words), reason
     without_stamp = state(hanging)
     without_stamp.header.stamp = to_stamp(0)
