@@ -25,22 +25,11 @@ def config_file(name: str) -> Path:
 
     That folder is the first of: a sourced ROS 2 workspace's (colcon), the Python environment's
     (pip), the source tree's (an editable installation, or none).
-
-    Raise FileNotFoundError, listing the parameter files there are, or the folders that were tried.
     """
     shares = [prefix / 'share' / PACKAGE for prefix in ament_prefixes(PACKAGE)]
     shares += [Path(sys.prefix, 'share', PACKAGE), Path(__file__).resolve().parents[1]]
-    tried = [share / 'config' for share in shares]
-    folder = next((folder for folder in tried if folder.is_dir()), None)
-    if folder is None:
-        raise FileNotFoundError(
-            f"the files of '{PACKAGE}' are not installed; looked in " + ', '.join(map(str, tried))
-        )
-    path = folder / name
-    if not path.is_file():
-        names = ', '.join(sorted(p.name for p in folder.glob('*.yaml'))) or 'none'
-        raise FileNotFoundError(f"no parameter file '{name}' in {folder}; there is: {names}")
-    return path
+    folders = [share / 'config' for share in shares]
+    return next(filter(Path.is_dir, folders), folders[-1]) / name
 
 
 class _Loader(yaml.SafeLoader):

@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, is_dataclass, replace
-import math
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -164,10 +163,8 @@ class Problem(ABC):
             with np.errstate(all='ignore'):
                 return cls.from_values(values)
         except (OverflowError, FloatingPointError) as error:
-            name = _most_extreme(values)
             raise InvalidProblem(
-                f"parameter '{name}' = {values.get(name)} cannot be computed with beside the "
-                f'others: {one_line(error)}'
+                f'parameters lie too many orders of magnitude apart: {one_line(error)}'
             ) from None
 
     @classmethod
@@ -320,16 +317,6 @@ def _computed() -> Iterator[None]:
                 f'the computation broke down ({one_line(error)}): parameters lie '
                 'too many orders of magnitude apart, are their units right?'
             ) from error
-
-
-def _most_extreme(values: Mapping[str, Any]) -> str:
-    """Name of the number that is the largest or smallest, by its order of magnitude."""
-    orders = {
-        name: abs(math.log10(abs(value)))
-        for name, value in values.items()
-        if isinstance(value, float) and value
-    }
-    return max(orders, key=lambda name: orders[name], default='')
 
 
 _DEADLINE = ParameterSpec(
