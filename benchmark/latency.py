@@ -30,8 +30,9 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import PendulumStart
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import ActivePlan, FormationExecution, Observation
-from tdm_planner.tracking import Mode
+from tdm_planner.replanning.execution import ActivePlan, Observation
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.tracking.motion import Mode
 
 DEADLINE, LATE = 0.03, 0.01  # s
 LONGEST = 0.25  # s that a replan may take where times are measured

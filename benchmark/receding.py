@@ -14,8 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, ActivePlans, Observation, Replanner, Review
-from tdm_planner.tracking import Command, Mode, Phase, TrajectoryRejected, TrajectoryTracker
+from tdm_planner.replanning.execution import ActivePlan, Observation
+from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
+from tdm_planner.tracking.motion import Command, Mode, Phase, TrajectoryRejected
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
 
 _ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers

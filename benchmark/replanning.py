@@ -47,9 +47,12 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
-from tdm_planner.tracking import PendulumTracker, Phase
-from tdm_planner.tracking.motion import ReplanOnDeviation
+from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.replanner import Replanner
+from tdm_planner.replanning.swing_up_execution import SwingUpExecution
+from tdm_planner.tracking.motion import Phase, ReplanOnDeviation
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
 from tdm_sim.study.flights import tracked, tracker_of
 

@@ -18,10 +18,10 @@ from typing import Any
 from benchmark.measuring import counted, Timed, timed
 import numpy as np
 from tdm_planner.exceptions import Infeasible
-from tdm_planner.plants import PendulumInertia, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.execution import ActivePlan
 
 DEADLINE = 1.0  # s
 DRIVES = (0.0, 0.012, 0.1, 0.3, math.inf)

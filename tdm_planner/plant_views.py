@@ -35,7 +35,7 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking import TrackerParameters
+from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
 from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
 from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker

@@ -29,7 +29,7 @@ from tdm_planner.problems.direct.statement import (
     violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking import TrackerParameters
+from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.tracked_plants import with_parameters_of
 
 _REPEATED = 20  # evaluations that are timed

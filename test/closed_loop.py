@@ -17,8 +17,8 @@ from tdm_planner import tracking
 from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning import ActivePlan, Observation
-from tdm_planner.tracking import Mode
+from tdm_planner.replanning.execution import ActivePlan, Observation
+from tdm_planner.tracking.motion import Mode
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.study.flights import CommandedPlant, tracked
 

@@ -63,7 +63,7 @@ settings.load_profile('same')
 def _unhurried():
     """Give plans time enough where the test states no deadline: the machine may be busy."""
     from tdm_planner.problems import Problem
-    from tdm_planner.replanning import Replanner
+    from tdm_planner.replanning.replanner import Replanner
 
     solve, solve_again = Problem.solve, Replanner._solve
 

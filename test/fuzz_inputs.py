@@ -15,7 +15,8 @@ from typing import Any
 from hypothesis import strategies as st
 from tdm_planner.parameters import ParameterSpec, Range, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.tracking import PendulumTrackerParameters, RobotTrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTrackerParameters
 import yaml
 
 BIGGEST = 1.7976931348623157e308

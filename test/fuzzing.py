@@ -29,7 +29,9 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, flatten, shown, specifications
 from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp, Solution
-from tdm_planner.tracking import PendulumTracker, RobotTracker, TrajectoryRejected
+from tdm_planner.tracking.motion import TrajectoryRejected
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
+from tdm_planner.tracking.robot_tracking import RobotTracker
 
 DEADLINE = 0.05  # s a search may take in these tests
 ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check, the interpreter

@@ -20,7 +20,7 @@ from typing import Any
 from tdm_planner.exceptions import ERRORS, Failure, InvalidProblem
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_summary
 from tdm_planner.starting import NODES
 from tools.endpoints import endpoints, SET_UPS

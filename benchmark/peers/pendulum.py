@@ -17,9 +17,8 @@ from benchmark.pendulum import problem, REGIMES, start_state
 import casadi
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.base import runge_kutta_step
-from tdm_planner.plants.rotary_pendulum import accelerations
+from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory

@@ -31,7 +31,7 @@ from benchmark.scenarios import crossing
 import casadi
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.plants import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.task import FormationTask

@@ -28,7 +28,7 @@ from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Observation
+from tdm_planner.replanning.execution import ActivePlan, Observation
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
 from tdm_planner.replanning.replanner import ActivePlans, SAME_START
 from tdm_planner.trajectory import TimedTrajectory, Trajectory

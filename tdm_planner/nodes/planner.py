@@ -32,7 +32,7 @@ from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
 from tdm_planner.trajectory import Trajectory
 

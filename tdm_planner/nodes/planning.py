@@ -30,8 +30,9 @@ from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.parameters import build
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import ActivePlan, Replanner, Review
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.planned_plants import Values
+from tdm_planner.replanning.replanner import Replanner, Review
 
 _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; with less time left it is not tried again

@@ -34,9 +34,9 @@ from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
+from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
 from tdm_planner.tracking.tracked_plants import tracker_type
-from tdm_planner.tracking.tracker import BREAKDOWN
+from tdm_planner.tracking.tracker import BREAKDOWN, TrajectoryTracker
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
 

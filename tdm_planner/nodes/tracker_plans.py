@@ -31,7 +31,8 @@ from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.tracking import Mode, Phase, TrackerParameters, TrajectoryTracker
+from tdm_planner.tracking.motion import Mode, Phase, TrackerParameters
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 

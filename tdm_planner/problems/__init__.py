@@ -14,14 +14,15 @@ from typing import Any, TYPE_CHECKING
 from tdm_planner.starting import require_packages
 
 if TYPE_CHECKING:
-    from tdm_planner.plants import PendulumLimits, RobotLimits
+    from tdm_planner.plants.floating_robot import RobotLimits
+    from tdm_planner.plants.rotary_pendulum import PendulumLimits
     from tdm_planner.problems.direct.problem import DirectProblem, DirectSolverParameters
     from tdm_planner.problems.formation.parameters import RobotStart
     from tdm_planner.problems.formation.problem import RobotFormation
     from tdm_planner.problems.pendulum.problem import PendulumGoal, PendulumSwingUp
     from tdm_planner.problems.pendulum.task import PendulumStart
     from tdm_planner.problems.planner_parameters import SolverParameters
-    from tdm_planner.problems.problem import Problem, Search
+    from tdm_planner.problems.problem import Problem
     from tdm_planner.problems.solution import Solution
 
 __all__ = [
@@ -35,14 +36,14 @@ __all__ = [
     'RobotFormation',
     'RobotLimits',
     'RobotStart',
-    'Search',
     'Solution',
     'SolverParameters',
 ]
 
 _MODULES = {
-    'tdm_planner.plants': ('PendulumLimits', 'RobotLimits'),
-    'tdm_planner.problems.problem': ('Problem', 'Search'),
+    'tdm_planner.plants.floating_robot': ('RobotLimits',),
+    'tdm_planner.plants.rotary_pendulum': ('PendulumLimits',),
+    'tdm_planner.problems.problem': ('Problem',),
     'tdm_planner.problems.direct.problem': ('DirectProblem', 'DirectSolverParameters'),
     'tdm_planner.problems.formation.parameters': ('RobotStart',),
     'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumSwingUp'),

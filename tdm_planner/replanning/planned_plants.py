@@ -37,18 +37,18 @@ from tdm_planner.problems.formation.parameters import Arena, place_in_arena
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning import (
+from tdm_planner.replanning.execution import (
     Execution,
-    FormationExecution,
     GenericExecution,
-    SwingUpExecution,
+    PLANT_NAME,
+    ranges_of,
+    START,
 )
-from tdm_planner.replanning.execution import PLANT_NAME, ranges_of, START
-from tdm_planner.tracking import (
-    PendulumTrackerParameters,
-    RobotTrackerParameters,
-    TrackerParameters,
-)
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.swing_up_execution import SwingUpExecution
+from tdm_planner.tracking.motion import TrackerParameters
+from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Values = Mapping[str, Any]

@@ -19,10 +19,11 @@ from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
-from tdm_planner.tracking import TrackerParameters, TrajectoryTracker
+from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.tracker import TrajectoryTracker
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 

@@ -23,16 +23,11 @@ from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
-    RobotTracker,
-    RobotTrackerParameters,
-    TrackerParameters,
-    TrajectoryRejected,
-    TrajectoryTracker,
-)
+from tdm_planner.tracking.motion import TrackerParameters, TrajectoryRejected
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Sample
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals

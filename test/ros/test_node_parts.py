@@ -28,7 +28,8 @@ from tdm_planner.nodes.planning import PlanQueue
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import ATTEMPTS, create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import goal_status, TrackerWatch
-from tdm_planner.tracking import Mode, PendulumTrackerParameters
+from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
 

@@ -18,7 +18,8 @@ from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, pumping, shooting, switching_program
-from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
+from tdm_planner.tracking.motion import Phase
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched
 from tdm_sim.study.flights import ClosedLoop, fly

@@ -31,7 +31,7 @@ import pytest
 import robots_scheme as robots
 from ros_harness import MODULES, NodeProcess, SOURCE
 from tdm_planner import cli
-from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import DirectSolverParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import problem_names, SHORT_NAMES

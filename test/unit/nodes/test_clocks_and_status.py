@@ -19,7 +19,7 @@ from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import ROBOT
-from tdm_planner.tracking import Phase
+from tdm_planner.tracking.motion import Phase
 from tdm_planner.trajectory import SECOND
 from trajectory_msgs.msg import JointTrajectory
 

@@ -23,7 +23,8 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import messages, reading
 from tdm_planner.nodes.markers import LIFETIME, Picture
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
-from tdm_planner.plants import FloatingRobot, RotaryPendulum
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 

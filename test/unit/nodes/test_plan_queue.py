@@ -20,8 +20,9 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, ActivePlans, Replanner, Review
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.planned_plants import planned_plant
+from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
 from tdm_planner.trajectory import TimedTrajectory
 
 START = 1_700.0  # s

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer
 
 BEGIN = 1_700.0  # s

@@ -21,9 +21,10 @@ from scipy.integrate import solve_ivp
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants import FloatingRobot, pendulum_kernels, robot_replay, slopes
+from tdm_planner.plants import pendulum_kernels, robot_replay, slopes
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, roll_lanes
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum

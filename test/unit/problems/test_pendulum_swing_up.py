@@ -21,9 +21,8 @@ from tdm_planner.direct_method import Budget, nonlinear_program
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
-from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
-from tdm_planner.plants.rotary_pendulum import mechanics
+from tdm_planner.plants.rotary_pendulum import mechanics, PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, switching_program
 from tdm_planner.problems.pendulum.candidates import Candidate, polish, with_new_arcs

@@ -14,8 +14,9 @@ import pytest
 from stated import changed
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Search, Solution
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.problems.pendulum.smooth import StatedSwingUp
+from tdm_planner.problems.problem import Search
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.verification import Verification
 

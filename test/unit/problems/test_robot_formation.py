@@ -18,7 +18,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.parameters import resized
-from tdm_planner.replanning import ActivePlan
+from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}

@@ -21,9 +21,12 @@ from tdm_planner.problems.formation.search import kept_motions
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner
+from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.replanner import Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking import Mode, RobotTrackerParameters
+from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.robot_tracking import RobotTrackerParameters
 
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 TRACKED = [(mode, False, True) for mode in Mode]

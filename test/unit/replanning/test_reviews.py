@@ -19,11 +19,12 @@ from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning import ActivePlan, ActivePlans, FormationExecution, Replanner
 from tdm_planner.replanning import replanner as reviewing
-from tdm_planner.replanning.execution import GenericExecution, Outlook, PLANT_NAME
+from tdm_planner.replanning.execution import ActivePlan, GenericExecution, Outlook, PLANT_NAME
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.replanner import ActivePlans, Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking import Mode
+from tdm_planner.tracking.motion import Mode
 
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
 FAILURES = st.sampled_from(['', 'it falls'])

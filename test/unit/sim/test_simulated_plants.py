@@ -14,8 +14,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from stated import Car
 from tdm_planner.parameters import to_mapping
-from tdm_planner.plants import FloatingRobot, RobotLimits, RotaryPendulum
 from tdm_planner.plants.base import integrate
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_sim import simulation as simulated
 from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant

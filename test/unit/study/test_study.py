@@ -25,7 +25,7 @@ from tdm_planner.parameters import parameter
 from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.tracking import TrackerParameters
+from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, cell, checked, parse_axis, points_of

@@ -17,8 +17,8 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.tracking import PendulumTracker, Phase, TrajectoryRejected
-from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
+from tdm_planner.tracking.motion import Phase, TrajectoryRejected
+from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum, PendulumTracker
 from tdm_planner.trajectory import Trajectory
 
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
-from tdm_planner.tracking import Phase, TrajectoryRejected
-from tdm_planner.tracking.motion import Motion
+from tdm_planner.tracking.motion import Motion, Phase, TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems import DirectProblem
-from tdm_planner.tracking import Phase, TrackerParameters, TrajectoryRejected
+from tdm_planner.tracking.motion import Phase, TrackerParameters, TrajectoryRejected
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.trajectory import Trajectory
 
