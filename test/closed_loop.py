@@ -13,12 +13,14 @@ import functools
 import math
 
 import numpy as np
-from tdm_planner import tracking
 from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning.execution import ActivePlan, Observation
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import Command, Mode
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.study.flights import CommandedPlant, tracked
 
@@ -58,10 +60,10 @@ def dotted(values: dict) -> dict:
     return {name.replace('__', '.'): value for name, value in values.items()}
 
 
-def pendulum_tracker(limit: float = STRONG, **values) -> tracking.PendulumTracker:
+def pendulum_tracker(limit: float = STRONG, **values) -> PendulumTracker:
     """Return a tracker for a motor; `values` are its other parameters, `__` for the dot."""
     asked = {'limits.torque': limit, **dotted(values)}
-    return tracking.PendulumTracker(build(tracking.PendulumTrackerParameters, asked))
+    return PendulumTracker(build(PendulumTrackerParameters, asked))
 
 
 def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> CommandedPlant:
@@ -71,8 +73,8 @@ def pendulum(tracker, initial=HANGING, mismatch=0.0, noise=0.0, seed=0) -> Comma
 
 def robot(initial, mismatch=0.0, noise=0.0, seed=0, **own) -> CommandedPlant:
     """Return a robot and its tracker; `own` are the tracker's parameters, `__` for the dot."""
-    given = build(tracking.RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
-    return tracked(tracking.RobotTracker(given), initial, mismatch, noise, seed)
+    given = build(RobotTrackerParameters, {'rate': 50.0, **dotted(own)})
+    return tracked(RobotTracker(given), initial, mismatch, noise, seed)
 
 
 @dataclass
@@ -88,10 +90,10 @@ class Loop:
     late: float = 0.0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)
-    commands: list[tracking.Command] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.tracker: tracking.TrajectoryTracker = self.vehicle.tracker
+        self.tracker: TrajectoryTracker = self.vehicle.tracker
         self.plant = self.vehicle.plant
         self.tick = self.tracker.parameters.interval
         self._samples: list[tuple[np.ndarray, float]] = []
