@@ -153,7 +153,7 @@ class Scene:
             part._replace(namespace=f'{namespace}/{part.namespace}'.rstrip('/')) for part in parts
         ]
         self.speed = 1.0  # of simulated time
-        self.plants = [part for part in parts if part.executable.endswith('plant')]
+        self.plants = [part for part in self.parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
         self._view = view_of(problem)
         self._plan: dict[str, Any] = {}
