@@ -189,7 +189,10 @@ class Rows:
         make_folder(path.parent)
         if not path.exists():
             write_file(path, asked)
-        stated, *lines = path.read_bytes().split(b'\n')
+        try:
+            stated, *lines = path.read_bytes().split(b'\n')
+        except OSError as error:
+            raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
         if stated != asked:
             raise UnusableFile(
                 f"the folder '{path.parent}' holds another study (see {ROWS}): name another one"

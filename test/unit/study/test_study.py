@@ -252,6 +252,10 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, cut: int) -> None:
     assert Rows(path, {'any': 1}).table().equals(whole)
     with pytest.raises(UnusableFile, match='holds another study'):
         Rows(path, {'any': 2})
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(UnusableFile, match='cannot be read: Is a directory'):
+        Rows(path, {'any': 1})
 
 
 def rows_of(axes: list[Axis]) -> list[dict]:
