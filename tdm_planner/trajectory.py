@@ -117,24 +117,15 @@ class Trajectory:
             return np.zeros(0, dtype=np.intp)
         return np.flatnonzero((np.diff(self.controls[:-1], axis=0) != 0).any(axis=1)) + 1
 
-    @property
-    def smooth_pieces(self) -> list[int]:
-        """Return the samples between which the controls run smoothly, both ends included."""
-        last = self.times.size - 1
-        if self.interpolation == 'linear':
-            return list(range(last + 1))
-        return [0, *self.switches.tolist(), last]
-
-    @property
-    def control_pieces(self) -> tuple[Array, Array, Array]:
-        """
-        Instants (n + 1,) [s] between which held or linear controls run smoothly.
-
-        And the controls at the beginning and the end of every piece, (n, nu) each.
-        """
-        times, controls = (values[self.smooth_pieces] for values in (self.times, self.controls))
-        first = controls[:-1]
-        return times, first, first if self.interpolation == 'zero_order_hold' else controls[1:]
+    @cached_property
+    def control_pieces(self) -> PPoly:
+        """The controls as polynomials, each as long as they run smoothly."""
+        if self.interpolation == 'cubic' and self.times.size >= 4:
+            return CubicSpline(self.times, self.controls)
+        if self.interpolation != 'zero_order_hold':
+            return lines(self.times, self.controls)
+        pieces = [0, *self.switches, self.times.size - 1]
+        return PPoly(self.controls[None, pieces[:-1]], self.times[pieces])
 
     @classmethod
     def of(
@@ -217,7 +208,7 @@ class Trajectory:
             return self.controls[np.clip(index, 0, self.times.size - 1)]
         if self.interpolation == 'linear' or self.times.size < 4:
             return _linear(t, self.times, self.controls)
-        return np.asarray(self._control_spline(t))
+        return np.asarray(self.control_pieces(t))
 
     def _state_at(self, t: Array) -> Array:
         if self.rates is None:
@@ -234,19 +225,8 @@ class Trajectory:
         return value
 
     @cached_property
-    def _control_spline(self) -> CubicSpline:
-        return CubicSpline(self.times, self.controls)
-
-    @cached_property
     def _control_antiderivative(self) -> PPoly:
-        if self.interpolation == 'cubic' and self.times.size >= 4:
-            return self._control_spline.antiderivative()
-        coefficients = self.controls[None, :-1]
-        if self.interpolation != 'zero_order_hold':
-            slopes = np.diff(self.controls, axis=0) / np.diff(self.times)[:, None]
-            coefficients = np.stack([slopes, self.controls[:-1]])
-        # Before SciPy 1.15 `antiderivative` takes no times that are read-only.
-        return PPoly(coefficients, self.times.copy()).antiderivative()
+        return self.control_pieces.antiderivative()
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the JSON file holds: times, states, controls, interpolation, units."""
@@ -326,6 +306,13 @@ class ReplayedMotion(NamedTuple):
 
     steps: Array
     states: Callable[[Array], Array]
+
+
+def lines(times: Array, values: Array) -> PPoly:
+    """Return the lines between `values` (n + 1, m) at `times` (n + 1,)."""
+    slopes = np.diff(values, axis=0) / np.diff(times)[:, None]
+    # Before SciPy 1.15 `antiderivative` takes no times that are read-only.
+    return PPoly(np.stack([slopes, values[:-1]]), times.copy())
 
 
 def _linear(t: Array, times: Array, values: Array) -> Array:

@@ -4,29 +4,23 @@
 """
 Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
 
-The replay integrates the plant from the first state, under the controls read between samples as
-`Trajectory.interpolation` says: here with SciPy's DOP853; plants have quicker ones (`replayed`).
+Plants replay: they integrate from the first state, under the controls read between samples as
+`Trajectory.interpolation` says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-import itertools
 import math
 from typing import Any
 
 import numpy as np
-from scipy.integrate import OdeSolution, solve_ivp
 from tdm_planner.arrays import Array, Integers, largest_of_unit
-from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, NotFinite
-from tdm_planner.plants.base import Plant
+from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
-MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
 MOST_INSTANTS = 200_000  # of a check, beside those of its replay
-_FEW = 2  # intervals between samples that a step of the replay may span
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
 _PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided
 _BEND = 2.0  # times the last change of a margin's slope: how much it may change next
@@ -76,98 +70,33 @@ class Verification:
         }
 
 
-def replay(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> ReplayedMotion:
-    """
-    Integrate the plant along the trajectory's controls.
-
-    The integration restarts wherever a held control jumps, so that no step spans a switch; where
-    it cannot go on, the remaining states are NaN, which no check passes.
-
-    Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
-    """
-    pieces: list[OdeSolution] = []
-    current, evaluations = trajectory.states[0], 0
-
-    def rate(t: float, x: Array, held: Array | None) -> Array:
-        nonlocal evaluations
-        evaluations += 1
-        if evaluations > MOST_EVALUATIONS:
-            raise FloatingPointError('the motion is too fast to be replayed')
-        if until is not None and until.spent:
-            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
-        try:
-            return plant.derivative(x, trajectory.controls_at(t) if held is None else held)
-        except NotFinite as error:
-            raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
-
-    holds = trajectory.interpolation == 'zero_order_hold'
-    short = trajectory.interpolation == 'linear'  # pieces, that mostly take one step
-    # Of cubics no step overlooks an interval, in which a control may jump from one sample on.
-    longest = _FEW * float(np.diff(trajectory.times).max())
-    for first, last in itertools.pairwise(trajectory.smooth_pieces):
-        ends = float(trajectory.times[first]), float(trajectory.times[last])
-        result = solve_ivp(
-            rate,
-            ends,
-            current,
-            args=(trajectory.controls[first] if holds else None,),
-            method='DOP853',
-            rtol=1e-9,
-            atol=1e-11,
-            dense_output=True,
-            first_step=ends[1] - ends[0] if short else None,
-            max_step=longest if trajectory.interpolation == 'cubic' else np.inf,
-        )
-        if not result.success:
-            break
-        assert result.sol is not None
-        pieces.append(result.sol)
-        current = result.y[:, -1]
-
-    def states(times: Array) -> Array:
-        found = np.full((times.size, current.size), np.nan)
-        for piece in pieces:
-            inside = (times >= piece.t_min) & (times <= piece.t_max)
-            if inside.any():
-                found[inside] = piece(times[inside]).T
-        return found
-
-    steps = [piece.ts for piece in pieces]
-    return ReplayedMotion(np.unique(np.concatenate([np.zeros(0), *steps])), states)
-
-
 def even_times(first: float, last: float, resolution: float) -> Array:
     """Return instants from `first` to `last` [s], `resolution` s apart or less, not many."""
     return np.linspace(first, last, math.ceil(min((last - first) / resolution, MOST_INSTANTS)) + 1)
 
 
 def verify(
-    plant: Plant,
+    plant: Named,
     trajectory: Trajectory,
+    replayed: ReplayedMotion,
     goal: Array,
     tolerance: Array,
     constraints: Sequence[Constraint],
     *,
-    consistency: Array | None = None,
     start: Array | None = None,
-    until: Budget | None = None,
-    replayed: ReplayedMotion | None = None,
 ) -> Verification:
     """
-    Replay and check a trajectory; `replayed` is its replay by the plant, where it has one.
+    Check a trajectory with its replay by the plant.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states, as finely
     as the motion asks, see `resolved`. The states written in the trajectory must agree with the
-    replayed ones within `consistency` (nx,): by default the smaller of `tolerance` and 30 times
-    `usual_tolerance`; where a state is free, `usual_tolerance`. The first of them must agree with
-    `start` (nx,), where that is given; NaN where a state is free. `until` is the time allowed for
-    the replay.
+    replayed ones within the smaller of `tolerance` and 30 times `usual_tolerance`; where a state
+    is free, `usual_tolerance`. The first of them must agree with `start` (nx,), where that is
+    given; NaN where a state is free.
     """
-    motion = replayed or replay(plant, trajectory, until)
-    times, states = resolved(motion, trajectory, constraints)
-    given = plant, trajectory, times, states, goal, tolerance, constraints
-    return judge(*given, consistency=consistency, start=start)
+    times, states = resolved(replayed, trajectory, constraints)
+    return judge(plant, trajectory, times, states, goal, tolerance, constraints, start=start)
 
 
 def resolved(
@@ -244,7 +173,7 @@ def usual_tolerance(states: Array, units: Sequence[str]) -> Array:
 
 
 def judge(
-    plant: Plant,
+    plant: Named,
     trajectory: Trajectory,
     times: Array,
     states: Array,
@@ -288,7 +217,7 @@ def judge(
     )
 
 
-def _beyond(plant: Plant, errors: Array, allowed: Array, text: str) -> list[str]:
+def _beyond(plant: Named, errors: Array, allowed: Array, text: str) -> list[str]:
     """Say which errors of states are larger than allowed: `text` takes name, error and unit."""
     given = zip(plant.state_names, plant.state_units, np.abs(errors), allowed, strict=True)
     return [

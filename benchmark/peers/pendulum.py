@@ -18,11 +18,12 @@ import casadi
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plants.base import runge_kutta_step
+from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import verify
+from tdm_planner.verification import judge, resolved
 
 INTERVALS = 50
 # rad, rad/s: from there a linear feedback holds the pendulum.
@@ -185,12 +186,14 @@ class PendulumCases(Cases):
         """Return the reasons why a motion is no swing-up, and how long it takes [s]."""
         motion = motions[PENDULUM_NAME]
         slack = {'torque': 1e-9 * task.torque_limit, 'disk_angle': DISK_SLACK}
-        checked = verify(
+        limits = [replace(limit, tolerance=slack[limit.name]) for limit in task.constraints]
+        checked = judge(
             task.plant,
             motion,
+            *resolved(replay_pendulum(task.plant, motion), motion, limits),
             task.goal_nearest(motion.states[-1]),
             TOLERANCE,
-            [replace(limit, tolerance=slack[limit.name]) for limit in task.constraints],
+            limits,
             consistency=np.full(4, np.inf),
         )
         return checked.reasons, motion.duration

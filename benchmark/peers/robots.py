@@ -41,8 +41,8 @@ from tdm_planner.problems.formation.verification import (
     robot_constraints,
     separation_constraints,
 )
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import check, Constraint, even_times, verify
+from tdm_planner.trajectory import ReplayedMotion, to_nanoseconds, Trajectory
+from tdm_planner.verification import check, Constraint, even_times, judge, resolved
 
 INTERVALS = 30, 4  # to the first arrival, between two arrivals
 BOWS = {'straight ways': 0.0, 'roundabout': 0.15, 'other roundabout': -0.15}
@@ -278,7 +278,9 @@ class RobotsCases(Cases):
             motion = motions[name]
             anywhere = np.full(7, np.inf)
             goal = goal_state(task, i)
-            checked = verify(task.plant, motion, goal, TOLERANCE, limits, consistency=anywhere)
+            flight = ReplayedMotion(motion.times, partial(replay, task.plant, motion))
+            given = *resolved(flight, motion, limits), goal, TOLERANCE, limits
+            checked = judge(task.plant, motion, *given, consistency=anywhere)
             reasons += checked.reasons
             own = np.union1d(times[times <= motion.duration], motion.times[-1])
             flown = replay(task.plant, motion, own)

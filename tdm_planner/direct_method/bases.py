@@ -26,19 +26,21 @@ their coefficients are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 import math
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre, polynomial
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.interpolate import BPoly
-from tdm_planner.arrays import Array, Mask
-from tdm_planner.direct_method.formulation import product_derivative, Shapes
+from scipy.linalg import null_space
+from tdm_planner.arrays import Array
+from tdm_planner.direct_method.formulation import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
 Orders = tuple[int, ...]
@@ -85,21 +87,6 @@ class PolynomialBasis:
             for j in range(size)
         ]
         return cls(start, end, np.array(inverse, dtype=float), np.array(shifted, dtype=float))
-
-    @classmethod
-    def raised(cls, start: Orders, end: Orders, free: int) -> PolynomialBasis:
-        """
-        Return the basis with `free` further conditions, after the others of their end.
-
-        They are the lowest that are not given, alternately at the start and at the end; which
-        they are does not matter for the set of polynomials that results.
-        """
-        ends = list(start), list(end)
-        for _ in range(free):
-            lowest = [min(set(range(len(o) + 1)) - set(o)) for o in ends]
-            side = 0 if lowest[0] <= lowest[1] else 1
-            ends[side].append(lowest[side])
-        return cls.of(tuple(ends[0]), tuple(ends[1]))
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
@@ -161,13 +148,15 @@ def basis_of(shapes: Shapes | None, start: Orders, end: Orders, free: int) -> Ou
 
     Raise InvalidProblem if the conditions contradict each other, or leave no function.
     """
-    complete = all(sorted(orders) == list(range(len(orders))) for orders in (start, end))
+    family: Sampled = partial(bernstein_basis, len(start) + len(end) + free - 1)
     if shapes is not None:
-        given, varied = _taranenko(shapes, start, end)
-    elif free and complete:
-        given, varied = _legendre(start, end, free)
-    else:
-        given, varied = _by_conditions(start, end, free)
+        family = partial(_on_a_line, shapes)
+    elif not free:
+        PolynomialBasis.of(start, end)  # says what is missing
+    given, varied = _split(family, start, end)
+    if shapes is None:
+        with suppress(InvalidProblem):  # of the least order, where there is one
+            given = PolynomialBasis.of(start, end).values
     matrix = orthonormal(varied, len(start) + len(end), (0, 2))
     return OutputBasis(
         start, end, len(matrix), given, lambda s, k: np.asarray(varied(s, k) @ matrix)
@@ -193,87 +182,32 @@ def orthonormal(varied: Sampled, conditions: int, derivatives: Orders) -> Array:
     return np.asarray(np.linalg.inv(triangle) / sizes[:, None])
 
 
-def _by_conditions(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
-    """Return polynomials whose further end derivatives are varied."""
-    basis = PolynomialBasis.raised(start, end, free)
-    pairs = (start, basis.start), (end, basis.end)
-    is_given = np.array([k < len(few) for few, all_of in pairs for k in range(len(all_of))])
-
-    def part(which: Mask) -> Sampled:
-        return lambda s, derivative: np.compress(which, basis.values(s, derivative), axis=-1)
-
-    return part(is_given), part(~is_given)
+def _on_a_line(shapes: Shapes, s: ArrayLike, derivative: int) -> Array:
+    """Return functions (1) of Yakimenko (2006): linear interpolation, and shapes Phi besides."""
+    return np.concatenate([bernstein_basis(1, s, derivative), shapes.values(s, derivative)], -1)
 
 
-def _legendre(start: Orders, end: Orders, free: int) -> tuple[Sampled, Sampled]:
+def _split(family: Sampled, start: Orders, end: Orders) -> tuple[Sampled, Sampled]:
     """
-    Return the same polynomials where no lower derivative is omitted at an end.
+    Return a family of functions split by what determines their coefficients.
 
-    The free shapes are s^a (s - 1)^b P_j(2 s - 1), j < `free`, with a and b the numbers of
-    conditions: well conditioned whatever the order, where end derivatives of high order are not.
+    Derivatives that are given at the ends fix some combinations, the others are varied.
     """
-
-    def given(s: ArrayLike, derivative: int) -> Array:
-        if not start and not end:
-            return np.zeros((*np.shape(s), 0))
-        return PolynomialBasis.of(start, end).values(s, derivative)
-
-    def varied(s: ArrayLike, derivative: int) -> Array:
-        at = np.asarray(s, dtype=float)
-        total = np.zeros((*at.shape, free))
-        for k in range(min(derivative, free - 1) + 1):
-            weight = product_derivative(at, len(start), len(end), derivative - k)
-            coefficients = legendre.legder(np.eye(free), k, scl=2.0)
-            factors = legendre.legvander(2.0 * at - 1.0, free - k - 1) @ coefficients
-            factors = factors.reshape(total.shape)  # numpy makes scalars vectors
-            total += math.comb(derivative, k) * weight[..., None] * factors
-        return total
-
-    return given, varied
-
-
-def _taranenko(shapes: Shapes, start: Orders, end: Orders) -> tuple[Sampled, Sampled]:
-    """
-    Return functions (1) of Yakimenko (2006): linear interpolation plus shapes Phi.
-
-    Derivatives that are given at the ends fix some combinations of the coefficients A_k
-    (`by_given` (m, mg) @ b), the others (`free` (m, mv) @ a) are varied.
-    """
-    for where, orders in (('start', start), ('end', end)):
-        if 0 not in orders:
-            raise InvalidProblem(
-                f'the value at the {where} is missing: shapes are added to a line between both '
-                'ends'
-            )
-    count = len(start) + len(end)
-
-    def line(s: ArrayLike, derivative: int) -> Array:
-        at = np.asarray(s, dtype=float)
-        values = np.zeros((*at.shape, count))
-        if derivative < 2:
-            values[..., start.index(0)] = -1.0 if derivative else 1.0 - at
-            values[..., len(start) + end.index(0)] = 1.0 if derivative else at
-        return values
-
-    slopes = [(i, 0.0, k) for i, k in enumerate(start) if k]
-    slopes += [(len(start) + i, 1.0, k) for i, k in enumerate(end) if k]
-    # Rows of different orders are made comparable.
-    rows = [shapes.values(at, order) / np.pi**order for _, at, order in slopes]
-    missing = [(np.eye(count)[i] - line(at, k)) / np.pi**k for i, at, k in slopes]
-    matrix = np.array(rows).reshape(len(slopes), shapes.size)
-    wanted = np.array(missing).reshape(len(slopes), count)
-    by_given = np.linalg.pinv(matrix, rcond=_DEPENDENT) @ wanted
-    if np.abs(matrix @ by_given - wanted).max(initial=0.0) > _DEPENDENT:
+    asked = [(0.0, order) for order in start] + [(1.0, order) for order in end]
+    rows = np.array([family(*one) for one in asked]).reshape(len(asked), family(0.0, 0).size)
+    sizes = np.abs(rows).max(axis=1, initial=0.0)
+    sizes[sizes == 0.0] = 1.0
+    rows /= sizes[:, None]
+    by_given = np.linalg.pinv(rows, rcond=_DEPENDENT)
+    if np.abs(rows @ by_given - np.eye(sizes.size)).max(initial=0.0) > _DEPENDENT:
         raise InvalidProblem(
-            f'{shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
-            f'{list(end)} at the end; take more, or others'
+            f'{rows.shape[1]} functions cannot meet derivatives {list(start)} at the start and '
+            f'{list(end)} at the end; take more (free or shapes), or others'
         )
-    _, sizes, directions = np.linalg.svd(matrix)
-    rank = int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum())
-    free = directions[rank:].T
+    free = null_space(rows, rcond=_DEPENDENT)
     return (
-        lambda s, k: np.asarray(line(s, k) + shapes.values(s, k) @ by_given),
-        lambda s, k: np.asarray(shapes.values(s, k) @ free),
+        lambda s, k: np.asarray(family(s, k) @ (by_given / sizes)),
+        lambda s, k: np.asarray(family(s, k) @ free),
     )
 
 

@@ -279,13 +279,11 @@ class Collocation:
         sx, su, st = _scales(states), _scales(controls), guess.duration
         program = self._program
         bounds = []
-        for (x, m, u), t in zip(program.bounds(kept, numbers, kinks[2]), durations, strict=True):
+        for bound, t in zip((-np.inf, np.inf), durations, strict=True):
+            x, m, u = (np.full(v.shape, bound) for v in (states, guess.middles, controls))
             x, u = _with_ends(x, ends.states), _with_ends(u, ends.controls)
-            bounds.append(np.concatenate([x / sx, m / sx, u / su, t / st], axis=None))
+            bounds.append(np.concatenate([x / sx, m, u / su, t / st], axis=None))
         lower, upper = bounds
-        if (lower > upper + _IPOPT['constr_viol_tol']).any():
-            return None
-        upper = np.maximum(lower, upper)
         z = np.concatenate([states / sx, guess.middles / sx, controls / su, 1.0], axis=None)
         z = np.clip(z, lower, upper)
         least, most = program.rows(kept / sl)

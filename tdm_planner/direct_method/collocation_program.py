@@ -63,9 +63,7 @@ class _Pieces:
     begin and end, and the duration; of the `ends` the states at both, the last controls, and the
     duration. An interval's numbers are the share of the duration at its begin, and 1 / n.
 
-    Limits c v + d of one state or control v alone are `simple`: they bound it. `simple_of` them
-    is its index among states, then controls; `lines` (p, e) gives c and d. The `others` are rows.
-    `inner` are those that are kept between nodes, too.
+    Limits that are `inner` are kept between nodes, too.
     """
 
     def __init__(self, trace: Trace) -> None:
@@ -77,12 +75,14 @@ class _Pieces:
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self.rounded)
         given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self.parameters = given.numel()
-        self._find_simple(stated, p, e_limits)
         self.inner = np.flatnonzero(trace.between[trace.unfolded.limit])
-        self.inner_others = np.intersect1d(self.inner, self.others)
 
-        def kept(t: Any, x: Any, u: Any, rows: Integers) -> Any:
-            return _rows_at(stated.value(t, x, u, p, e_limits) / sl, rows)
+        def kept(t: Any, x: Any, u: Any) -> Any:
+            return stated.value(t, x, u, p, e_limits) / sl
+
+        def kept_inside(t: Any, x: Any, u: Any) -> Any:
+            rows = kept(t, x, u)
+            return ca.vertcat(ca.SX(0, 1), *(rows[int(row)] for row in self.inner))
 
         a_, m_, b_ = (ca.SX.sym(name, nx) for name in 'amb')
         ua_, ub_ = (ca.SX.sym(name, nu) for name in 'uv')
@@ -95,15 +95,15 @@ class _Pieces:
         rows = [
             (b - a - h / 6 * (fa + 4 * fm + fb)) / sx,
             (m - 0.5 * (a + b) - h / 8 * (fa - fb)) / sx,
-            kept(*nodes[0], self.others),
-            kept(*nodes[1], self.inner_others),
+            kept(*nodes[0]),
+            kept_inside(*nodes[1]),
         ]
         for share in _INNER:
             w0, w1 = (1 - share) ** 2 * (1 + 2 * share), share * (1 - share) ** 2
             w2, w3 = share**2 * (3 - 2 * share), share**2 * (share - 1)
             state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb)
             control = (1 - share) * ua + share * ub
-            rows.append(kept(duration * (c[0] + share * c[1]), state, control, self.inner))
+            rows.append(kept_inside(duration * (c[0] + share * c[1]), state, control))
         q = [running.value(*node, p, e_running) for node in nodes]
         mean = h / 6 * (q[0] + 4 * q[1] + q[2])
         cost = _COST * (mean / unit_j + charged * ca.sumsqr(ub_ - ua_))
@@ -111,33 +111,10 @@ class _Pieces:
         self.interval = _Piece(variables, c, given, cost, ca.vertcat(*rows))
         conditions = trace.start_conditions(0.0, a, p), trace.end_conditions(duration, b, p)
         self.conditions = sum(part.numel() for part in conditions)
-        rows = [*conditions, kept(duration, b, ub, self.others)]
+        rows = [*conditions, kept(duration, b, ub)]
         cost = _COST * trace.final(duration, b, p) / unit_j
         variables = ca.vertcat(a_, b_, ub_, t_)
         self.ends = _Piece(variables, ca.SX(0, 1), given, cost, ca.vertcat(*rows))
-
-    def _find_simple(self, stated: Rounded, p: Any, e: Any) -> None:
-        """Find the limits c v + d of one variable v, with c and d of (p, e)."""
-        t, x, u = (ca.SX.sym(name, stated.value.size1_in(i)) for i, name in enumerate('txu'))
-        varied, rows = ca.vertcat(t, x, u), stated.value(t, x, u, p, e)
-        slopes = ca.jacobian(rows, varied)
-        found = []
-        for row in range(rows.numel()):
-            columns = slopes[row, :].sparsity().get_triplet()[1]
-            if len(columns) == 1 and columns[0] > 0:  # not of time
-                slope = slopes[row, columns[0]]
-                if not ca.depends_on(slope, varied):
-                    found.append((row, columns[0] - 1, slope))
-        self.simple, self.simple_of = np.array([f[:2] for f in found], np.intp).reshape(-1, 2).T
-        self.others = np.setdiff1d(np.arange(rows.numel()), self.simple)
-        c = ca.vertcat(ca.SX(0, 1), *(slope for _, _, slope in found))
-        d = ca.substitute(_rows_at(rows, self.simple), varied, ca.DM.zeros(varied.numel()))
-        self.lines = ca.Function('lines', [p, e], [ca.densify(c), ca.densify(d)])
-
-
-def _rows_at(rows: Any, indices: Integers) -> Any:
-    """Return some of the rows, (k, 1) even where k is 0."""
-    return ca.vertcat(ca.SX(0, 1), *(rows[int(index)] for index in indices))
 
 
 class _Repeated(NamedTuple):
@@ -228,35 +205,12 @@ class CollocationProgram:
         known = _CONSTANT * abs(cost) < varies < np.inf
         return min(max(abs(cost), _LEAST_SIZE * varies), varies) if known else abs(cost)
 
-    def bounds(self, kept: Array, numbers: Array, e: Array) -> list[list[Array]]:
-        """
-        Return lower and upper bounds of states, middles and controls, by limits that are simple.
-
-        Of every limit `kept` (n + 1, m) is to be left at the nodes; e rounds their kinks.
-        """
-        n, (nx, nu), pieces = len(kept) - 1, self.pieces.sizes, self.pieces
-        slopes, offsets = (np.array(part).ravel() for part in pieces.lines(numbers, e))
-        low, high = (
-            (np.full((n + 1, nx + nu), f), np.full((n, nx), f)) for f in (-np.inf, np.inf)
-        )
-        for row, of, c, d in zip(pieces.simple, pieces.simple_of, slopes, offsets, strict=True):
-            if c == 0.0:
-                continue
-            (nodes, middles), tighter = (low, np.maximum) if c > 0.0 else (high, np.minimum)
-            bound = (kept[:, row] - d) / c
-            nodes[:, of] = tighter(nodes[:, of], bound)
-            if of < nx:
-                middles[:, of] = tighter(middles[:, of], 0.5 * (bound[:-1] + bound[1:]))
-        return [[nodes[:, :nx], middles, nodes[:, nx:]] for nodes, middles in (low, high)]
-
     def rows(self, kept: Array) -> tuple[Array, Array]:
         """Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled."""
         n, pieces = len(kept) - 1, self.pieces
-        limits = [kept[:-1, pieces.others]]
-        within = [(share, pieces.inner) for share in _INNER]
-        for share, of in [(0.5, pieces.inner_others), *within]:
-            limits.append((1.0 - share) * kept[:-1, of] + share * kept[1:, of])
-        least, last = np.hstack(limits), kept[-1, pieces.others]
+        first, second = kept[:-1, pieces.inner], kept[1:, pieces.inner]
+        within = ((1.0 - share) * first + share * second for share in (0.5, *_INNER))
+        least, last = np.hstack([kept[:-1], *within]), kept[-1]
         defects, conditions = np.zeros((n, 2 * pieces.sizes[0])), np.zeros(pieces.conditions)
         lower = np.hstack([defects, least]).ravel(), conditions, last
         most = np.hstack([defects, np.full(least.shape, np.inf)]).ravel()

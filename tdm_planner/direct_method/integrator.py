@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The replay of plans with held or linear controls, by DOP853, compiled.
+The replay of plans by DOP853, compiled, for every plant whose right-hand side can be traced.
 
-One step, its error and its dense output are one CasADi function. It is the replay of
-`tdm_planner.verification`, a tenth of the time, for every plant whose right-hand side can be
-traced; that of the rotary pendulum is a compiled kernel of its own. See Hairer, Norsett, Wanner,
-*Solving Ordinary Differential Equations I*, II.10. The coefficients are scipy's, and so is the
-choice of the steps.
+One step, its error and its dense output are one CasADi function. The rotary pendulum has a
+compiled kernel of its own. See Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations
+I*, II.10. The coefficients are scipy's, and so is the choice of the steps.
 """
 
 from __future__ import annotations
@@ -28,12 +26,14 @@ from tdm_planner.trajectory import ReplayedMotion
 TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
-LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
+LEAST_STEP = 1e-12  # share of a piece; where it would take less it cannot go on
 MOST_REPLAYED = 100_000  # steps
 # Of more than `_FEW` pieces the tolerance is less, as what follows magnifies their errors.
 _FEW, _STRICTEST = 30, 100.0
 _SOME_STEPS = 64  # between looks at the clock
 _PARTS = 4  # steps where their errors are not looked at
+# Shares of a step at which its 16 stages are: 12, its end, three more for the dense output.
+SHARES = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
 
 
 def stricter(pieces: int) -> float:
@@ -76,25 +76,33 @@ def replayed_motion(steps: Array, begins: Array, slopes: Array) -> ReplayedMotio
     return ReplayedMotion(steps, lambda times: np.asarray(motion(np.array(times))))
 
 
+def _controls(coefficients: Array, times: Array) -> Array:
+    """Return the values of polynomials (k, ..., nu) at the `times` (..., 16), (..., 16 nu)."""
+    found = np.zeros(1)
+    for row in coefficients:
+        found = found * times[..., None] + row[..., None, :]
+    return found.reshape(*found.shape[:-2], -1)
+
+
 class Integrator:
     """The integration of a plant's `rates` (x, u, p) -> (nx,), a CasADi function."""
 
     def __init__(self, rates: Any) -> None:
         size, controls, numbers = (rates.size1_in(i) for i in range(3))
         x, p, h = ca.SX.sym('x', size), ca.SX.sym('p', numbers), ca.SX.sym('h')
-        first, last = ca.SX.sym('a', controls), ca.SX.sym('b', controls)
+        u = ca.SX.sym('u', controls, SHARES.size)
 
-        def rate(share: float, state: Any) -> Any:
-            return rates(state, first + share * (last - first), p)
+        def rate(stage: int, state: Any) -> Any:
+            return rates(state, u[:, stage], p)
 
         def combined(rows: list[Any], weights: Array) -> Any:
             return sum(float(w) * row for w, row in zip(weights, rows, strict=True) if w)
 
-        slopes = [rate(0.0, x)]
-        for a, c in zip(DOP853.A[1:], DOP853.C[1:], strict=True):
-            slopes.append(rate(c, x + h * combined(slopes, a[: len(slopes)])))
+        slopes = [rate(0, x)]
+        for stage, a in enumerate(DOP853.A[1:], 1):
+            slopes.append(rate(stage, x + h * combined(slopes, a[:stage])))
         change = h * combined(slopes, DOP853.B)
-        slopes.append(rate(1.0, x + change))
+        slopes.append(rate(12, x + change))
         relative, absolute = TOLERANCES
         scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x + change))
         fifth, third = (
@@ -102,10 +110,10 @@ class Integrator:
         )
         below = fifth + 0.01 * third
         error = ca.if_else(below > 0.0, ca.fabs(h) * fifth / ca.sqrt(below * size), below)
-        for a, c in zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True):
-            slopes.append(rate(c, x + h * combined(slopes, a[: len(slopes)])))
+        for stage, a in enumerate(DOP853.A_EXTRA, 13):
+            slopes.append(rate(stage, x + h * combined(slopes, a[:stage])))
         results = [error, x + change, ca.vertcat(*slopes)]
-        self._step = ca.Function('step', [x, first, last, h, p], results)
+        self._step = ca.Function('step', [x, ca.vec(u), h, p], results)
         self._size = size
 
     def stepped(
@@ -116,37 +124,31 @@ class Integrator:
 
         Controls are linear, from `first` to `last` (n, nu).
         """
-        call, change = Call(self._step, len(states)), (last - first) / _PARTS
+        call, line = Call(self._step, len(states)), np.stack([last - first, first])
         for part in range(_PARTS):
-            begin = first + part * change
-            states = call(states, begin, begin + change, step / _PARTS, numbers)[1].copy()
+            controls = _controls(line, (part + SHARES) / _PARTS)
+            states = call(states, controls, step / _PARTS, numbers)[1].copy()
         return states
 
     def __call__(
-        self,
-        times: Array,
-        first: Array,
-        last: Array,
-        state: Array,
-        numbers: Array,
-        until: Budget | None = None,
+        self, pieces: PPoly, state: Array, numbers: Array, until: Budget | None = None
     ) -> ReplayedMotion | None:
         """
-        Integrate from `state` (nx,) over the intervals between `times` (n + 1,) [s].
+        Integrate from `state` (nx,) under the controls in `pieces`, one after the other.
 
-        Controls are linear in each, from those in `first` (n, nu) to those in `last` (n, nu). None
-        where it cannot go on, or the time of `until` is up.
+        None where it cannot go on, or the time of `until` is up.
         """
-        step, size = Call(self._step), self._size
-        x, a, b, length, step.given[-1][...] = *step.given[:-1], numbers
+        step, size, times = Call(self._step), self._size, pieces.x
+        x, u, length, step.given[-1][...] = *step.given[:-1], numbers
+        whole_steps = _controls(pieces.c, np.diff(times)[:, None] * SHARES)
+        held = len(pieces.c) == 1
         instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
         late = False
         proposed = np.inf
         strictness = stricter(times.size - 1)
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
-            whole, change = end - now, last[k] - first[k]
-            a[:], b[:], held = first[k], last[k], not change.any()
+            whole, u[:] = end - now, whole_steps[k]
             while now < end:
                 left = end - now
                 h = left if proposed >= left else proposed
@@ -154,9 +156,8 @@ class Integrator:
                     late = len(rows) >= MOST_REPLAYED or (until is not None and until.spent)
                 if h < LEAST_STEP * whole or late:
                     return None
-                if not held and h < whole:
-                    a[:] = last[k] - left / whole * change
-                    b[:] = a + h / whole * change
+                if h < whole and not held:
+                    u[:] = _controls(pieces.c[:, k], now - times[k] + h * SHARES)
                 x[:], length[0] = state, h
                 missed, reached, slopes = step.run()
                 error = strictness * float(missed[0])

@@ -19,6 +19,7 @@ from tdm_planner.direct_method.integrator import (
     LEAST_STEP,
     MOST_REPLAYED,
     replayed_motion,
+    SHARES,
     step_factor,
     stricter,
     TOLERANCES,
@@ -29,9 +30,8 @@ from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 # Of DOP853: 12 stages, where the step ends, three more for the dense output.
-_STAGES, _SHARES, _ERRORS = np.zeros((16, 16)), np.ones(16), np.array([DOP853.E5, DOP853.E3])
+_STAGES, _ERRORS = np.zeros((16, 16)), np.array([DOP853.E5, DOP853.E3])
 _STAGES[:12, :12], _STAGES[12, :12], _STAGES[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-_SHARES[:12], _SHARES[13:] = DOP853.C, DOP853.C_EXTRA
 _RELATIVE, _ABSOLUTE = TOLERANCES
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
@@ -77,16 +77,16 @@ def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: 
 
 @compiled
 def _replayed(
-    k: Coefficients, times: Array, first: Array, last: Array, start: Array, strictness: float
+    k: Coefficients, times: Array, pieces: Array, start: Array, strictness: float
 ) -> tuple[int, Array, Array, Array]:
     """Return the number of steps, -1 where it cannot go on, and what `replayed_motion` takes."""
     room, n, proposed = 512, 0, np.inf
     instants, begins, slopes = np.empty(room + 1), np.empty((room, 4)), np.empty((room, 16, 4))
     instants[0], x, reached, rates = times[0], start.copy(), np.empty(4), np.empty((16, 4))
     now, missed = np.empty(4), np.empty((2, 4))
-    for piece in range(first.size):
+    for piece in range(times.size - 1):
         t, end = times[piece], times[piece + 1]
-        whole, change = end - t, last[piece] - first[piece]
+        whole = end - t
         while t < end:
             h, error = min(proposed, end - t), 0.0
             if not h >= LEAST_STEP * whole or n >= MOST_REPLAYED:
@@ -96,7 +96,9 @@ def _replayed(
                 for j in range(s):
                     for m in range(4):
                         now[m] += h * _STAGES[s, j] * rates[j, m]
-                torque = first[piece] + (t + _SHARES[s] * h - times[piece]) / whole * change
+                torque, since = 0.0, t + SHARES[s] * h - times[piece]
+                for m in range(pieces.shape[0]):
+                    torque = torque * since + pieces[m, piece]
                 rates[s, 0], rates[s, 1] = now[2], now[3]
                 rates[s, 2], rates[s, 3] = quick_accelerations(k, now[0], now[2], now[3], torque)
                 if s == 12:  # it is there
@@ -130,11 +132,11 @@ def _replayed(
     return n, instants, begins, slopes
 
 
-def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMotion | None:
-    """Integrate along held or linear torques; None: cubic ones, or where it cannot go on."""
-    if trajectory.interpolation == 'cubic':
-        return None
-    times, first, last = trajectory.control_pieces
-    given = plant.coefficients, times, first[:, 0], last[:, 0], np.array(trajectory.states[0])
-    n, instants, begins, slopes = _replayed(*given, stricter(len(first)))
-    return None if n < 0 else replayed_motion(instants[: n + 1], begins[:n], slopes[:n])
+def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory) -> ReplayedMotion:
+    """Integrate along the planned torques; where it cannot go on all states are NaN."""
+    times, pieces = np.array(trajectory.control_pieces.x), trajectory.control_pieces.c[..., 0]
+    given = plant.coefficients, times, np.ascontiguousarray(pieces), np.array(trajectory.states[0])
+    n, instants, begins, slopes = _replayed(*given, stricter(pieces.shape[1]))
+    if n < 0:
+        return ReplayedMotion(times, lambda t: np.full((t.size, 4), np.nan))
+    return replayed_motion(instants[: n + 1], begins[:n], slopes[:n])

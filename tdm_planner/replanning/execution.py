@@ -12,19 +12,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.exceptions import NotFinite
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking.motion import Mode
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
-from tdm_planner.verification import replay
 
 PLANT_NAME: Final = 'plant'  # the name of the only observation
 START: Final = 'start.'
@@ -204,10 +205,10 @@ class GenericExecution(Execution):
         # As smooth as the whole: a spline through the few samples left is another one.
         moved = replace(rest, states=states)
         found = np.empty_like(seen.state)
-        plant = DirectPlant(problem)
-        ahead = plant.replay(moved, None) or replay(plant, moved)
-        found[order] = ahead.states(np.array([wait]))[-1]
-        return found if np.isfinite(found).all() else None
+        with suppress(NotFinite):
+            found[order] = DirectPlant(problem).replay(moved).states(np.array([wait]))[-1]
+            return found
+        return None
 
     def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Compare the state with the plan; its cost to go is the problem's to say."""

@@ -13,6 +13,7 @@ import numpy as np
 from pendulum_rig import measured_state
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
+from replays import by_scipy
 from ros_harness import Space
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
@@ -23,7 +24,6 @@ from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import replay
 from trajectory_msgs.msg import JointTrajectory
 
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
@@ -88,7 +88,7 @@ def test_a_plan_is_answered_published_and_told_of(ros, planner):
     assert trajectory.interpolation == 'zero_order_hold'
     assert trajectory.duration == pytest.approx(answer['duration'])
     assert 0.3 < trajectory.duration < 0.5
-    last = replay(RotaryPendulum(), trajectory).states(trajectory.times[-1:])[0]
+    last = by_scipy(RotaryPendulum(), trajectory).states(trajectory.times[-1:])[0]
     assert np.allclose([math.remainder(last[0], math.tau), last[1]], 0.0, atol=1e-4)
     assert np.allclose(last[2:], 0.0, atol=1e-3)
     # The summary tells everything else.

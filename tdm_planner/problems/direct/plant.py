@@ -18,7 +18,7 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.exceptions import NotFinite
+from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
@@ -66,12 +66,19 @@ class DirectPlant:
             )
         return stacked
 
-    def replay(self, trajectory: Trajectory, until: Budget | None) -> ReplayedMotion | None:
-        """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
-        if trajectory.interpolation == 'cubic':
-            return None
-        given = *trajectory.control_pieces, trajectory.states[0], self.numbers
-        return self.trace.integrator(*given, until)
+    def replay(self, trajectory: Trajectory, until: Budget | None = None) -> ReplayedMotion:
+        """
+        Integrate along the planned controls.
+
+        Raise DeadlineExceeded if the time of `until` is up, NotFinite where it cannot go on.
+        """
+        given = trajectory.control_pieces, trajectory.states[0], self.numbers
+        motion = self.trace.integrator(*given, until)
+        if motion is None and until is not None and until.spent:
+            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
+        if motion is None:
+            raise NotFinite('its motion is not finite everywhere, or too fast to be replayed')
+        return motion
 
     def stepped(self, states: Array, first: Array, last: Array, step: Array) -> Array:
         """

@@ -30,7 +30,7 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems.direct.plant import corrected, DirectPlant, END_TOLERANCE
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import lines, Trajectory
 from tdm_planner.verification import usual_tolerance
 
 # Intervals of the collocation: from initial guesses, from earlier plans, of most plans, at most.
@@ -279,7 +279,7 @@ class Refinement:
         ends = motion.times
         times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
         controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
-        flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self._numbers)
+        flown = self.trace.integrator(lines(ends, u), motion.states[0], self._numbers)
         nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
         states = nowhere if flown is None else flown.states(times)
         seen = Call(self.trace.margins, times.size)(

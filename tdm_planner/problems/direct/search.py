@@ -380,12 +380,11 @@ class DirectSearch(Search[Candidate]):
             check = verify(
                 self._plant,
                 trajectory,
+                self._plant.replay(trajectory, until),
                 self._refinement.goal(states),
                 self._refinement.tolerance(states),
                 constraints_of(self._stated, trajectory, self._plant.limit_tolerances(trajectory)),
                 start=self._refinement.ends.states[0],
-                until=until,
-                replayed=self._plant.replay(trajectory, until),
             )
         except (NotFinite, DeadlineExceeded) as error:
             self.rejected = self.rejected or str(error)  # what an earlier one violates tells more

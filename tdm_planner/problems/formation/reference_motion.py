@@ -122,7 +122,8 @@ def end_derivatives(order: int, vary_curvature: bool) -> tuple[PolynomialBasis, 
     both ends.
     """
     given = (0, 1) if vary_curvature else (0, 1, 2)
-    basis = PolynomialBasis.raised(given, given, order + 1 - 2 * len(given))
+    every = tuple(range((order + 1) // 2))
+    basis = PolynomialBasis.of(every, every)
     varied = [k not in given for k in (*basis.start, *basis.end)]
     free = np.zeros((order + 1, sum(varied)))
     shapes = orthonormal(

@@ -128,9 +128,9 @@ def arcs_of(motion: Trajectory) -> Candidate | None:
     """
     if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
         return None
-    pieces = motion.smooth_pieces
-    torques = motion.controls[pieces[:-1], 0]
-    return Candidate(np.diff(motion.times[pieces]), torques, 0) if torques.all() else None
+    pieces = motion.control_pieces
+    torques = pieces.c[0, :, 0]
+    return Candidate(np.diff(pieces.x), torques, 0) if torques.all() else None
 
 
 def warm_starts(

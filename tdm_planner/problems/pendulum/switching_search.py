@@ -206,8 +206,7 @@ class SwitchingSearch(Search[Candidate]):
         if self._short_of_time(candidate, _REPLAY_TIME, _OVERTIME):
             raise DeadlineExceeded('there is no time for a check')
         motion = trajectory(self._task, candidate)
-        until = self.budget.part(self.budget.remaining + _OVERTIME)
-        return self._task.plan(motion, candidate.durations, violation, until)
+        return self._task.plan(motion, candidate.durations, violation)
 
     def _short_of_time(
         self, candidate: Candidate, time: float = _INTEGRATION_TIME, overtime: float = 0.0

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import replay_pendulum
@@ -194,14 +193,9 @@ class SwingUpTask:
         trajectory: Trajectory,
         parameters: Array,
         penalty: float,
-        until: Budget | None = None,
     ) -> Solution:
-        """
-        Return the motion with its check; J is the time it takes.
-
-        Raise DeadlineExceeded if the time allowed by `until` passes meanwhile.
-        """
-        check = self.verify(trajectory, until)
+        """Return the motion with its check; J is the time it takes."""
+        check = self.verify(trajectory)
         return Solution(
             {PENDULUM_NAME: trajectory}, check, trajectory.duration, parameters, penalty
         )
@@ -216,18 +210,17 @@ class SwingUpTask:
             ),
         )
 
-    def verify(self, trajectory: Trajectory, until: Budget | None = None) -> Verification:
+    def verify(self, trajectory: Trajectory) -> Verification:
         """Replay the trajectory and check its end and the limits."""
         goal = self.goal_nearest(trajectory.states[-1])
         return verify(
             self.plant,
             trajectory,
+            replay_pendulum(self.plant, trajectory),
             goal,
             TERMINAL_TOLERANCE,
             self.constraints,
             start=self.start,
-            until=until,
-            replayed=replay_pendulum(self.plant, trajectory),
         )
 
     def hold(self) -> Solution | None:

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
+from replays import by_scipy
 from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
@@ -27,7 +28,7 @@ from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import replay, Verification
+from tdm_planner.verification import Verification
 
 DIRECT = DirectSolverParameters(deadline=60.0, refine=False)
 ABRUPT = {'margins': DirectProblem.margins, 'control_limits': lambda s: {'u': (-s.limit, s.limit)}}
@@ -70,7 +71,7 @@ def test_a_limit_is_kept_between_the_nodes_and_a_plan_is_a_start():
     fine = motion.sample(np.linspace(0, 2, 2001)).control
     assert np.abs(fine).max() <= 1.3 * (1 + 1e-4)
     assert solution.cost > 12 / 2.0**3
-    end = replay(DirectPlant(problem), motion).states(motion.times[-1:])[0]
+    end = by_scipy(DirectPlant(problem), motion).states(motion.times[-1:])[0]
     np.testing.assert_allclose(end, 0.0, atol=2e-3)
     nearby = changed(Cart, starts=1)(start=1.001, limit=1.3, solver=LONG)
     warm, cold = nearby.solve(warm_start=solution), nearby.solve()
@@ -151,7 +152,7 @@ def test_the_cost_of_a_plan_is_that_of_its_motion(time, best):
     plan = problem.solve(deadline=30.0)
     assert plan.cost == pytest.approx(best, rel=2e-3)
     t = np.linspace(0.0, plan.duration, 20001)
-    x = replay(DirectPlant(problem), plan.trajectory).states(t)[:, 0]
+    x = by_scipy(DirectPlant(problem), plan.trajectory).states(t)[:, 0]
     along = 0.5 * (x**2 + plan.trajectory.controls_at(t)[:, 0] ** 2)
     mean = np.mean(0.5 * (along[1:] + along[:-1]))
     assert plan.cost == pytest.approx(mean * plan.duration, rel=1e-4)
