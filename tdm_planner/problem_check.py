@@ -132,5 +132,5 @@ def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
     """Seconds of one evaluation, and of one linearisation."""
     point = program.evaluate(xi)
     one = timeit(lambda: program.evaluate(xi), number=_REPEATED)
-    both = timeit(lambda: program.derivatives(point), number=_REPEATED)
+    both = timeit(lambda: program.derivatives(point, None), number=_REPEATED)
     return one / _REPEATED, both / _REPEATED

@@ -174,6 +174,13 @@ class ArcBasis:
             slopes[:, :, :nc] += of_boundary @ (guess * slope.reshape(nb, nc))
         return slopes
 
+    def curvature(self, xi: Array, multipliers: Array) -> Array:
+        """Return the Hessian (nc, nc) of the sum of `multipliers` (P, nw) times w."""
+        _, of_boundary, _ = np.split(self.table, [self.nc, self.nc + self.nb], axis=2)
+        of_b = np.einsum('kw,kwb->b', multipliers, of_boundary)
+        bent = Call(self.boundary.second)(self._coefficients(xi), self.given, of_b)[0]
+        return np.asarray(self.duration.guess**2 * bent.reshape(self.nc, self.nc))
+
 
 def output_basis(name: str, output: Output, speed_factor_order: int) -> OutputBasis:
     """

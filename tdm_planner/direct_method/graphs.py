@@ -61,16 +61,17 @@ def _mapped(function: Any, count: int) -> Any:
 
 
 class Differentiated:
-    """A vector f(x; p), its Jacobian, the Hessian of its first value: dense CasADi functions."""
+    """A vector f(x; p), its Jacobian, and the Hessian of l'f: dense CasADi functions."""
 
     def __init__(self, name: str, x: Any, p: Any, f: Any) -> None:
-        f = ca.densify(f)
+        multipliers = ca.SX.sym('l', f.numel())
         jacobian = ca.densify(ca.jacobian(f, x))
+        hessian = ca.densify(ca.hessian(ca.dot(multipliers, f), x)[0])
+        f = ca.densify(f)
         self.value = ca.Function(name, [x, p], [f])
         # Rows contiguous in memory.
         self.linear = ca.Function(f'{name}_j', [x, p], [f, jacobian.T.reshape((-1, 1))])
-        hessian = ca.densify(ca.hessian(ca.vertcat(f, 0.0)[0], x)[0])
-        self.second = ca.Function(f'{name}_h', [x, p], [hessian.reshape((-1, 1))])
+        self.second = ca.Function(f'{name}_h', [x, p, multipliers], [hessian.reshape((-1, 1))])
 
 
 class Rounded:

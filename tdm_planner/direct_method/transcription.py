@@ -210,9 +210,9 @@ class Transcription(NonlinearProgram):
         return Point(xi, float(cost), np.array(violations), cache)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
-        """Jacobian of all rows, Hessian of J at the nodes made positive definite."""
+        """Jacobian of all rows, exact Hessian of the Lagrangian made positive definite."""
         with np.errstate(all='ignore'):
-            jacobian, hessian = self.derivatives(point)
+            jacobian, hessian = self.derivatives(point, multipliers)
         hessian = np.nan_to_num(0.5 * (hessian + hessian.T), posinf=0.0, neginf=0.0)
         eigenvalues, vectors = np.linalg.eigh(hessian)
         least = max(_LEAST_CURVATURE, 1e-6 * float(np.abs(eigenvalues).max(initial=0.0)))
@@ -237,23 +237,26 @@ class Transcription(NonlinearProgram):
         ends, rest = self._parts
         return np.concatenate([values[ends], np.minimum(values[rest][at.tags[active]], 0.0)])
 
-    def derivatives(self, point: Point) -> tuple[Array, Array]:
-        """Jacobian (1 + ne + ni, n) of all rows, Hessian (n, n) of J by what stands at nodes."""
+    def derivatives(self, point: Point, multipliers: Multipliers | None) -> tuple[Array, Array]:
+        """Jacobian (1 + ne + ni, n) of all rows, and Hessian (n, n) of the Lagrangian."""
         (_, wz, steps), p = point.cache, self._numbers
         nw, n, count = self.basis.layout.size, point.xi.size, len(wz)
         every = self.basis.slopes(point.xi)
         slopes = every[:: self._stride]
+        chain = np.zeros((0, 0, 0))
         if self.integrated:
-            nz, wide = len(self.integrated), 3 * nw
+            nz = len(self.integrated)
             local = self._call('step', 'linear', count - 1)(steps, self._step_numbers)[1]
             local = local.reshape(count - 1, nz, -1)
+            outer = np.zeros((count - 1, 3 * nw + nz, n))
+            wide = 3 * nw
+            outer[:, :wide] = np.concatenate([every[:-1:2], every[1::2], every[2::2]], axis=1)
             of_z, chain = np.zeros((count, nz, n)), local[:, :, wide:]
-            outer = np.concatenate([every[:-1:2], every[1::2], every[2::2]], axis=1)
-            direct = local[:, :, :wide] @ outer
+            direct = local[:, :, :wide] @ outer[:, :wide]
             for step in range(count - 1):
                 of_z[step + 1] = chain[step] @ of_z[step] + direct[step]
+            outer[:, wide:] = of_z[:-1]
             slopes = np.concatenate([slopes, of_z], axis=1)
-        shape = wz.shape[1], wz.shape[1]
         nodes = self._call('node', 'linear', count)(wz, p)[1].reshape(count, -1, wz.shape[1])
         start = self._call('start', 'linear')(wz[0], p)[1].reshape(-1, wz.shape[1])
         end = self._call('end', 'linear')(wz[-1], p)[1].reshape(-1, wz.shape[1])
@@ -269,11 +272,55 @@ class Transcription(NonlinearProgram):
                 rows[:, 1:].transpose(1, 0, 2).reshape(-1, n),
             ]
         )
-        second = self._call('node', 'second', count)(wz, p)[0].reshape(-1, *shape)
-        second = second * self._weights[:, None, None]
-        second[-1] += self._call('end', 'second')(wz[-1], p)[0].reshape(shape)
+        # The Lagrangian: its multipliers at the nodes, at both ends, and of the integrated ends.
+        at_nodes, at_start, at_end, at_z = self._node_multipliers(multipliers, count)
+        shape = (wz.shape[1], wz.shape[1])
+        second = self._call('node', 'second', count)(wz, p, at_nodes)[0].reshape(-1, *shape)
+        second[0] += self._call('start', 'second')(wz[0], p, at_start)[0].reshape(shape)
+        second[-1] += self._call('end', 'second')(wz[-1], p, at_end)[0].reshape(shape)
+        gradient = np.einsum('km,kmw->kw', at_nodes, nodes)
+        gradient[0] += at_start @ start
+        gradient[-1] += at_end @ end
         hessian = slopes.reshape(-1, n).T @ (second @ slopes).reshape(-1, n)
-        return jacobian, hessian / self.cost_scale
+        by_w = np.zeros((len(every), nw))
+        by_w[:: self._stride] = gradient[:, :nw]
+        if self.integrated:
+            adjoint = np.empty((count - 1, nz))
+            adjoint[-1] = gradient[-1, nw:] + at_z
+            for step in range(count - 2, 0, -1):
+                adjoint[step - 1] = adjoint[step] @ chain[step] + gradient[step, nw:]
+            curved = self._call('step', 'second', count - 1)(steps, self._step_numbers, adjoint)[0]
+            curved = curved.reshape(count - 1, outer.shape[1], -1)
+            hessian += outer.reshape(-1, n).T @ (curved @ outer).reshape(-1, n)
+            through = np.einsum('kz,kzw->kw', adjoint, local)
+            begin, middle, end_, _ = np.split(through, [nw, 2 * nw, wide], axis=1)
+            by_w[:-1:2] += begin
+            by_w[1::2] += middle
+            by_w[2::2] += end_
+        if not self.basis.is_linear:
+            nc = self.basis.nc
+            hessian[:nc, :nc] += self.basis.curvature(point.xi, by_w)
+        return jacobian, hessian
+
+    def _node_multipliers(
+        self, multipliers: Multipliers | None, count: int
+    ) -> tuple[Array, Array, Array, Array]:
+        """Multipliers of the node's rows (K, 1 + nm), of those at both ends, and of z's end."""
+        graphs, ended = self._graphs, self._ended
+        limits = len(self.trace.margin_names)
+        nodes = np.zeros((count, 1 + limits))
+        start, end = np.zeros(graphs.starts), np.zeros(1 + graphs.ends)
+        at_z = np.zeros(len(self.integrated))
+        nodes[:, 0], end[0] = self._weights / self.cost_scale, 1.0 / self.cost_scale
+        if multipliers is not None:
+            parts = np.cumsum([len(ended), graphs.ends])
+            of_z, end[1:], start[:] = np.split(multipliers.equalities, parts)
+            for (index, _, scale), multiplier in zip(ended, of_z, strict=True):
+                at_z[index] = multiplier / scale
+            every = np.zeros(limits * count)
+            every[multipliers.tags] = -multipliers.inequalities
+            nodes[:, 1:] = every.reshape(limits, count).T
+        return nodes, start, end, at_z
 
     def _nodes(self, w: Array) -> tuple[Array, Array | None]:
         """Return w and z at the nodes (K, nw + nz), and the arguments of the steps between."""

@@ -58,10 +58,18 @@ def test_derivatives_agree_with_differences(form):
     program.begin(program.first_guess)
     xi = program.first_guess + 0.2 * rng.normal(size=program.size)
     point = program.evaluate(xi)
-    at, (jacobian, _) = program.linearise(point, None), program.derivatives(point)
-    expected = central(lambda x: program.evaluate(x).cache[0], xi)
-    scale = 1 + np.abs(expected).max(axis=0)
-    np.testing.assert_allclose(jacobian / scale, expected / scale, rtol=1e-7, atol=1e-7)
+    at, limits = program.linearise(point, None), point.cache[0].size - 2
+    multipliers = programs.Multipliers(rng.normal(size=1), rng.random(limits), np.arange(limits))
+    jacobian, hessian = program.derivatives(point, multipliers)
+
+    def lagrangian(x):
+        rows, _ = program.derivatives(program.evaluate(x), multipliers)
+        return rows[0] + multipliers.equalities @ rows[1:2] - multipliers.inequalities @ rows[2:]
+
+    rows, slopes = (central(of, xi) for of in (lambda x: program.evaluate(x).cache[0], lagrangian))
+    for found, expected, allowed in ((jacobian, rows, 1e-7), (hessian, slopes, 1e-6)):
+        scale = 1 + np.abs(expected).max(axis=0)
+        np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-7, atol=allowed)
     motion = program.motion(xi)
     assert motion.states[[0, -1], :2] == pytest.approx(np.array([[0.2, -0.1], [1.0, 0.4]]))
     assert form is FORMS['sines'] or motion.controls[0, 0] == pytest.approx(0.3)
