@@ -38,7 +38,6 @@ from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.interpolate import BPoly
-from scipy.linalg import null_space
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.formulation import Shapes
 from tdm_planner.exceptions import InvalidProblem
@@ -204,7 +203,9 @@ def _split(family: Sampled, start: Orders, end: Orders) -> tuple[Sampled, Sample
             f'{rows.shape[1]} functions cannot meet derivatives {list(start)} at the start and '
             f'{list(end)} at the end; take more (free or shapes), or others'
         )
-    free = null_space(rows, rcond=_DEPENDENT)
+    _, singular, directions = np.linalg.svd(rows)  # null_space of no rows: from SciPy 1.12 on
+    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
+    free = directions[rank:].T
     return (
         lambda s, k: np.asarray(family(s, k) @ (by_given / sizes)),
         lambda s, k: np.asarray(family(s, k) @ free),
