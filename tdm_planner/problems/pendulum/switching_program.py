@@ -105,7 +105,7 @@ def mesh_of_arcs(
             last += 1
             times[last] = times[last - 1] + h if h < left else duration
         if last > 0 and steps[last] < np.inf:
-            counts[arc] = min(math.ceil(ALL * steps[last]), MOST_STEPS)
+            counts[arc] = math.ceil(min(ALL * steps[last], MOST_STEPS))
         n, node, reached = counts[arc], 0, 0.0
         for step in range(1, n + 1):
             time = step / n
