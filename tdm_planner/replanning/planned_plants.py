@@ -109,11 +109,10 @@ class PlannedPlant:
 
     def drawn(self, values: Values) -> Drawn | None:
         """Return what a plant looks like; None where not all of its state is measured."""
-        problem: Any = self._problem
-        stated = issubclass(problem, DirectProblem)
-        if not stated or self.kind.state_names != tuple(problem.state_names):
+        if not issubclass(self._problem, DirectProblem):
             return None
-        return StatedView(problem()).checked()
+        view = StatedView(self._problem.from_parameters(values))
+        return view.checked() if view.kind.state_names == self.kind.state_names else None
 
     def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]] | None:
         """Return surroundings and goals to draw before there is a plan; None: nothing."""

@@ -137,6 +137,15 @@ class Rail(DoubleIntegrator):
         return rail, Box((x[0], 0.0, 0.1), box), Disc((x[0], 0.0, 0.3), 0.1, trail=True)
 
 
+@dataclass(frozen=True)
+class Lamp(Rail):
+    name: ClassVar[str] = 'lamp'
+    size: float = parameter(0.1, 'radius of the lamp', unit='m')
+
+    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
+        return (Disc((x[0], 0.0, 0.3), self.size),)
+
+
 Blurred = changed(Rail, name='blurred', drawing=lambda self, x: (x[7],))
 
 
@@ -228,6 +237,18 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
     server.stop()
     ros._executor.remove_node(listener.node)
     listener.close()
+
+
+def test_a_real_plant_is_drawn_with_the_planners_parameters(ros):
+    space = start(ros, f'{__name__}:Lamp', 'lit', size=0.25)
+    shown, joints = space.hear('plant_markers'), space.publisher('joint_states')
+
+    def measure() -> None:
+        joints.publish(JointState(name=['cart'], position=[0.5], velocity=[0.0]))
+
+    assert ros.publish_until(measure, lambda: bool(shown)), space.here.output
+    (disc,) = (marker for marker in shown[-1].markers if marker.ns == 'body')
+    assert (disc.pose.position.x, disc.scale.x) == (0.5, 0.5)
 
 
 def test_a_plant_has_an_initial_value_and_noise_of_every_state(ros):
