@@ -31,7 +31,7 @@ Outputs = Mapping[str, Sequence[Values]]
 
 _LARGEST = 1e100  # its cube can still be computed
 _MOST = 100  # terms, and exponents: more cannot be told apart in floating point
-_MOST_FREE = 200  # parameters of one output
+_MOST_FREE = 40  # parameters of one output: bases of more are ill-conditioned
 _HIGHEST_ORDER = 60  # of a derivative
 
 

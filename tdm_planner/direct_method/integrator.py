@@ -171,7 +171,7 @@ class Integrator:
                 state = reached.copy()
                 now = end if h == left else now + h
                 instants.append(now)
-        if not np.isfinite(state).all():
+        if not (rows and np.isfinite(state).all()):  # no rows: it is shorter than a nanosecond
             return None
         return replayed_motion(
             np.array(instants), np.array(begins), np.reshape(rows, (len(rows), -1, size))

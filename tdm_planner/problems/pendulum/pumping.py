@@ -52,6 +52,7 @@ _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk'
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 _NEAR = 1.5  # sum of squares from which it may be landed
+_FAR = 2.0  # times the disk's limit: a motion that another integration takes there is lost
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
 # Where rows of lanes begin in the flat array `x` (see pendulum_kernels), behind state, torque and
 # step: what the law says, then what it is made of.
@@ -340,7 +341,8 @@ def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     """Sort by what they promise, integrated again: near upright an error grows quickly."""
     w0 = task.plant.natural_frequency
     arcs = stacked([(each.durations, each.torques) for each in swings])
-    ends, _ = roll_to_ends(task.plant, task.start, arcs, TAIL_STEPS.share, np.inf)
+    limit = _FAR * max(task.planned_disk_angle, abs(task.start[1]))
+    ends, _ = roll_to_ends(task.plant, task.start, arcs, TAIL_STEPS.share, limit)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
     weight = _RANK * _over_drive(task, _WORK, _WEIGHT)

@@ -350,6 +350,13 @@ def test_minimum_is_feasible_and_the_best_around(disk_angle):
     assert converged >= 3
 
 
+@pytest.mark.parametrize('torque', [700.0, 1e5])
+def test_a_motor_far_too_strong_for_the_rig_is_no_hang(torque):
+    """Swings leave the disk's range where they are integrated again, however fast."""
+    with pytest.raises(Infeasible):
+        PendulumSwingUp(limits=PendulumLimits(torque=torque)).solve(deadline=1.0)
+
+
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     scaled, collocation = [0.61, 1.798, 2.336, 2.498, 2.689, 2.019, 0.681], 8.699
     task = dataclasses.replace(random_rig(1079).task, whole_range=True)
