@@ -80,7 +80,8 @@ def run_demo(
             save_plan(_plan_file(mission), output / 'plan.json')
         write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
-    Console(quiet=quiet, highlight=False).print(_table(comparison))
+    table = _table(comparison)
+    Console(highlight=False).print(table.title if quiet else table)
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     unjudged = ('too little was recorded to judge it',)
     told = unjudged if judged is None else (*judged.reasons, judged.undecided)

@@ -25,7 +25,7 @@ from tdm_planner.direct_method.trust_region import (
 )
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.trajectory import lines, to_nanoseconds, Trajectory
 
 PENDULUM = changed(
     Formulation,  # no dataclass
@@ -151,6 +151,13 @@ def plan(intervals, interpolation='linear', size=20.0):
     times = to_nanoseconds(np.linspace(0.0, 2.0, intervals + 1))
     states = np.tile([0.3, -0.5], (intervals + 1, 1))
     return Trajectory.of(Cart, times, states, controls, interpolation)
+
+
+def test_a_motion_shorter_than_a_nanosecond_is_none():
+    plant = DirectPlant(damped(0.1))
+    with np.errstate(all='ignore'):
+        held = lines(np.zeros(3), np.zeros((3, 1)))
+    assert plant.trace.integrator(held, np.zeros(2), plant.numbers) is None
 
 
 @pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold', 'cubic'])

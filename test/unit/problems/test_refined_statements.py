@@ -18,7 +18,7 @@ from replays import replayed
 from scipy.linalg import expm
 from stated import Car, Cart, changed, LONG, noted, QUICKEST, Quickest
 from tdm_planner.arrays import exponentials
-from tdm_planner.direct_method import Budget, Duration, Integrated, Output
+from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter
@@ -352,12 +352,6 @@ def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None
         margins=lambda s, t, x, u: {'up': u[1], 'down': -1e-17 - u[1]},
     )(solver=LONG)
     assert fixed.solve().cost == pytest.approx(12.0 / fixed.time**3, rel=1e-3)
-
-
-def test_a_motion_of_a_nanosecond_is_infeasible():
-    hasty = changed(Cart, duration=lambda s: Duration(guess=1e-9))
-    with pytest.raises(Infeasible):
-        hasty().solve(deadline=0.5)
 
 
 def test_no_initial_guess_is_minimised_twice(monkeypatch):
