@@ -83,6 +83,7 @@ def verify(
     tolerance: Array,
     constraints: Sequence[Constraint],
     *,
+    consistency: Array | None = None,
     start: Array | None = None,
 ) -> Verification:
     """
@@ -91,12 +92,12 @@ def verify(
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states, as finely
     as the motion asks, see `resolved`. The states written in the trajectory must agree with the
-    replayed ones within the smaller of `tolerance` and 30 times `usual_tolerance`; where a state
-    is free, `usual_tolerance`. The first of them must agree with `start` (nx,), where that is
-    given; NaN where a state is free.
+    replayed ones within `consistency` (nx,): by default the smaller of `tolerance` and 30 times
+    `usual_tolerance`; where a state is free, `usual_tolerance`. The first of them must agree with
+    `start` (nx,), where that is given; NaN where a state is free.
     """
-    times, states = resolved(replayed, trajectory, constraints)
-    return judge(plant, trajectory, times, states, goal, tolerance, constraints, start=start)
+    given = *resolved(replayed, trajectory, constraints), goal, tolerance, constraints
+    return judge(plant, trajectory, *given, consistency=consistency, start=start)
 
 
 def resolved(

@@ -23,7 +23,7 @@ from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import judge, resolved
+from tdm_planner.verification import verify
 
 INTERVALS = 50
 # rad, rad/s: from there a linear feedback holds the pendulum.
@@ -186,14 +186,13 @@ class PendulumCases(Cases):
         """Return the reasons why a motion is no swing-up, and how long it takes [s]."""
         motion = motions[PENDULUM_NAME]
         slack = {'torque': 1e-9 * task.torque_limit, 'disk_angle': DISK_SLACK}
-        limits = [replace(limit, tolerance=slack[limit.name]) for limit in task.constraints]
-        checked = judge(
+        checked = verify(
             task.plant,
             motion,
-            *resolved(replay_pendulum(task.plant, motion), motion, limits),
+            replay_pendulum(task.plant, motion),
             task.goal_nearest(motion.states[-1]),
             TOLERANCE,
-            limits,
+            [replace(limit, tolerance=slack[limit.name]) for limit in task.constraints],
             consistency=np.full(4, np.inf),
         )
         return checked.reasons, motion.duration

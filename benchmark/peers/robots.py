@@ -42,7 +42,7 @@ from tdm_planner.problems.formation.verification import (
     separation_constraints,
 )
 from tdm_planner.trajectory import ReplayedMotion, to_nanoseconds, Trajectory
-from tdm_planner.verification import check, Constraint, even_times, judge, resolved
+from tdm_planner.verification import check, Constraint, even_times, verify
 
 INTERVALS = 30, 4  # to the first arrival, between two arrivals
 BOWS = {'straight ways': 0.0, 'roundabout': 0.15, 'other roundabout': -0.15}
@@ -279,8 +279,8 @@ class RobotsCases(Cases):
             anywhere = np.full(7, np.inf)
             goal = goal_state(task, i)
             flight = ReplayedMotion(motion.times, partial(replay, task.plant, motion))
-            given = *resolved(flight, motion, limits), goal, TOLERANCE, limits
-            checked = judge(task.plant, motion, *given, consistency=anywhere)
+            given = task.plant, motion, flight, goal, TOLERANCE, limits
+            checked = verify(*given, consistency=anywhere)
             reasons += checked.reasons
             own = np.union1d(times[times <= motion.duration], motion.times[-1])
             flown = replay(task.plant, motion, own)
