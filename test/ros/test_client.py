@@ -111,4 +111,4 @@ def test_the_program_of_the_page_runs(ros, capsys):
     ros.do(exec, program, {}, still=True)
     said = capsys.readouterr().out
     assert 'plan 1 takes' in said, said
-    assert 'largest torque: 0.06 N m' in said
+    assert 'largest torque: 0.018 N m' in said, said
