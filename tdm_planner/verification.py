@@ -137,8 +137,9 @@ def _hidden(
     Return the intervals (n,) in which margins may be violated, kept as they are at both ends.
 
     The least margin in an interval is estimated: lines from both neighbouring intervals, steeper
-    by `_BEND` of the last change of slope, meet there. None where a margin is violated at an
-    instant: that is enough.
+    by `_BEND` of the last change of slope, meet there. Where the margin jumps, it may fall from
+    either end as steeply as it changes nearby. None where a margin is violated at an instant: that
+    is enough.
     """
     found = np.zeros(times.size - 1, dtype=bool)
     for constraint in constraints:
@@ -164,7 +165,13 @@ def _least_between(times: Array, margin: Array) -> Array:
         lowest = np.where(np.isinf(fall), end - rise * step, lowest)
         lowest = np.where(np.isinf(rise), begin + fall * step, lowest)
     dips = (fall < 0.0) & (rise > 0.0) & np.isfinite(lowest)
-    return np.where(dips, np.minimum(lowest, least), least)
+    least = np.where(dips, np.minimum(lowest, least), least)
+    slopes = np.lib.stride_tricks.sliding_window_view(np.pad(slope, 2, mode='edge'), 5)
+    earlier, before, _, after, later = slopes.T
+    smooth = np.abs(after - before) + _BEND * (np.abs(before - earlier) + np.abs(later - after))
+    jumps = np.abs(slope - 0.5 * (before + after)) > _BEND * smooth
+    steepest = np.abs([earlier, before, after, later]).max(axis=0)
+    return np.where(jumps, least - steepest * step, least)
 
 
 def usual_tolerance(states: Array, units: Sequence[str]) -> Array:

@@ -186,6 +186,19 @@ def test_a_dip_in_the_first_and_in_the_last_interval_is_reckoned_with(turned):
     assert _least_between(times, margin)[::turned][-1] <= 0.0
 
 
+@pytest.mark.parametrize('turned', [1, -1])
+@pytest.mark.parametrize('edge', [0.31, 0.5, 0.7371])
+def test_a_margin_that_jumps_below_what_is_allowed_between_two_instants_is_violated(edge, turned):
+    """A limit of speed where a region begins, kept again soon after: no instant shows it."""
+    rises = lambda t: turned * (t - edge)  # noqa: E731
+
+    def margin(t, x, u):
+        return np.where(rises(t) > 0.0, rises(t) - 0.002, 0.5)
+
+    check = verified(PLANT, BANG_BANG, GOAL, TOLERANCE, [Constraint('zone', margin)])
+    assert 'zone is violated' in check.reasons[0]
+
+
 def test_a_margin_that_is_just_kept_is_no_violation_but_one_that_is_not_a_number_is():
     touched = Constraint('touched', lambda t, x, u: (x[:, 0] - 0.7371) ** 2, tolerance=1e-12)
     check = verified(PLANT, BANG_BANG, GOAL, TOLERANCE, [touched])
