@@ -107,7 +107,7 @@ def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
         raise UnusableFile(f"'{path}' is a folder, not a file")
 
 
-def save_plan(plan: Mapping[str, Any], path: Path) -> None:
+def save_plan(plan: Mapping[str, Any], path: Path | str) -> None:
     """
     Write a plan (`Solution.to_dict`) in the format of the path's ending.
 
@@ -117,6 +117,7 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
         If the path is not one that can be written.
 
     """
+    path = Path(path)
     check_path(path)
     write_file(path, WRITERS[path.suffix.lower()](plan))
 
@@ -138,7 +139,7 @@ def write_file(path: Path, data: bytes, mode: str = 'wb') -> None:
         raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
 
 
-def load_plan(path: Path) -> dict[str, Any]:
+def load_plan(path: Path | str) -> dict[str, Any]:
     """
     Read a plan from its JSON file.
 
@@ -149,7 +150,7 @@ def load_plan(path: Path) -> dict[str, Any]:
 
     """
     try:
-        plan: dict[str, Any] = json.loads(path.read_text())
+        plan: dict[str, Any] = json.loads(Path(path).read_text())
     except OSError as error:
         raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError):

@@ -150,15 +150,14 @@ def end_quietly_on_signals() -> None:
     """
     End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
 
-    The code is 0 for nodes and recordings, which have done what they were asked to.
+    The code is 0 for nodes, which have done what they were asked to.
     """
-    done = is_node() or command()[1:2] == ['record']
-    if not (done or command()) or threading.current_thread() is not threading.main_thread():
+    if not (is_node() or command()) or threading.current_thread() is not threading.main_thread():
         return
 
     def end(number: int, frame: object) -> None:
         # Nothing is open yet; an exception would be swallowed, or told, by the import under way.
-        os._exit(0 if done else 128 + number)
+        os._exit(0 if is_node() else 128 + number)
 
     for number in SIGNALS:
         signal.signal(number, end)

@@ -26,7 +26,7 @@ from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import make_folder, save_plan, UnusableFile, VEHICLE_FIGURES
 from tdm_planner.starting import uninterrupted
-from tdm_sim.processes import make_scene, NodeProcesses, Scene
+from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
 from tdm_sim.progress import Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
@@ -65,10 +65,16 @@ def run_demo(
 
     Simulated time runs `speed` times as fast as real time. Returns whether the goal was reached
     and held without a violated limit. Raise InvalidProblem if file or folder cannot be used,
-    DemoFailed or ProcessFailed if a node did not come up, ended, or did not answer.
+    DemoFailed if nodes run in its namespace already, DemoFailed or ProcessFailed if a node did not
+    come up, ended, or did not answer.
     """
     scene = make_scene(plant, parameters)
     scene.speed = SPEED.check(speed)
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if nodes_run(scene.namespace):
+        raise DemoFailed(
+            f'nodes run in {scene.namespace} already: end them, or set another ROS_DOMAIN_ID'
+        )
     _prepare_folder(output)
     with Progress(quiet) as progress:
         unclean = _conduct(scene, output, progress)
@@ -110,7 +116,6 @@ def _prepare_folder(folder: Path) -> None:
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
     """Run the demo; returns the nodes that did not end cleanly."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with Context() as context, NodeProcesses(output / 'log') as processes:
         node = rclpy.create_node(
             'demo', namespace=scene.namespace, context=context, start_parameter_services=False

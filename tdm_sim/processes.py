@@ -20,7 +20,9 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
 from rclpy.client import Client
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -43,6 +45,7 @@ from tdm_planner.trajectory import NANOSECOND, SECOND
 from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
+_DISCOVERY, _LOOK = 1.5, 0.05  # s for which nodes are looked for, and between two looks
 _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
@@ -134,6 +137,22 @@ def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> N
     if process.poll() is None:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, number)
+
+
+def nodes_run(namespace: str) -> bool:
+    """Whether nodes run in a namespace or below it."""
+    with Context() as context:
+        node = rclpy.create_node('look', context=context, start_parameter_services=False)
+        try:
+            end = time.monotonic() + _DISCOVERY
+            while time.monotonic() < end:
+                spaces = [f'{space}/' for _, space in node.get_node_names_and_namespaces()]
+                if any(space.startswith(f'{namespace}/') for space in spaces):
+                    return True
+                time.sleep(_LOOK)
+        finally:
+            node.destroy_node()
+    return False
 
 
 class Scene:

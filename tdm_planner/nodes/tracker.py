@@ -111,6 +111,7 @@ class TrackerNode(ManagedNode):
         """Begin like a node that was just started; a plan received meanwhile is examined."""
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
+        self._latest_rejected = False
         self._activated = time.monotonic()
         clock, parameters = pacing_clock(self), self.tracker.parameters
         self._rate = RateWatch(parameters.rate, clock)
@@ -213,7 +214,7 @@ class TrackerNode(ManagedNode):
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
-            self._rejection = ''
+            self._latest_rejected = False
             self._preparation = time.perf_counter() - began
             self._status.accepted(trajectory, begins, data)
             self.get_logger().info(
@@ -224,7 +225,7 @@ class TrackerNode(ManagedNode):
 
     def _reject(self, reason: str) -> None:
         """Report why a trajectory is rejected."""
-        self._rejected += 1
+        self._rejected, self._latest_rejected = self._rejected + 1, True
         self._rejection = f'trajectory rejected: {reason}'
         self.get_logger().error(self._rejection)
 
@@ -331,7 +332,8 @@ class TrackerNode(ManagedNode):
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         timeless, slow = '' if self._time.runs else NO_TIME, self._rate.problem()
-        told = [timeless, self._rejection, self._planners.warning, self.tracker.warning]
+        rejection = self._rejection if self._latest_rejected else ''
+        told = [timeless, rejection, self._planners.warning, self.tracker.warning]
         told = [*filter(None, told), *([f'commands at {slow}'] if slow else [])]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

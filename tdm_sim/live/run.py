@@ -18,7 +18,6 @@ import time
 from urllib.parse import urlsplit
 import webbrowser
 
-import rclpy
 from rclpy.context import Context
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
@@ -27,13 +26,12 @@ from tdm_planner.starting import require_one_ros
 from tdm_sim.live.listener import Listener
 from tdm_sim.live.operations import Recordings
 from tdm_sim.live.page import Page
-from tdm_sim.processes import make_scene, NodeProcesses, Scene
+from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
 import viser
 
 FRAME_RATE = 25.0  # Hz
 LOCAL = '127.0.0.1'
 
-_DISCOVERY, _LOOK = 1.5, 0.05  # s for which nodes are looked for, and between two looks
 _CURVES = 5  # frames between updates of the curves
 _NEWS = 12  # frames between updates of what is read
 _RESTART = 2.0  # s, the least time between two starts of a node
@@ -94,26 +92,10 @@ def _meant(nodes: str, parameters: Path | None) -> tuple[str, Scene | None]:
     try:
         scene = make_scene(nodes, parameters)
     except InvalidProblem:
-        if not _runs(f'/{nodes}'):
+        if not nodes_run(f'/{nodes}'):
             raise
         return f'/{nodes}', None
-    return scene.namespace, None if _runs(scene.namespace) else scene
-
-
-def _runs(namespace: str) -> bool:
-    """Whether nodes run in a namespace or below it."""
-    with Context() as context:
-        node = rclpy.create_node('live_look', context=context, start_parameter_services=False)
-        try:
-            end = time.monotonic() + _DISCOVERY
-            while time.monotonic() < end:
-                spaces = [f'{space}/' for _, space in node.get_node_names_and_namespaces()]
-                if any(space.startswith(f'{namespace}/') for space in spaces):
-                    return True
-                time.sleep(_LOOK)
-        finally:
-            node.destroy_node()
-    return False
+    return scene.namespace, None if nodes_run(scene.namespace) else scene
 
 
 def _show(page: Page, nodes: Nodes | None) -> None:

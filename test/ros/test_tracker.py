@@ -249,5 +249,6 @@ def test_faults_of_the_program_are_called_so_and_end_nothing(ros, idle, plans, p
         assert idle.commands[-1].effort[0] == 0.0
     assert 'Traceback' in idle.tracker.output
     plans.publish(message(ros, plan))
-    assert idle.says('waiting')
+    assert idle.says('waiting', level=OK)
+    assert "KeyError: 'a bug'" in ros.figure(idle.name, 'last rejection')
     ros.log.clear()  # or it would be taken for a crash

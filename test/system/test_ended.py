@@ -9,6 +9,7 @@ from action_msgs.msg import GoalStatus
 from bag_contents import read_with_mcap
 from pendulum_rig import held_rig, SCENARIOS
 import pytest
+from ros_harness import PATIENCE, ros_arguments
 from signal_scenes import SCENES, survivors
 
 
@@ -23,6 +24,17 @@ def test_a_goal_that_cannot_be_planned_is_no_success(ros, tmp_path):
     assert not survivors(f'ROS_DOMAIN_ID={ros.domain}')
 
 
+def test_a_demo_beside_nodes_in_its_namespace_is_refused(ros, tmp_path):
+    plant = ros.run('tdm_sim.pendulum_plant', ros_arguments({}, '/pendulum'))
+    heard = ros.subscribe('/pendulum/joint_states')
+    assert ros.spin_until(lambda: heard)
+    demo = ros.run('tdm_planner.cli', ['demo', 'pendulum', '-o', str(tmp_path / 'out')])
+    assert demo.process.wait(PATIENCE) == 2
+    assert 'DEMO_FAILED: nodes run in /pendulum already' in demo.output
+    assert not (tmp_path / 'out').exists()
+    assert plant.end() == 0
+
+
 def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(ros, tmp_path):
     bag = tmp_path / 'bag'
     recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
@@ -30,7 +42,7 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     followed = ros.subscribe('/pendulum/tracker_status')
     demo = SCENES['demo executing'](ros)
     plans = lambda: [plan.status for told in followed for plan in told.status_list]  # noqa: E731
-    demo.wait(lambda: GoalStatus.STATUS_EXECUTING in plans()).end('SIGINT', code=130)
+    demo.wait(lambda: GoalStatus.STATUS_EXECUTING in plans()).end('SIGINT', (130,))
     assert survivors(f'ROS_DOMAIN_ID={ros.domain}') == [recorder.process.pid]
     assert recorder.end() == 0, recorder.output
     found = read_with_mcap(bag)
@@ -48,9 +60,10 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
 
 
 ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
-        ('solving planner', 'double Ctrl-C'), ('following tracker', 'SIGTERM')]  # fmt: skip
+        ('starting tdm', 'SIGINT'), ('solving planner', 'double Ctrl-C'),
+        ('following tracker', 'SIGTERM')]  # fmt: skip
 
 
 @pytest.mark.parametrize(('scene', 'way'), ENDS)
 def test_a_node_is_ended_by_signals(ros, scene, way):
-    SCENES[scene](ros).end(way)
+    SCENES[scene](ros).end(way, (130,) if scene == 'starting tdm' else (0,))

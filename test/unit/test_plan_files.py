@@ -44,8 +44,8 @@ def test_json_csv_and_npz_keep_every_bit(swing_up: Any, tmp_path: Path) -> None:
     solution = swing_up[1]
     original = solution.trajectory
     for ending in ('json', 'csv', 'npz'):
-        save_plan(solution.to_dict(), tmp_path / f'plan.{ending}')
-    plan = load_plan(tmp_path / 'plan.json')
+        save_plan(solution.to_dict(), f'{tmp_path}/plan.{ending}')
+    plan = load_plan(f'{tmp_path}/plan.json')
     again = Trajectory.from_dict(plan)
     for name in ('times', 'states', 'controls'):
         np.testing.assert_array_equal(getattr(again, name), getattr(original, name))

@@ -373,8 +373,8 @@ class SwitchingSearch(Search[Candidate]):
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
         search += 'gave no swing-up'
         more = 'try a longer solver.deadline or more limits.'
-        if task.drive < _WEAK_DRIVE:
-            search += f'; with a drive of {task.drive:.2g} it takes many swings: {more}torque'
-        elif task.swing_drive < _WEAK_DRIVE:
+        if task.swing_drive < min(task.drive, _WEAK_DRIVE):
             search += f"; the disk's range limits what a swing gains: {more}disk_angle"
+        elif task.drive < _WEAK_DRIVE:
+            search += f'; with a drive of {task.drive:.2g} it takes many swings: {more}torque'
         return search

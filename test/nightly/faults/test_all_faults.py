@@ -26,7 +26,10 @@ def test_signals_end_a_process_in_every_phase(ros, scene, way):
     for k in range(40 if scene.startswith('starting') else 1):
         subject = SCENES[scene](ros)
         time.sleep(0.05 * k)  # to meet it at another line
-        subject.end(way, code=128 + WAYS[way][0][0] if scene.startswith('demo') else 0)
+        codes = (128 + WAYS[way][0][0],) if 'demo' in scene else (0,)
+        if scene == 'starting tdm':  # which records, or does not yet
+            codes = 0, 128 + WAYS[way][0][0]
+        subject.end(way, codes)
     if scene == 'busy recorder':  # what it has recorded can be read
         with AnyReader([Path(str(subject.arguments[-1]))]) as reader:
             assert reader.message_count > 10

@@ -235,7 +235,7 @@ def test_a_namespace_is_joined_and_a_plant_started(words, does, tmp_path, monkey
         raise InvalidProblem(text)
 
     monkeypatch.setattr(run, '_served', lambda space: told(f'joins {space}'))
-    monkeypatch.setattr(run, '_runs', lambda space: space in ('/robots', '/fleet'))
+    monkeypatch.setattr(run, 'nodes_run', lambda space: space in ('/robots', '/fleet'))
     monkeypatch.setattr(run, 'Nodes', lambda scene, _: told(f'starts {scene.namespace}'))
     assert main(['live', *words, '-o', str(tmp_path)]) == 2
     assert f'tdm: INVALID_PROBLEM: {does}' in capsys.readouterr().err

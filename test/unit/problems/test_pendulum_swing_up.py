@@ -46,8 +46,8 @@ def states(*most: float) -> st.SearchStrategy[PendulumStart]:
 
 
 def problem(torque: float = 0.09, start: PendulumStart = HANGING, **others) -> PendulumSwingUp:
-    others.setdefault('torque_reserve', 0.0)
-    return PendulumSwingUp(limits=PendulumLimits(torque=torque), start=start, **others)
+    others = {'torque_reserve': 0.0, 'limits': PendulumLimits(torque=torque), **others}
+    return PendulumSwingUp(start=start, **others)
 
 
 def checked(made: PendulumSwingUp, seconds: float = ENOUGH) -> Solution:
@@ -229,6 +229,7 @@ OTHER_WAY = PendulumStart(theta=2.0, psi=-1.5, psi_dot=-9.5)
 FAST = PendulumStart(psi=1.9, psi_dot=200.0)
 AWAY = PendulumStart(theta=2.0, theta_dot=1.0)
 ARC = {'method': 'virtual_arc'}
+NARROW = {'limits': PendulumLimits(torque=0.02, disk_angle=1e-3)}
 AT_0 = {'goal': PendulumGoal(turns=0)}
 BRAKING = r'limits\.disk_angle = 2 rad from start\.psi_dot'
 GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
@@ -237,11 +238,12 @@ GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
 @pytest.mark.parametrize(
     ('torque', 'start', 'others', 'seconds', 'words', 'code'),
     [
-        (1e-4, HANGING, {}, 0.2, r'limits\.torque', ''),
         (1e-12, HANGING, {}, 0.2, r'limits\.torque', ''),
         (0.02, HANGING, {}, 1e-5, 'in 1e-05 s', ''),
         (0.02, BRAKED, {}, 0.3, BRAKING, 'INFEASIBLE'),
         (0.02, OTHER_WAY, {}, 0.3, BRAKING, 'INFEASIBLE'),
+        (1e-4, HANGING, {}, 0.2, r'drive of .* more limits\.torque', ''),
+        (0.02, HANGING, NARROW, 0.2, r'more limits\.disk_angle', ''),
         (0.02, FAST, {}, 0.1, GIVEN_UP, ''),
         (0.02, FAST, {'method': 'smooth'}, 0.1, GIVEN_UP, ''),
         (0.02, HANGING, ARC | AT_0, ENOUGH, r"one way all.*method 'switching'", 'INFEASIBLE'),
