@@ -70,9 +70,9 @@ _CUTOFF = 1.05  # polishing stops where the time stays above this share of the b
 _FEASIBLE = 1e-6  # violation after a polish
 _FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
 _COLLOCATED = 0.4, 0.46, 0.5  # begun, left, and polished until these shares of the deadline
-# Where the disk's range is narrow it goes on after such a gain; where it had nothing to go on
-# from, more is pumped until that share of the deadline.
-_COLLOCATED_AGAIN, _PUMPED_AGAIN = 0.02, 0.2
+_COLLOCATED_AGAIN = 0.02  # gain after which it goes on where the disk's range is narrow
+# Most times that swings are pumped, and share of the deadline until which they are once more.
+_PUMPS, _PUMPED_AGAIN = 4, 0.07
 
 # Further arcs for the quickest candidate.
 _MOST_SHORTENED = 40  # arcs that it may have
@@ -133,11 +133,12 @@ class SwitchingSearch(Search[Candidate]):
         if self._previous is not None:
             return self._warm(self._previous)
         pumped, quicker = list[Candidate](), list[Candidate]()
-        while self._pumping and not quicker:
+        for _ in range(_PUMPS if self._pumping else 0):
             before, pumped = pumped[:1], distinct(pumped + self._pumped())
             if self._narrow and pumped[:1] != before:
                 quicker = self._collocated(pumped[0])
-            if not (self._narrow and pumped) or self.budget.past(_PUMPED_AGAIN):
+            enough = quicker or self._replans or self.budget.past(_PUMPED_AGAIN)
+            if enough or not pumped:
                 break
         latest = _ENOUGH_BESIDE if pumped else _SEARCH_UNTIL
         arrived = self._arrivals(latest) if self._narrow or not self._pumping else []
