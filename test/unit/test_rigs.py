@@ -25,7 +25,7 @@ from tdm_sim.simulation import mismatched
 from tdm_sim.study.flights import ClosedLoop, fly
 
 DEADLINE = 100.0  # s: a plan does not depend on how busy the machine is
-LOST = [(9612, 2, 320.0), (9649, 2, 200.0), (9650, 1, 200.0), (9655, 2, 320.0)]
+LOST = [(9612, 2, 320.0), (9649, 2, 200.0), (9650, 1, 200.0), (9655, 0, 320.0)]
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 
 

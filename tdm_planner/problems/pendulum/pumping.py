@@ -60,9 +60,8 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _ROWS,
 ) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
-_NARROW = 0.5  # accelerations of the disk [w0^2] through its range from which swings wait for it
 _VARIANTS, _AT_ONCE = 256, 2 * LANES  # simulated; so many, or tails, between two looks
-_MOST_VARIANTS = 6 * _VARIANTS  # where hardly any comes near
+_USUAL, _MOST_VARIANTS = 4 * _VARIANTS, 6 * _VARIANTS  # undamped; where hardly any comes near
 # Longest time of a pump, in 1/w0: the work over the drive, within bounds.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
 _MANY, _AT_LEISURE = 3, 0.2  # so many for every lane are collected until that share of the time
@@ -278,8 +277,8 @@ def simulate_variants(
                     x[m * LANES + i] = 0.0
 
 
-def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
-    """Return variants of the law at random."""
+def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool) -> Laws:
+    """Return variants of the law at random, `damped` for a disk that the pendulum swings."""
     crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle_limit
 
     def spread(least: float, most: float) -> Array:
@@ -292,19 +291,20 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     in_a_swing = np.minimum(spread(0.5, 1.5) / crossing, 1.0)
     # How much quicker than a swing all of the torque moves it through its range: 0 to 1.
     quick = min(max(math.log(crossing / 0.7) / math.log(3.0 / 0.7), 0.0), 1.0)
-    narrow = crossing > _NARROW
+    narrow, damped = crossing > 0.5, damped and quick < 1.0  # swings wait for the disk
     lead = mostly(0.4, 0.0, rng.uniform(-0.4, 0.8 if narrow else 0.4, count))
     if narrow:
         # From where a large swing turns a stroke would be slow, and end in the wrong half.
-        late = rng.uniform(-2.5 - 2.0 * quick, -0.5 - 0.5 * quick, count)
+        late = rng.uniform(-6.0 if damped else -2.5 - 2.0 * quick, -0.5 - 0.5 * quick, count)
         lead = mostly(0.5 - 0.4 * quick, lead, late)
+    momentum = spread(0.02, 0.5) * min(max(1.5 * crossing, 1.0), 5.0)
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
         share=mostly(0.7, 1.0, mostly(0.3, spread(0.3 / max(crossing, 2.0), 1.0), in_a_swing)),
         on_place=spread(0.003, 0.6) * (1.0 if narrow else max(crossing / 0.15, 0.2)),
-        on_momentum=spread(0.02, 0.5) * min(max(1.5 * crossing, 1.0), 5.0),
+        on_momentum=spread(0.1, 10.0) if damped else momentum,
         band=spread(0.05, 1.0) if narrow else spread(0.03, 0.6),
-        brake=rng.uniform(0.6 - 0.08 * quick, 1.0 - 0.15 * quick, count),
+        brake=rng.uniform(0.25 if damped else 0.6 - 0.08 * quick, 1.0 - 0.15 * quick, count),
         lead=lead,
         hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
         weight=_over_drive(task, _WORK, _WEIGHT) * spread(1.0, _PATIENCE),
@@ -327,7 +327,7 @@ def pumped_candidates(
     swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
         tried += _VARIANTS
-        swings += _swings(task, _laws(task, rng, _VARIANTS), most, until)
+        swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
     swings, landed = _nearest(task, swings), list[Candidate]()
     for first in range(0, len(swings), _AT_ONCE):
         late = until.past(_ONE_DOES)
