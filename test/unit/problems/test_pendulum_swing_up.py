@@ -188,14 +188,15 @@ def test_foreign_rigs_need_no_settings(made, fewest):
     assert solution.trajectory.times.size < 30_000
 
 
-@pytest.mark.parametrize(('seed', 'longest'), [(9226, 0.92), (9261, 2.7), (9347, 5.3)])
-def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
+@pytest.mark.parametrize(
+    ('seed', 'first', 'longest'), [(9226, 0, 0.92), (9261, 1, 2.7), (9347, 0, 5.3)]
+)
+def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, first, longest):
     # Integrated in too few steps none of the short swing-ups comes upright.
-    made, found = random_rig(seed), []
-    for start in range(3):
+    made = random_rig(seed)
+    for start in range(first, first + 3):
         solver = dataclasses.replace(made.solver, seed=start)
-        found.append(checked(dataclasses.replace(made, solver=solver)).duration)
-    assert min(found) < longest
+        assert checked(dataclasses.replace(made, solver=solver)).duration < longest
 
 
 def test_motions_of_thousands_of_arcs_are_replayed():
@@ -353,12 +354,14 @@ def test_minimum_is_feasible_and_the_best_around(disk_angle):
     assert converged >= 3
 
 
-@pytest.mark.parametrize('torque', [700.0, 1e5])
-def test_a_motor_far_too_strong_for_the_rig_is_no_hang(torque):
+def test_a_motor_far_too_strong_for_the_rig_is_no_hang():
     """Swings leave the disk's range where they are integrated again, however fast."""
-    made = PendulumSwingUp(limits=PendulumLimits(torque=torque))
-    with suppress(Infeasible):
-        assert made.solve(deadline=1.0, counted=True).verification.ok
+    strong, absurd = (
+        PendulumSwingUp(limits=PendulumLimits(torque=torque)) for torque in (700.0, 1e5)
+    )
+    assert strong.solve(deadline=1.0, counted=True).verification.ok
+    with pytest.raises(Infeasible):
+        absurd.solve(deadline=1.0, counted=True)
 
 
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
