@@ -188,15 +188,14 @@ def test_foreign_rigs_need_no_settings(made, fewest):
     assert solution.trajectory.times.size < 30_000
 
 
-@pytest.mark.parametrize(
-    ('seed', 'first', 'longest'), [(9226, 0, 0.92), (9261, 1, 2.7), (9347, 0, 5.3)]
-)
-def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, first, longest):
-    # Integrated in too few steps none of the short swing-ups comes upright.
+@pytest.mark.parametrize(('seed', 'longest'), [(9226, 0.88), (9261, 2.7), (9347, 5.3)])
+def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
+    # Integrated in too few steps none of the short swing-ups comes upright. One seed in six ends
+    # in a longer one, and which it is depends on the processor's rounding.
     made = random_rig(seed)
-    for start in range(first, first + 3):
-        solver = dataclasses.replace(made.solver, seed=start)
-        assert checked(dataclasses.replace(made, solver=solver)).duration < longest
+    solvers = [dataclasses.replace(made.solver, seed=start) for start in range(7)]
+    plans = [checked(dataclasses.replace(made, solver=solver)) for solver in solvers]
+    assert np.median([plan.duration for plan in plans]) < longest
 
 
 def test_motions_of_thousands_of_arcs_are_replayed():
