@@ -6,10 +6,9 @@ Functions on the unit interval: polynomials from boundary conditions, outputs, t
 
 In section 3 of Yakimenko (2006), (2)-(4) give the quintic with x, x', x'' at both ends; every
 further derivative that is prescribed or varied at an end raises the order by one. Here any set of
-derivatives at either end works. System (4) is badly conditioned in raw tau, so it is solved on the
-unit interval, in exact rational arithmetic, once for every set of conditions; the polynomial is
-kept as its Taylor expansions about both ends, evaluated about the nearer one, so that the boundary
-conditions hold to the last bits whatever the span and the order.
+derivatives at either end works. System (4) is badly conditioned in powers of raw tau, so it is
+solved for Bernstein's polynomials on the unit interval, once for every set of conditions. Only
+k + 1 of them have a k-th derivative at an end: boundary conditions hold to the last bits.
 
 The basis of an output is what its boundary conditions determine, and well scaled free shapes.
 
@@ -28,16 +27,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache, partial
 import math
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 from scipy.fft import dct
-from scipy.interpolate import BPoly
+from scipy.special import comb
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.formulation import Shapes
 from tdm_planner.exceptions import InvalidProblem
@@ -60,67 +57,26 @@ class PolynomialBasis:
 
     start: Orders
     end: Orders
-    about_start: Array
-    about_end: Array
+    coefficients: Array  # of Bernstein's polynomials (m, m), a column a shape
 
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, start: Orders, end: Orders) -> PolynomialBasis:
         """Return the basis; raise InvalidProblem where these determine no polynomial."""
-        size = len(start) + len(end)
-        if size == 0:
+        degree = len(start) + len(end) - 1
+        if degree < 0:
             raise InvalidProblem('a polynomial needs at least one boundary condition')
-        rows = [[Fraction(math.perm(p, k) * (p == k)) for p in range(size)] for k in start]
-        rows += [[Fraction(math.perm(p, k)) for p in range(size)] for k in end]
-        inverse = _invert(rows)
-        if inverse is None:
+        rows, sizes = _at_ends(partial(bernstein_basis, degree), start, end)
+        if np.linalg.matrix_rank(rows) <= degree:
             raise InvalidProblem(
                 f'derivatives {list(start)} at the start and {list(end)} at the end do not '
-                f'determine a polynomial of order {size - 1}'
+                f'determine a polynomial of order {degree}'
             )
-        shifted = [
-            [
-                sum((math.comb(p, j) * inverse[p][i] for p in range(size)), Fraction(0))
-                for i in range(size)
-            ]
-            for j in range(size)
-        ]
-        return cls(start, end, np.array(inverse, dtype=float), np.array(shifted, dtype=float))
+        return cls(start, end, np.linalg.inv(rows) / sizes)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
-        at = np.asarray(s, dtype=float)
-        near_start, coefficients = at <= 0.5, _differentiated(self, derivative)
-        nearer = np.where(near_start, at, at - 1.0).ravel()
-        powers = polynomial.polyvander(nearer, len(coefficients) - 1)
-        # Not by BLAS, whose last digits depend on the number of threads.
-        table = np.einsum('sp,pm->sm', powers, coefficients).reshape(*at.shape, 2, -1)
-        return np.asarray(np.where(near_start[..., None], table[..., 0, :], table[..., 1, :]))
-
-
-def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
-    """Gauss-Jordan elimination in exact arithmetic; None if the matrix is singular."""
-    n = len(rows)
-    work = [row + [Fraction(int(i == j)) for j in range(n)] for i, row in enumerate(rows)]
-    for column in range(n):
-        pivot = next((r for r in range(column, n) if work[r][column] != 0), None)
-        if pivot is None:
-            return None
-        work[column], work[pivot] = work[pivot], work[column]
-        scale = work[column][column]
-        work[column] = [value / scale for value in work[column]]
-        for r in range(n):
-            factor = work[r][column]
-            if r != column and factor != 0:
-                work[r] = [a - factor * b for a, b in zip(work[r], work[column], strict=True)]
-    return [row[n:] for row in work]
-
-
-@lru_cache(maxsize=256)
-def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
-    """Return both expansions' coefficients of a derivative, side by side, (powers, 2 m)."""
-    both = np.concatenate([basis.about_start, basis.about_end], axis=1)
-    return np.asarray(polynomial.polyder(both, derivative))
+        return _combined(self.coefficients, s, derivative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,11 +148,7 @@ def _split(family: Sampled, start: Orders, end: Orders) -> tuple[Sampled, Sample
 
     Derivatives that are given at the ends fix some combinations, the others are varied.
     """
-    asked = [(0.0, order) for order in start] + [(1.0, order) for order in end]
-    rows = np.array([family(*one) for one in asked]).reshape(len(asked), family(0.0, 0).size)
-    sizes = np.abs(rows).max(axis=1, initial=0.0)
-    sizes[sizes == 0.0] = 1.0
-    rows /= sizes[:, None]
+    rows, sizes = _at_ends(family, start, end)
     by_given = np.linalg.pinv(rows, rcond=_DEPENDENT)
     if np.abs(rows @ by_given - np.eye(sizes.size)).max(initial=0.0) > _DEPENDENT:
         raise InvalidProblem(
@@ -210,6 +162,15 @@ def _split(family: Sampled, start: Orders, end: Orders) -> tuple[Sampled, Sample
         lambda s, k: np.asarray(family(s, k) @ (by_given / sizes)),
         lambda s, k: np.asarray(family(s, k) @ free),
     )
+
+
+def _at_ends(family: Sampled, start: Orders, end: Orders) -> tuple[Array, Array]:
+    """Return the given derivatives by the coefficients, rows of size 1 (n, m); the sizes (n,)."""
+    asked = [(0.0, order) for order in start] + [(1.0, order) for order in end]
+    rows = np.array([family(*one) for one in asked]).reshape(len(asked), family(0.0, 0).size)
+    sizes = np.abs(rows).max(axis=1, initial=0.0)
+    sizes[sizes == 0.0] = 1.0
+    return rows / sizes[:, None], sizes
 
 
 def chebyshev_nodes(count: int) -> Array:
@@ -237,12 +198,20 @@ def bernstein_basis(degree: int, s: ArrayLike, derivative: int = 0) -> Array:
 
     That of order -1 is the integral from 0 to s.
     """
-    return np.asarray(_bernstein(degree, derivative)(np.array(s, dtype=float)))
+    return _combined(np.eye(degree + 1), s, derivative)
 
 
-@lru_cache(maxsize=64)
-def _bernstein(degree: int, derivative: int) -> BPoly:
-    return BPoly(np.eye(degree + 1)[:, None], [0.0, 1.0]).derivative(derivative)
+def _combined(coefficients: Array, s: ArrayLike, derivative: int) -> Array:
+    """Return a derivative at s (...) of B_0..B_n summed by `coefficients` (n + 1, m), (..., m)."""
+    n = len(coefficients) - derivative - 1
+    if derivative < 0:
+        found = np.tri(n + 1, n, -1) @ coefficients / n
+    else:
+        found = math.perm(n + derivative, derivative) * np.diff(coefficients, derivative, axis=0)
+    at, k = np.asarray(s, dtype=float)[..., None], np.arange(n + 1)
+    basis = comb(n, k) * at**k * (1.0 - at) ** k[::-1]
+    # Not by BLAS, whose last digits depend on the number of threads.
+    return np.asarray(np.einsum('...k,km->...m', basis, found))
 
 
 def time_derivatives(jet: Sequence[Any], factor: Sequence[Any]) -> list[Any]:

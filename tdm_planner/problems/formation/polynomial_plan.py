@@ -79,7 +79,7 @@ def trajectory(
         return flown(task, robot, times, controls, alpha[0], 'linear')
 
     if task.staying[robot]:
-        return fly(wanted)
+        return fly(np.zeros_like(wanted))
     goal = np.array([task.goal[robot, 0], 0.0, task.goal[robot, 1], 0.0])
     shapes, effects = _corrections(times, wanted, task.thrust)
 

@@ -176,7 +176,8 @@ def grid_of(form: MotionForm) -> Grid:
         paths[axis, :, :, :size] = [of.values(s, d) for d in (1, 2)]
     places, taylor = np.zeros((arcs, most)), np.zeros((2, most, most))
     places[:, :count] = basis.values(np.arange(1, arcs + 1) / (arcs + 1))
-    taylor[:, :count, :count] = basis.about_start, basis.about_end
+    for k in range(count):
+        taylor[:, k, :count] = basis.values([0.0, 1.0], k) / math.factorial(k)
     passing = np.zeros((nb, nb + 1))
     for d in range(nb):
         passing[:, d + 1] = bernstein_basis(form.degree, 0.0, d) / math.factorial(d + 1)

@@ -189,7 +189,7 @@ def test_errors_of_the_user_are_the_cause_and_refusals_are_passed_on(function):
     assert function in refusal(**{function: returns(None)})
 
 
-NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))  # noqa: E731
+NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.499, np.nan, 0.0))  # noqa: E731
 
 
 def nan_at_the_start(self, y, z):
