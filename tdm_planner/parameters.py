@@ -195,7 +195,7 @@ def parameter(
     return field(default=default, metadata={_METADATA_KEY: spec})
 
 
-def positive(default: float, description: str, unit: str) -> Any:
+def positive(default: float, description: str, unit: str = '') -> Any:
     """Declare a dataclass field as a parameter that is a positive number of this unit."""
     return parameter(default, description, unit=unit, allowed=POSITIVE)
 

@@ -37,7 +37,7 @@ from tdm_planner.parameters import (
     NON_NEGATIVE,
     parameter,
     ParameterSpec,
-    POSITIVE,
+    positive,
     Range,
     SEED,
     specifications,
@@ -77,11 +77,8 @@ class SimulationParameters(Validated):
         'behind',
         read_only=True,
     )
-    command_timeout: float = parameter(
-        0.1,
-        'simulated time without a command after which the actuators are switched off',
-        unit='s',
-        allowed=POSITIVE,
+    command_timeout: float = positive(
+        0.1, 'simulated time without a command after which the actuators are switched off', 's'
     )
     mismatch: float = parameter(
         0.0,

@@ -16,7 +16,7 @@ from tdm_planner.parameters import (
     group,
     NON_NEGATIVE,
     parameter,
-    POSITIVE,
+    positive,
     Range,
     SIGNED,
     Validated,
@@ -92,11 +92,8 @@ class RobotArena(Validated):
     robot_radius: float = parameter(
         0.15, "radius of the robot's body", unit='m', allowed=NON_NEGATIVE
     )
-    minimum_separation: float = parameter(
-        0.4,
-        'least distance of two robots, the diameter of the disc drawn around this one',
-        unit='m',
-        allowed=POSITIVE,
+    minimum_separation: float = positive(
+        0.4, 'least distance of two robots, the diameter of the disc drawn around this one', 'm'
     )
 
 

@@ -7,26 +7,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, SEED, Validated
+from tdm_planner.parameters import group, parameter, positive, Range, SEED, Validated
 
 
 @dataclass(frozen=True)
 class SolverParameters(Validated):
     """How long and how hard to search."""
 
-    deadline: float = parameter(
-        0.5,
-        'longest time to search for a plan; the search may end earlier',
-        unit='s',
-        allowed=POSITIVE,
+    deadline: float = positive(
+        0.5, 'longest time to search for a plan; the search may end earlier', 's'
     )
     seed: int = parameter(
         0,
         'seed of the random initial guesses; the same seed gives the same plan',
         allowed=SEED,
     )
-    tolerance: float = parameter(
-        1e-8, 'largest penalty that minimisers count as feasible, eps of (10)', allowed=POSITIVE
+    tolerance: float = positive(
+        1e-8, 'largest penalty that minimisers count as feasible, eps of (10)'
     )
 
 
@@ -39,9 +36,7 @@ class StartParameters(Validated):
         'plan from the newest measured state or from the start.* parameters',
         choices=('measured', 'parameters'),
     )
-    max_age: float = parameter(
-        0.5, 'oldest measured state that may be planned from', unit='s', allowed=POSITIVE
-    )
+    max_age: float = positive(0.5, 'oldest measured state that may be planned from', 's')
     delay: float = parameter(
         1.0,
         'time from the request to the start of the motion; more than solver.deadline, or a plan '
@@ -73,11 +68,10 @@ class ReplanParameters(Validated):
         'share of the cost still to come that a new plan must save to replace one that would do',
         allowed=Range(0.0, 1.0),
     )
-    deviation: float = parameter(
+    deviation: float = positive(
         0.05,
         'of problems other than the pendulum and the robots: deviation of a state from the active '
         'plan that makes a new one necessary, as a share of the range of the states of that unit',
-        allowed=POSITIVE,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
-from tdm_planner.parameters import group, LARGEST, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, LARGEST, parameter, positive, Range, Validated
 from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
@@ -33,15 +33,10 @@ class Tolerances(Validated):
     states' ranges.
     """
 
-    start: float = parameter(
-        0.3,
-        'largest deviation at the start for a trajectory to be accepted',
-        unit='rad',
-        allowed=POSITIVE,
+    start: float = positive(
+        0.3, 'largest deviation at the start for a trajectory to be accepted', 'rad'
     )
-    path: float = parameter(
-        1.0, 'deviation from the plan at which the motion is aborted', unit='rad', allowed=POSITIVE
-    )
+    path: float = positive(1.0, 'deviation from the plan at which the motion is aborted', 'rad')
 
 
 @dataclass(frozen=True)
@@ -51,9 +46,7 @@ class ReplanOnDeviation(Validated):
     on_deviation: bool = parameter(
         False, 'when the motion is aborted, bring the plant to rest and ask for a new plan'
     )
-    interval: float = parameter(
-        1.0, 'least time between two such requests', unit='s', allowed=POSITIVE
-    )
+    interval: float = positive(1.0, 'least time between two such requests', 's')
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.parameters import group, parameter, positive, Validated
 from tdm_planner.plants.rotary_pendulum import Coefficients, PendulumLimits, RotaryPendulum
 from tdm_planner.tracking.estimator import (
     EstimatorNoise,
@@ -76,11 +76,11 @@ class FeedbackWeights(Validated):
     limits.torque.
     """
 
-    theta: float = parameter(1.0, "weight of the pendulum's angle", allowed=POSITIVE)
-    psi: float = parameter(0.1, "weight of the disk's angle", allowed=POSITIVE)
-    theta_dot: float = parameter(1.0, "weight of the pendulum's rate", allowed=POSITIVE)
-    psi_dot: float = parameter(0.1, "weight of the disk's rate", allowed=POSITIVE)
-    torque: float = parameter(2.0, 'weight of the feedback torque', allowed=POSITIVE)
+    theta: float = positive(1.0, "weight of the pendulum's angle")
+    psi: float = positive(0.1, "weight of the disk's angle")
+    theta_dot: float = positive(1.0, "weight of the pendulum's rate")
+    psi_dot: float = positive(0.1, "weight of the disk's rate")
+    torque: float = positive(2.0, 'weight of the feedback torque')
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, parameter, positive, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
 from tdm_planner.tracking.linear_quadratic import mean_controls
@@ -50,42 +50,31 @@ _ALIGNED = 0.3  # rad off at which a correction begins to fire
 class RobotTolerances(Tolerances):
     """How far the robot may be from the trajectory."""
 
-    start: float = parameter(
-        0.1,
-        'largest distance from the start for a trajectory to be accepted',
-        unit='m',
-        allowed=POSITIVE,
+    start: float = positive(
+        0.1, 'largest distance from the start for a trajectory to be accepted', 'm'
     )
-    path: float = parameter(
-        0.3, 'distance from the plan at which the motion is aborted', unit='m', allowed=POSITIVE
-    )
+    path: float = positive(0.3, 'distance from the plan at which the motion is aborted', 'm')
 
 
 @dataclass(frozen=True)
 class RobotFeedback(Validated):
     """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
 
-    position: float = parameter(
-        0.1,
-        'position error that gives full thrust; smaller is stiffer',
-        unit='m',
-        allowed=POSITIVE,
+    position: float = positive(
+        0.1, 'position error that gives full thrust; smaller is stiffer', 'm'
     )
-    yaw: float = parameter(
-        0.1, 'yaw error that gives full torque; smaller is stiffer', unit='rad', allowed=POSITIVE
-    )
+    yaw: float = positive(0.1, 'yaw error that gives full torque; smaller is stiffer', 'rad')
     deadband: float = parameter(
         0.03,
         'share of limits.thrust below which the thruster is not turned for the feedback, '
         'corrections of a coast apart',
         allowed=Range(0.0, 0.5),
     )
-    coasting: float = parameter(
+    coasting: float = positive(
         0.004,
         'distance by which a coast may miss the next burn, or station-keeping the goal, before it '
         'is corrected',
-        unit='m',
-        allowed=POSITIVE,
+        'm',
     )
     misalignment: float = parameter(
         1.0,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NotFinite
-from tdm_planner.parameters import parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import parameter, positive, Range, Validated
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -51,9 +51,7 @@ class ClosedLoop(Validated):
         'largest relative error of every physical constant and actuator gain, at random',
         allowed=Range(0.0, 1.0, upper_open=True),
     )
-    rate: float = parameter(
-        TrackerParameters.rate, 'rate of the commands', unit='Hz', allowed=POSITIVE
-    )
+    rate: float = positive(TrackerParameters.rate, 'rate of the commands', 'Hz')
 
 
 class CommandedPlant(NamedTuple):

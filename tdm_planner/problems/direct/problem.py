@@ -39,7 +39,7 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
-from tdm_planner.parameters import group, parameter, POSITIVE
+from tdm_planner.parameters import group, parameter, positive
 from tdm_planner.problems.direct.refinement import prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, limits_of
@@ -56,11 +56,8 @@ _AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 class DirectSolverParameters(SolverParameters):
     """How long and how hard to search; the search ends once most initial guesses agree."""
 
-    deadline: float = parameter(
-        3.0,
-        'time allowed for a plan; the best verified one is returned',
-        unit='s',
-        allowed=POSITIVE,
+    deadline: float = positive(
+        3.0, 'time allowed for a plan; the best verified one is returned', 's'
     )
     refine: bool = parameter(
         True, "refine plans by collocation; false: the direct method's own plan"

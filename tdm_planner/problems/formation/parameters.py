@@ -22,7 +22,7 @@ from tdm_planner.parameters import (
     NON_NEGATIVE,
     parameter,
     ParameterSpec,
-    POSITIVE,
+    positive,
     Range,
     SIGNED,
     specifications,
@@ -54,12 +54,11 @@ class Arena(Validated):
 
     length: float = parameter(4.0, 'length along x', unit='m', allowed=_SIDE)
     width: float = parameter(4.0, 'width along y', unit='m', allowed=_SIDE)
-    minimum_separation: float = parameter(
+    minimum_separation: float = positive(
         0.4,
         'least distance between the centres of two robots (MSD); half of it is kept from walls '
         'and from the edges of keep-out zones',
-        unit='m',
-        allowed=POSITIVE,
+        'm',
     )
     tracking_margin: float = parameter(
         0.03,
@@ -120,24 +119,17 @@ class FormationWeights(Validated):
 class FormationSolver(SolverParameters):
     """How long and how hard to search."""
 
-    deadline: float = parameter(
-        1.0,
-        'time allowed for a plan; the best verified one is returned',
-        unit='s',
-        allowed=POSITIVE,
+    deadline: float = positive(
+        1.0, 'time allowed for a plan; the best verified one is returned', 's'
     )
-    tolerance: float = parameter(
-        1e-6, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
-    )
+    tolerance: float = positive(1e-6, 'largest penalty that still counts as feasible, eps of (10)')
     starts: int = parameter(
         4,
         'initial guesses from which the minimiser starts; thrust_arcs take four times as many '
         'where robots are five or more',
         allowed=Range(1, 1000),
     )
-    longest: float = parameter(
-        120.0, 'latest time of arrival that is considered', unit='s', allowed=POSITIVE
-    )
+    longest: float = positive(120.0, 'latest time of arrival that is considered', 's')
 
 
 @dataclass(frozen=True)
