@@ -52,7 +52,8 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
             fine, violation = polish(
                 task, without_short_arcs(task, better), FINE_STEPS, 1e-8, budget
             )
-            if violation < 1e-6 and task.verify(trajectory(task, fine)).ok:
+            motion = trajectory(task, fine)
+            if violation < 1e-6 and task.plan(motion, fine.durations, 0.0).verification.ok:
                 best = fine
     return best
 

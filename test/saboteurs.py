@@ -92,8 +92,7 @@ def sabotaged(change: Callable[..., Any], patch: Patch, rng: Generator, size: fl
         return replace(change(rng, size, t), rates=None)
 
     def plan(self: Any, trajectory: Trajectory, *others: Any) -> Any:
-        made = changed(trajectory)
-        made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
+        made = changed(trajectory).with_rates(self.plant.derivative)
         return check(self, made, *others)
 
     patch.setattr(SwingUpTask, 'plan', plan)

@@ -379,4 +379,5 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     held = np.repeat(candidate.torques[there], counts)
     states = roll_states(task.plant, task.start, np.diff(instants), held)
     controls = np.append(held, held[-1])[:, None]
-    return task.trajectory(instants, states, controls)
+    motion = Trajectory.of(task.plant, instants, states, controls)
+    return motion.with_rates(task.plant.derivative)

@@ -15,8 +15,8 @@ from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
-from tdm_planner.verification import Constraint, Verification, verify
+from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
+from tdm_planner.verification import Constraint, verify
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 PENDULUM_NAME = 'pendulum'
@@ -188,14 +188,17 @@ class SwingUpTask:
         """Return the goal (4,) to aim at from a state (4,): upright at rest."""
         return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
 
-    def plan(
-        self,
-        trajectory: Trajectory,
-        parameters: Array,
-        penalty: float,
-    ) -> Solution:
-        """Return the motion with its check; J is the time it takes."""
-        check = self.verify(trajectory)
+    def plan(self, trajectory: Trajectory, parameters: Array, penalty: float) -> Solution:
+        """Return the motion, whose replay is checked; J is the time it takes."""
+        check = verify(
+            self.plant,
+            trajectory,
+            replay_pendulum(self.plant, trajectory),
+            self.goal_nearest(trajectory.states[-1]),
+            TERMINAL_TOLERANCE,
+            self.constraints,
+            start=self.start,
+        )
         return Solution(
             {PENDULUM_NAME: trajectory}, check, trajectory.duration, parameters, penalty
         )
@@ -210,19 +213,6 @@ class SwingUpTask:
             ),
         )
 
-    def verify(self, trajectory: Trajectory) -> Verification:
-        """Replay the trajectory and check its end and the limits."""
-        goal = self.goal_nearest(trajectory.states[-1])
-        return verify(
-            self.plant,
-            trajectory,
-            replay_pendulum(self.plant, trajectory),
-            goal,
-            TERMINAL_TOLERANCE,
-            self.constraints,
-            start=self.start,
-        )
-
     def hold(self) -> Solution | None:
         """Return the plan that does nothing, where the start is the goal; else None."""
         error = self.start - self.goal_nearest(self.start)
@@ -230,17 +220,7 @@ class SwingUpTask:
             return None
         time = max(min(_HOLD_TIME, 1.0 / self.plant.natural_frequency), NANOSECOND)
         times = to_nanoseconds([0.0, time])
-        motion = self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
-        plan = self.plan(motion, np.zeros(0), 0.0)
+        still = np.tile(self.start, (2, 1))
+        motion = Trajectory.of(self.plant, times, still, np.zeros((2, 1)))
+        plan = self.plan(motion.with_rates(self.plant.derivative), np.zeros(0), 0.0)
         return plan if plan.verification.ok else None
-
-    def trajectory(
-        self,
-        times: Array,
-        states: Array,
-        controls: Array,
-        interpolation: Interpolation = 'zero_order_hold',
-    ) -> Trajectory:
-        """Return a trajectory with names, units and rates."""
-        plan = Trajectory.of(self.plant, times, states, controls, interpolation)
-        return plan.with_rates(self.plant.derivative)

@@ -31,6 +31,7 @@ from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.switching_program import evaluate_arcs, SwitchingData
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Trajectory
 
 ENOUGH = 1000.0  # [s], so that the deadline never decides on a busy machine
 HANGING, PLANT = PendulumStart(), RotaryPendulum()
@@ -203,7 +204,8 @@ def test_motions_of_thousands_of_arcs_are_replayed():
     times = np.arange(7001) * 2.2 / task.plant.natural_frequency
     torques = task.planned_torque * (-1.0) ** np.arange(7001)
     states = roll_states(task.plant, task.start, np.diff(times), torques[:-1])
-    flown = replay_pendulum(task.plant, task.trajectory(times, states, torques[:, None]))
+    motion = Trajectory.of(task.plant, times, states, torques[:, None])
+    flown = replay_pendulum(task.plant, motion)
     assert flown.steps.size > 40_000
     np.testing.assert_allclose(flown.states(times), states, atol=1e-5)
     few = candidates.trajectory(task, Candidate(np.diff(times)[:2000], torques[:2000], 0))
