@@ -55,7 +55,6 @@ _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, before giving up
-_SIMPLE = 7  # order of the polynomials with which initial guesses are minimised
 _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
@@ -166,13 +165,6 @@ class PolynomialProgram(FormationProgram):
         """End derivatives (n, 2, order + 1) of x and y."""
         return kernels.unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
 
-    def raise_order(self, low: PolynomialProgram, x: Array) -> Array:
-        """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""
-        position = low.positions(x)
-        raised = self.fit(x[:, : low.nb], lambda s: position @ low.basis.values(s, 2).T)
-        raised[:, self.yaws] = x[:, low.yaws]
-        return raised
-
     def warm_guess(self, rest: Mapping[str, Trajectory]) -> Array:
         """
         Varied parameters (n, P) that bend as the `rest` of a plan does.
@@ -202,7 +194,6 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     """
     Local minima of one manoeuvre from several initial guesses, and their plans.
 
-    Initial guesses are minimised with polynomials of a low order, the best of them go on in full.
     Of a `previous` plan the remaining motion is the initial guess, with polynomials of higher
     order where those of the form do not do, and then one new guess after the other.
     """
@@ -223,9 +214,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             settings.end_accelerations == 'varied',
             settings.nodes,
         )
-        self._simple = form.of_order(min(form.order, _SIMPLE))
         higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
-        self._guesses = lru_cache(maxsize=1)(self._simple_guesses)  # go on in the next round
+        self._guesses = lru_cache(maxsize=1)(self._begun)  # go on in the next round
         self._options = TrustRegionOptions(
             penalties=(3.0 if self.task.n >= _MANY else 1.0,),
             feasibility=(self.feasible,),
@@ -240,16 +230,15 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             self.rounds = [partial(self._resumed, each) for each in (form, higher)]
         self.rounds += [self._minima] * _ROUNDS
 
-    def _simple_guesses(self, task: FormationTask) -> tuple[PolynomialProgram, Iterator[Array]]:
-        program = PolynomialProgram(task, self._simple)
+    def _begun(self, task: FormationTask) -> tuple[PolynomialProgram, Iterator[Array]]:
+        program = PolynomialProgram(task, self.form)
         return program, guesses(program, self.rng)
 
     def _minima(self) -> Iterator[Polynomials]:
         """Yield minima from further guesses; then with more distance kept."""
         program, further = self._guesses(self.task)
         first = map(program.reduce, itertools.islice(further, self.starts))
-        found = self.minima(program, first, self._options, _WORSE)
-        return self._completed(map(self._raised, found))
+        return self._completed(self.minima(program, first, self._options, _WORSE))
 
     def _resumed(self, form: MotionForm) -> Iterator[Polynomials]:
         """
@@ -311,15 +300,6 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
         program = candidate.program.with_task(self.farther(candidate.program.task))
         return self.minimised(program, candidate.point.xi, self._refining)
-
-    def _raised(self, candidate: Polynomials) -> Polynomials:
-        """Minimise on with polynomials of the form's order, of which the candidate's are some."""
-        low = candidate.program
-        if low.form.order >= self.form.order or self.budget.spent:
-            return candidate
-        program = PolynomialProgram(low.task, self.form)
-        x = program.raise_order(low, candidate.point.cache.x)
-        return self.minimised(program, program.reduce(x), self._refining) or candidate
 
     def _turned(self, candidate: Polynomials) -> Polynomials | None:
         """
