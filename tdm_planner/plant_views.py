@@ -84,11 +84,6 @@ class PlantView(Drawn):
         self.kind, self.problem, self._drawn = kind, problem, drawn or Drawn()
         self.surroundings = self._drawn.surroundings
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Return the units of states and controls by name."""
-        return self.kind.units
-
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Return the state (nx,) that a plan leads to, and what it may be missed by."""
         return plan.states[-1], self.near

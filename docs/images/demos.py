@@ -55,7 +55,7 @@ def animate(mission: Mission, name: str) -> list[Image.Image]:
             (line,) = axis.plot([], [], color=colour, lw=1.8)
             curve = np.stack([times, (measured[0] | measured[1])[signal]], axis=1)
             updates.append(_growing(line, curve))
-            axis.set_ylabel(f'{signal} [{vehicle.view.units[signal]}]')
+            axis.set_ylabel(f'{signal} [{vehicle.view.kind.units[signal]}]')
             axis.grid(alpha=0.25)
     scene.set_axis_off()
     if name == 'pendulum':

@@ -154,7 +154,7 @@ class History:
         """Return charts by unit, and one of margins; without a plan, as if it were followed."""
         if len(self._rows) < 2:
             return []
-        kind, units = self.view.kind, self.view.units
+        kind, units = self.view.kind, self.view.kind.units
         times = np.array([row[0] for row in self._rows])
         states, controls = (np.array([row[k] for row in self._rows]) for k in (1, 2))
         planned = Sample(states, controls) if plan is None else plan.sample(times)

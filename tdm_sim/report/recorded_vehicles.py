@@ -176,7 +176,8 @@ def recorded_vehicle(
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """
-    kind, units, space = site.view.kind, site.view.units, site.namespace
+    kind, space = site.view.kind, site.namespace
+    units = kind.units
     read = partial(read_joints, names=kind.control_names)
     readers: list[Reader] = [partial(read_joints, kind.measured, names=kind.state_names)]
     readers += [partial(read, [joint]) for joint in kind.actuated]

@@ -139,7 +139,7 @@ def _worst(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
     view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
     parts = [
-        f'{", ".join(names)} by {away[0]:.3g} {view.units.get(names[0], "")}'.rstrip()
+        f'{", ".join(names)} by {away[0]:.3g} {view.kind.units.get(names[0], "")}'.rstrip()
         for (names, allowed), away in view.missed_by(plan.trajectory, columns)
         if not away[0] < allowed
     ]

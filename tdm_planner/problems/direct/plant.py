@@ -80,14 +80,6 @@ class DirectPlant:
             raise NotFinite('its motion is not finite everywhere, or too fast to be replayed')
         return motion
 
-    def stepped(self, states: Array, first: Array, last: Array, step: Array) -> Array:
-        """
-        Return the states (n, nx) after `step` s, (n, 1), from each of `states` (n, nx).
-
-        Controls are linear, from `first` to `last` (n, nu).
-        """
-        return self.trace.integrator.stepped(states, first, last, step, self.numbers)
-
     @property
     def control_range(self) -> Array:
         """Lowest and highest controls, (2, nu); infinite where they are not limited."""
@@ -230,7 +222,8 @@ def corrected(
     transition, by_last = grown[..., :nx], grown[..., nw:-1] / h
     by_first = grown[..., nx:nw] - by_last
     by_duration = grown[..., -1:] / motion.duration
-    defects = plant.stepped(x[:-1], u[:-1], u[1:], h[:, 0]) - x[1:]
+    steps = x[:-1], u[:-1], u[1:], h[:, 0]
+    defects = plant.trace.integrator.stepped(*steps, plant.numbers) - x[1:]
 
     # Slopes of the end by every control and by the duration, and what the end is missed by.
     of_controls, of_duration = np.zeros((nx, n + 1, nu)), np.zeros((nx, 1))
