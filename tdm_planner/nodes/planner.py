@@ -34,7 +34,6 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.replanning.execution import ActivePlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
-from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(PlannerParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set
@@ -87,8 +86,8 @@ class Planner(ManagedNode):
                 'start, whatever is measured'
             )
         recoverable = self._adapter.vehicles if problem.assess is not Problem.assess else {}
-        prefixes = {name: vehicle.prefix for name, vehicle in recoverable.items()}
-        self._recovery = Recovery(self, self._adapter.kind, prefixes)
+        trackers = {name: vehicle.tracker for name, vehicle in recoverable.items()}
+        self._recovery = Recovery(self, self._adapter.kind, trackers)
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
         steady_timer(self, _PERIOD, self._on_timer)
@@ -162,6 +161,9 @@ class Planner(ManagedNode):
             if parameters:
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
+            self._recover()
+            if self._plan is None and self._recovery.due:
+                self._queue.recovery(self._recovery.wait, self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),
                 partial(self._settle, request),
@@ -270,8 +272,12 @@ class Planner(ManagedNode):
             self.get_logger().warning(self._unfollowed)
             self._diagnostics.update()
 
-    def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
-        """Recover the plan that the trackers follow."""
+    def _recover(self, _: Any = None) -> None:
+        """Recover the plan that the trackers follow, if there is one."""
+        # Before the first message on /clock no instant is known.
+        ready = self.active and self._time.runs
+        if self._plan is not None or not (found := self._recovery.look(ready)):
+            return
 
         def done(outcome: ActivePlan | Exception) -> None:
             if self._plan is not None:
@@ -281,17 +287,14 @@ class Planner(ManagedNode):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
         values = self.parameter_values
-        self._queue.task(partial(self._adapter.recovered, values, trajectories, stamp), done)
+        self._queue.recovery(partial(self._adapter.recovered, values, *found), done)
 
     # Time.
 
     def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
-        # Before the first message on /clock no instant is known.
-        ready = self.active and self._time.runs
-        if self._plan is None and (found := self._recovery.look(ready)):
-            self._recover(*found)
+        self._recover()
 
     def _on_clock_step(self, step: float) -> None:
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')

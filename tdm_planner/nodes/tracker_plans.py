@@ -39,6 +39,7 @@ from trajectory_msgs.msg import JointTrajectory
 TOPIC = 'tracker_status'
 FOLLOWED = 'active_trajectory'
 WINDOW = 10.0  # s after the planner's start in which a followed plan is its predecessor's
+_HEARD, _LOOK = 0.5, 0.002  # s in which trackers found say what they follow; between two looks
 
 _ACTIVE: Mapping[Phase, int] = {
     Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
@@ -227,7 +228,7 @@ class TrackerWatch:
         prefix: str,
         parameter_class: type[TrackerParameters] | None,
     ) -> None:
-        self._node, self._clock, self._class = node, clock, parameter_class
+        self._node, self._clock, self._class, self.prefix = node, clock, parameter_class, prefix
         # Status by start [ns], and that start's instant when it was first told; None: none heard.
         self._plans: dict[int, tuple[int, float]] | None = None
         self.parameters: TrackerParameters | None = None
@@ -251,6 +252,13 @@ class TrackerWatch:
             return self._class is not None and bool(self._client.service_is_ready())
         canceled = all(s == GoalStatus.STATUS_CANCELED for s, _ in self._plans.values())
         return canceled or self._node.count_publishers(self._topic) == 0
+
+    @property
+    def has_plan(self) -> bool | None:
+        """Whether it has a plan, active or pending; None: it publishes, but was not heard yet."""
+        if self._plans is None:
+            return None if self._node.count_publishers(self._topic) else False
+        return any(status in _UNDER_WAY for status, _ in self._plans.values())
 
     def followed(self, now: float) -> float | None:
         """Return the start of the plan followed at the instant `now`, None for none."""
@@ -322,18 +330,31 @@ class Recovery:
     """
     Finds the plan that the trackers follow when the planner starts; to be looked at repeatedly.
 
-    `prefixes` are the trackers' namespaces by vehicle, as of a `TrackerWatch`. Where the trackers
-    tell of different starts, their trajectories are not parts of one plan.
+    `trackers` are by vehicle. Where they tell of different starts, their trajectories are not
+    parts of one plan.
     """
 
-    def __init__(self, node: Node, kind: PlantKind, prefixes: Mapping[str, str]) -> None:
-        self._kind, self._names = kind, list(prefixes)
+    def __init__(self, node: Node, kind: PlantKind, trackers: Mapping[str, TrackerWatch]) -> None:
+        self._kind, self._names, self._trackers = kind, list(trackers), trackers
         self._until = time.monotonic() + WINDOW
         self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
         self._waits = False  # for the planner to be ready
-        for name, prefix in prefixes.items():
+        for name, tracker in trackers.items():
             take = partial(self._by_vehicle.__setitem__, name)
-            node.create_subscription(JointTrajectory, f'{prefix}{FOLLOWED}', take, LATCHED)
+            node.create_subscription(JointTrajectory, f'{tracker.prefix}{FOLLOWED}', take, LATCHED)
+
+    @property
+    def due(self) -> bool:
+        """Whether a tracker has yet to say what it follows. Safe in any thread."""
+        silent = [t for name, t in self._trackers.items() if name not in self._by_vehicle]
+        due = any(tracker.has_plan is not False for tracker in silent)
+        return due and time.monotonic() < self._until
+
+    def wait(self) -> None:
+        """Wait until the trackers have said what they follow. Safe in any thread."""
+        end = time.monotonic() + _HEARD
+        while self.due and time.monotonic() < end:
+            time.sleep(_LOOK)
 
     def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""

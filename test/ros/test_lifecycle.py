@@ -9,10 +9,12 @@ from unittest.mock import Mock
 from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
+import numpy as np
 from pendulum_rig import measured_state
 from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import seconds_of
 from tdm_planner.problems import Problem
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
@@ -212,6 +214,28 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
     assert ros.silent(rig.commands)
+
+
+def test_the_first_request_after_a_planner_was_set_up_anew_is_planned_along_the_active_plan(ros):
+    rig = Rig(ros, 'anew')
+    rig.tracker.do('configure', 'activate')
+    rig.planner.do('configure', 'activate')
+    rig.plan()
+    rig.tracked()
+    rig.planner.do('deactivate', 'cleanup')
+    rig.plans.clear()
+    ros.change(rig.planner.node, 'configure')
+    ros.change(rig.planner.node, 'activate')
+    rig.plan()
+    assert ros.spin_until(lambda: len(rig.plans) == 2)
+    active, new = rig.plans
+    start = seconds_of(new.header.stamp) - seconds_of(active.header.stamp)
+    times = [seconds_of(point.time_from_start) for point in active.points]
+    followed = np.interp(start, times, [point.positions[0] for point in active.points])
+    assert start > 0.1
+    # It begins on the active plan, not where a pendulum gets that nothing drives.
+    assert abs(new.points[0].positions[0] - followed) < 0.02
+    assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_SUCCEEDED])
 
 
 def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, monkeypatch):

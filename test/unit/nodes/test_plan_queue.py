@@ -6,6 +6,7 @@
 from collections.abc import Callable
 from functools import partial
 import threading
+import time
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -77,6 +78,17 @@ def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy() -> None:
     assert queue.done == ['first task', 'request', 'second task']
 
 
+def test_what_is_recovered_comes_before_the_request_that_is_planned_along_it() -> None:
+    queue = Queue()
+    queue.task(*queue.job('preparing'))
+    queue.recovery(lambda: None, lambda _: queue.recovery(*queue.job('found')))
+    queue.request(*queue.job('request'))
+    queue.finish()
+    for _ in range(3):
+        queue.finish()
+    assert queue.done == ['preparing', 'found', 'request']
+
+
 def test_a_request_supersedes_a_review() -> None:
     queue = Queue()
     queue.review(*queue.job('review'))
@@ -136,10 +148,13 @@ class Restarted:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.active = 100.0, False
         self.taken: list[tuple[list[str], int]] = []
-        monkeypatch.setattr(tracker_plans, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        clock = SimpleNamespace(monotonic=lambda: self.now, sleep=time.sleep)
+        monkeypatch.setattr(tracker_plans, 'time', clock)
         monkeypatch.setattr(tracker_plans, 'read_plan', lambda _, message: message.plan)
         node = Mock()
-        self.recovery = tracker_plans.Recovery(node, None, {'a': 'a/', 'b': 'b/'})  # type: ignore
+        self.trackers = [SimpleNamespace(prefix=f'{name}/', has_plan=None) for name in 'ab']
+        trackers = dict(zip('ab', self.trackers, strict=True))
+        self.recovery = tracker_plans.Recovery(node, None, trackers)  # type: ignore
         self.takes = {c.args[1]: c.args[2] for c in node.create_subscription.call_args_list}
         assert list(self.takes) == ['a/active_trajectory', 'b/active_trajectory']
 
@@ -155,6 +170,28 @@ class Restarted:
         found = self.recovery.look(self.active)
         if found is not None:
             self.taken.append((list(found[0].values()), found[1] // 10**9))  # type: ignore
+
+
+@pytest.mark.parametrize('missing', [None, True])
+def test_a_tracker_that_is_there_is_waited_for(monkeypatch, missing) -> None:
+    restarted = Restarted(monkeypatch)
+    recovery, (first, second) = restarted.recovery, restarted.trackers
+    first.has_plan, second.has_plan = False, missing  # the first one follows nothing
+    assert recovery.due
+    waited = threading.Thread(target=recovery.wait, daemon=True)
+    waited.start()
+    restarted.told('A', 0, 1)
+    waited.join(20.0)
+    assert not waited.is_alive()
+    assert not recovery.due
+    restarted = Restarted(monkeypatch)
+    assert restarted.recovery.due
+    restarted.later(tracker_plans.WINDOW)
+    assert not restarted.recovery.due
+    restarted = Restarted(monkeypatch)
+    for tracker in restarted.trackers:
+        tracker.has_plan = False
+    assert not restarted.recovery.due
 
 
 def test_what_is_followed_when_it_starts_is_taken_over(monkeypatch) -> None:
