@@ -19,19 +19,19 @@ from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined
 from launch.actions import OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import argument, common_arguments, Launch, switch
-from tdm_planner.parameter_files import config_file, ros_parameters
+from tdm_planner.parameter_files import config_file
 from tdm_planner.parameters import build
 from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.registry import SHORT_NAMES
 
 
 def start(context: LaunchContext) -> list[Any]:
     """Describe the processes, for the arguments of this launch; other packages' first."""
-    launch = Launch(context)
+    launch = Launch(context, SHORT_NAMES['pendulum'])
     described: list[Any] = []
     if launch.on('description'):
-        planner = ros_parameters(launch.document, 'planner', launch.namespace)
-        urdf = pendulum_urdf(build(RotaryPendulum, planner, 'plant.'))
+        urdf = pendulum_urdf(build(RotaryPendulum, launch.planning, 'plant.'))
         described.append(launch.state_publisher(ParameterValue(urdf, value_type=str)))
     if launch.on('rviz'):
         described.append(launch.rviz('pendulum'))

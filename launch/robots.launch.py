@@ -23,20 +23,20 @@ from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined
 from launch.actions import OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.launching import argument, common_arguments, Launch, switch
-from tdm_planner.parameter_files import config_file, ros_parameters
+from tdm_planner.parameter_files import config_file
 from tdm_planner.parameters import build
 from tdm_planner.problems.formation.parameters import FormationParameters
+from tdm_planner.problems.registry import SHORT_NAMES
 from tdm_planner.robot_nodes import robot_nodes
 
 
 def start(context: LaunchContext) -> list[Any]:
     """Describe the processes, for the arguments of this launch; other packages' first."""
-    launch = Launch(context)
+    launch = Launch(context, SHORT_NAMES['robots'])
     nodes = robot_nodes(launch.document, launch.namespace, how_many(launch['number_of_robots']))
     described: list[Any] = []
     if launch.on('rviz'):
-        planner = ros_parameters(launch.document, 'planner', launch.namespace)
-        arena = build(FormationParameters, planner).arena
+        arena = build(FormationParameters, launch.planning).arena
         robots = [node.namespace for node in nodes if node.executable == 'tracker']
         described.append(launch.rviz('robots', robots, arena.length, arena.width))
     described += [

@@ -26,7 +26,8 @@ from launch_ros.actions import Node
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
-from tdm_planner.parameter_files import config_file, read_document
+from tdm_planner.parameter_files import config_file, read_document, ros_parameters
+from tdm_planner.problems.registry import SHORT_NAMES
 from tdm_planner.starting import executable_of
 import yaml
 
@@ -41,10 +42,14 @@ class Launch:
     """
     The arguments of a launch under way, and the processes that they describe.
 
-    Raise InvalidProblem if the parameter file cannot be read, or the namespace cannot be one.
+    The planner plans for `problem`, the name of one of ours, or for another package's that the
+    parameter file names.
+
+    Raise InvalidProblem if the parameter file cannot be read or is for another problem, or the
+    namespace cannot be one.
     """
 
-    def __init__(self, context: LaunchContext) -> None:
+    def __init__(self, context: LaunchContext, problem: str) -> None:
         self._context = context
         self.file = self['params_file']
         self.document = read_document(Path(self.file))
@@ -55,6 +60,15 @@ class Launch:
         self.namespace = joined(pushed, self._namespace)
         if why := fault_of(f'/{self.namespace}', validate_namespace):
             raise InvalidProblem(f"namespace = '{self['namespace']}': {why}")
+        self.planning = ros_parameters(self.document, 'planner', self.namespace)
+        named = self.planning.get('problem', problem)
+        # By name: `ros2 launch` runs in an interpreter that need not have what problems import.
+        if named != problem and named in SHORT_NAMES.values():
+            raise InvalidProblem(
+                f"params_file = '{self.file}' is for problem = '{named}': this launch file takes "
+                f"one for '{problem}'"
+            )
+        self._problem = {'problem': named}
         self._log_level = ['--log-level', self['log_level']]
         self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
 
@@ -70,12 +84,13 @@ class Launch:
     ) -> Node:
         """Describe a node of ours; `robot` is the namespace below that of all nodes."""
         executable_of('tdm_planner', executable)
+        given = {**(self._problem if executable == 'planner' else {}), **(parameters or {})}
         enclave = ['--enclave', '/' + joined(self.namespace, robot, executable)]
         return Node(
             package='tdm_planner',
             executable=executable,
             namespace=joined(self._namespace, robot),
-            parameters=[self.file, *([dict(parameters)] if parameters else []), *self._clock],
+            parameters=[self.file, *([given] if given else []), *self._clock],
             ros_arguments=self._log_level + (enclave if self.on('enclaves') else []),
             output='screen',
             on_exit=self._on_exit(executable, needed=executable != 'tracker'),

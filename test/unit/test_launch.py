@@ -15,6 +15,7 @@ from launch_stand_ins import described, ExecuteProcess, Node, stand_ins  # noqa:
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import config_file
 import yaml
 
 pytestmark = pytest.mark.usefixtures('stand_ins')
@@ -183,7 +184,8 @@ def test_robots_get_a_plant_and_a_tracker_each(tmp_path: Path):
     assert initial['robots/right'].items() >= {'initial.yaw': 0.5}.items()
     found = nodes('robots', params_file=two, number_of_robots='1')
     assert places(found) == {('planner', 'robots')} | left
-    assert one(found, 'planner').parameters == [two, {'robots': ['left']}]
+    given = {'problem': 'robot_formation', 'robots': ['left']}
+    assert one(found, 'planner').parameters == [two, given]
     real = nodes('robots', params_file=two, plant='false', namespace='')
     assert places(real) == {('planner', ''), ('tracker', 'left'), ('tracker', 'right')}
     assert real[1].parameters[1] == {'kind': 'robot', 'planner_service': '/plan'}
@@ -200,6 +202,14 @@ def test_more_robots_than_the_file_names_have_places_of_their_own():
     for name in ('robot4', 'robot5'):
         assert plants[f'robots/{name}']['initial.x'] == changed[f'{name}.start.x']
         assert len(changed[f'formation.{name}']) == 3
+
+
+def test_a_file_for_another_problem_is_refused_and_one_that_names_none_is_for_this_one(tmp_path):
+    for name, other in (('pendulum', 'robots'), ('robots', 'pendulum')):
+        file = config_file(f'{other}.yaml')
+        refused(name, f'{other}.yaml. is for problem = .*takes one for', params_file=str(file))
+    found = nodes('robots', params_file=written(tmp_path, {'/**/planner': {}}))
+    assert one(found, 'planner').parameters[1] == {'problem': 'robot_formation'}
 
 
 def test_robots_that_cannot_be_are_refused(tmp_path: Path):
