@@ -33,9 +33,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
-from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
+from tdm_planner.exceptions import ERRORS, InvalidProblem, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.runtime import fault_of
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import joined, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -81,9 +82,14 @@ class PlanClient:
     Without a `node` the client has one of its own, which it serves while it waits: it may be used
     anywhere, in callbacks too, and is to be closed (``with``). A `node` that an executor serves
     must be served by another thread than the one that waits here.
+
+    Raise InvalidProblem if `namespace` cannot be one.
     """
 
     def __init__(self, namespace: str = '', *, node: Node | None = None) -> None:
+        self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
+        if why := fault_of(f'{self._prefix}plan_with'):
+            raise InvalidProblem(f"namespace = '{namespace}' is not allowed: {why}")
         self._context: rclpy.Context | None = None
         if node is None:
             self._context = rclpy.Context()
@@ -96,7 +102,6 @@ class PlanClient:
             )
         self._node = node
         self._executor = SingleThreadedExecutor(context=node.context)
-        self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
         self._summaries: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)  # the newest last
         self._newest: tuple[Mapping[str, Any], PlanResult | None] = {}, None

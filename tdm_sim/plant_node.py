@@ -161,7 +161,7 @@ class PlantNode(ParameterNode):
         self._last = self._time.now()
         self._skipped = 0.0
         self._counts = dict.fromkeys(_COUNTED, 0)
-        self._warned_timeouts = 0
+        self._warned_timeouts = self._warned_breakdowns = 0
         self._drawn = 0  # instant [ns]
         self._name = self.model.name(given, self.get_namespace())
         self._picture = Picture(self.model.drawn(given), self._name)
@@ -242,6 +242,10 @@ class PlantNode(ParameterNode):
             timeout = self.parameters.command_timeout
             told = f'no command for {timeout:g} s (command_timeout): actuators off'
             self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
+        if self.simulation.breakdowns > self._warned_breakdowns:
+            self._warned_breakdowns = self.simulation.breakdowns
+            told = 'the motion could not be integrated: back in the initial state'
+            self.get_logger().error(told, throttle_duration_sec=WARNING_PERIOD)
 
     def _publish(self, measured: Array, now: Time) -> None:
         """Publish the state (nx,) as measured, and the controls as applied."""

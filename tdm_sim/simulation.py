@@ -195,7 +195,8 @@ class SimulatedPlant:
             return
         setup, span = self.setup, until - self.time
         try:
-            state = integrate(setup.plant, self._state, self.control, span, setup.largest_step)
+            with np.errstate(all='ignore'):  # what is not finite is found below
+                state = integrate(setup.plant, self._state, self.control, span, setup.largest_step)
         except NotFinite:  # as a stated plant says itself
             state = np.full_like(self._state, np.nan)
         self.time = until

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from tdm_sim.report.margins import History, Margin, margin_history, ROUNDING, separations, smallest
 from tdm_sim.report.mission import Mission, RecordedVehicle, Severity, Signals
-from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
+from tdm_sim.report.verdict import arrival, goal_errors, held_from, HOLD_TIME, judge, Verdict
 
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'planner']
 
@@ -110,11 +110,14 @@ def _durations(mission: Mission) -> Iterator[Entry]:
 def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
     first, last = vehicle.plans[0], vehicle.plans[-1]
     reached, due = arrival(vehicle), _due(vehicle)
-    if reached == math.inf and vehicle.states is not None:
+    if reached is not None and vehicle.states is not None:
         latest = last.end + vehicle.view.settling(last.trajectory.duration)
-        early = vehicle.states.times[-1] <= latest
-        note = 'the recording ends before' if early else 'the goal was not held to the end'
-        reached = None
+        end = float(vehicle.states.times[-1])
+        # So late the recording may end while the plant happens to pass its goal.
+        if reached > latest and end - reached < HOLD_TIME:
+            early = end <= latest
+            note = 'the recording ends before' if early else 'the goal was not held to the end'
+            reached = None
     return Entry(
         kind='duration',
         name='time to the goal',

@@ -77,6 +77,11 @@ def test_every_code_of_the_planner_has_its_exception():
     assert {error.code for error in ERRORS} == {*promised.split(), 'BUSY', 'INACTIVE', 'INTERNAL'}
 
 
+def test_a_namespace_that_cannot_be_one_is_refused():
+    with pytest.raises(InvalidProblem, match=r"^namespace = '/a b' is not allowed: .*characters"):
+        PlanClient('/a b')
+
+
 def test_without_a_planner_there_is_no_answer(ros, user):
     with PlanClient('nowhere', node=user) as client:
         stranger = ros.publisher('/nowhere/plan_summary')

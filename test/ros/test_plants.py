@@ -6,6 +6,7 @@
 from collections.abc import Callable
 import math
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -71,6 +72,15 @@ def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_t
     assert efforts == [0.003] * efforts.count(0.003) + [0.0] * efforts.count(0.0)
     assert 'no command for 0.2 s (command_timeout): actuators off' in rig.process.output
     assert rig.told('command time-outs')[2] == [1]
+
+
+def test_a_push_too_violent_to_integrate_is_told_of(ros):
+    rig = Plant(ros, 'pendulum_plant', 'violent', {'disturbance.impulse': 1e12})
+    rig.trigger('push')
+    level, message, _ = rig.told()
+    assert level == DiagnosticStatus.ERROR[0]
+    assert message.startswith('reset 1 times: the motion could not be integrated')
+    assert 'could not be integrated: back in the initial state' in rig.process.output
 
 
 def test_slow_motion_and_what_a_stalled_process_leaves_out(ros):

@@ -91,8 +91,10 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     assert not comparison.verdict.reached
     fallen = swing_up()
     fallen.vehicles[0].states.values[-200:, 0] = 5.0
-    duration = entry(compare(fallen), 'time to the goal', 'pendulum')
-    assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
+    for at_the_end in (5.0, TURN):  # where it passes upright
+        fallen.vehicles[0].states.values[-1, 0] = at_the_end
+        duration = entry(compare(fallen), 'time to the goal', 'pendulum')
+        assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
     states = fallen.vehicles[0].states
     disk = Signals(states.times, states.values[:, 1:2], ('psi',), ('rad',))
     assert judge(with_first(fallen, states=disk)) is None
