@@ -42,8 +42,18 @@ HINTS = {
     **dict.fromkeys(('min(', 'max('), 'use np.minimum and np.maximum'),
     **dict.fromkeys(('np.linalg', 'dot(', ' @ '), 'write the formula by components'),
     'pline': 'use a formula in place of a spline',
+    **dict.fromkeys(('zeros(', '] = '), 'return the components, such as (x[1], u[0])'),
     'mean(': 'write what holds at one node: there are no sums over nodes',
     'sum(': 'write what holds at one node: there are no sums over nodes',
+}
+ARGUMENTS = {  # of every function that is traced, but for the numbers
+    'invert': 'yz',
+    'derivative': 'xu',
+    'margins': 'txu',
+    'running_cost': 'txu',
+    'final_cost': 'tx',
+    'start_conditions': 'tx',
+    'end_conditions': 'tx',
 }
 _SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', __name__)]
 _LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
@@ -294,10 +304,8 @@ class CheckedFormulation:
         except ValueError:
             found = np.asarray(None)
         if found.dtype.kind == 'b':
-            raise InvalidProblem(
-                f'{what} = True or False, expected a number, as what is left to a limit: 3 - x, '
-                'not x < 3'
-            )
+            limit = ', as what is left to a limit: 3 - x, not x < 3' if 'margins' in what else ''
+            raise InvalidProblem(f'{what} = True or False, expected a number{limit}')
         if found.dtype.kind not in 'iuf':
             raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')
         try:
@@ -340,5 +348,18 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
     if function == 'invert' and isinstance(error, KeyError):
         hint = f'{error} is in neither outputs() nor integrated()'
-    hint = hint or (HINT if traced else one_line(error))
+    hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
+
+
+def _usage(function: str, error: Exception, begun: bool) -> str:
+    """Say how a function is called, and with what; '' where that is not what is wrong."""
+    if function not in ARGUMENTS:
+        return ''
+    if isinstance(error, TypeError) and not begun:
+        return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
+    if isinstance(error, IndexError) and function == 'invert':
+        return "y['x'] holds x and as many derivatives as Output(derivatives=2) says"
+    if isinstance(error, IndexError | AttributeError):
+        return 'x and u are sequences in the order of the names, x[0] the first state'
+    return ''

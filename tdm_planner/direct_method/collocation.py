@@ -135,13 +135,13 @@ class Ends:
     """
     What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
 
-    `complete` where they say all of it: a condition on a derivative that is neither a state nor a
-    control cannot be kept by collocation. `regular` where `invert` gives numbers at both ends.
+    `lost` names the conditions that fix neither a state nor a control: collocation cannot keep
+    them. `regular` where `invert` gives numbers at both ends.
     """
 
     states: Array
     controls: Array
-    complete: bool = True
+    lost: tuple[str, ...] = ()
     regular: bool = True
 
     @classmethod
@@ -152,7 +152,7 @@ class Ends:
         A component is given if the free boundary values, varied at random, do not change it.
         """
         rng, states, controls = np.random.default_rng(1), [], []
-        complete = regular = True
+        lost, regular = list[str](), True
         for side, where in enumerate(('start', 'end')):
             y = {}
             for name, output in stated.outputs().items():
@@ -178,9 +178,9 @@ class Ends:
                     moved = {key: list(jet) for key, jet in y.items()}
                     if order <= output.derivatives:
                         moved[name][order] = moved[name][order] + 0.1
-                    kept = not np.array_equal(_inverted(stated, moved, z), both, equal_nan=True)
-                    complete = complete and kept
-        return cls(np.array(states), np.array(controls), complete, regular)
+                    if np.array_equal(_inverted(stated, moved, z), both, equal_nan=True):
+                        lost.append(f"'{name}' of order {order} at the {where}")
+        return cls(np.array(states), np.array(controls), tuple(lost), regular)
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:

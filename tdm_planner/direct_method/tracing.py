@@ -22,7 +22,13 @@ from typing import Any, ClassVar, TypeVar
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation, HINT, HINTS, told
+from tdm_planner.direct_method.checked_formulation import (
+    ARGUMENTS,
+    CheckedFormulation,
+    HINT,
+    HINTS,
+    told,
+)
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
 from tdm_planner.direct_method.integrator import Integrator
@@ -34,15 +40,6 @@ _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
 _LOCK = threading.Lock()
-_ARGUMENTS = {  # of every function, but for the numbers
-    'invert': 'yz',
-    'derivative': 'xu',
-    'margins': 'txu',
-    'running_cost': 'txu',
-    'final_cost': 'tx',
-    'start_conditions': 'tx',
-    'end_conditions': 'tx',
-}
 
 
 def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], Array]]:
@@ -79,7 +76,7 @@ def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], Array]
     y, z = columns(v for jet in outputs.values() for v in jet), columns(integrated.values())
     given = {'y': y, 'z': z, 't': columns([t]), 'x': x.astype(float), 'u': u.astype(float)}
     found = {}
-    for function, names in _ARGUMENTS.items():
+    for function, names in ARGUMENTS.items():
         if function == 'invert':
             values = columns([*x.T, *u.T])
         elif function == 'derivative':
@@ -132,7 +129,7 @@ class Trace:
                 [*(symbolic_of[name] for name in names), p],
                 [_traced(twin, function, tuple(parts[name] for name in names))],
             )
-            for function, names in _ARGUMENTS.items()
+            for function, names in ARGUMENTS.items()
         }
         self.invert, self.rates, self.margins, self.running, *ends = self.functions.values()
         self.final, self.start_conditions, self.end_conditions = ends

@@ -89,7 +89,7 @@ class DirectSearch(Search[Candidate]):
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
-        self._refines = refined and self._refinement.ends.complete
+        self._refines = refined and not self._refinement.ends.lost
         # When minimising before any check has to end [s]: a check takes its time, too.
         seconds = budget.seconds
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))

@@ -77,6 +77,14 @@ FOR_OTHERS = [  # what only a tracker or a picture would meet
     ),
     ({'joints': lambda s: {'arm': ('x',)}}, ['joints must give every joint by name the']),
 ]
+
+
+def filled(self, x, u):
+    rates = np.zeros(2)
+    rates[0] = x[1]
+    return rates
+
+
 OF_A_CART = [
     ({'running_cost': DirectProblem.running_cost}, ['states no performance index']),
     ({'state_units': ('m',)}, ['2 state_names but 1 state_units']),
@@ -109,6 +117,16 @@ OF_A_CART = [
     ({'feedback_weights': lambda s: (-np.eye(2), 1.0)}, ['gives Q that is not positive']),
     ({'feedback_weights': lambda s: (np.eye(2), 0.0)}, ['gives R that is not positive definite']),
     ({'feedback_weights': lambda s: ('much', 1.0)}, ['gives Q that is no matrix']),
+    ({'derivative': lambda s, t, x, u: (x[1], u[0])}, ['it is called as derivative(x, u)']),
+    ({'final_cost': lambda s, x: x[0]}, ['it is called as final_cost(t, x)']),
+    ({'invert': lambda s, y, z: (y['x'][:2], (y['x'][3],))}, ['Output(derivatives=2)']),
+    ({'derivative': lambda s, x, u: (x['v'], u[0])}, ['in the order of the names']),
+    ({'derivative': lambda s, x, u: (x.v, u[0])}, ['in the order of the names']),
+    ({'derivative': filled}, ['return the components, such as (x[1], u[0])']),
+    (
+        {'running_cost': lambda s, t, x, u: x[1] > 1.0},
+        ['running_cost gives J = True or False, expected a number'],
+    ),
     (
         margins_of(log=lambda x: np.log(x[0])),
         ["margins gives 'log'", 'node 24 of 25', 'boundary values fix it there'],
@@ -145,12 +163,16 @@ def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions(
     of_its_own['derived'] = Cart.derivative  # it is called below
     of_its_own['derivative'] = lambda s, x, u: s.derived(x, u)
     made = changed(Cart, **of_its_own, end_conditions=lambda s, t, x: [x[1], t - 2.0])
-    console = Console(record=True, width=100)
+    console = Console(record=True, width=300)
     assert check_problem(made(), console) == []
     told = console.export_text()
     assert 'runing_cost is never called: did you mean running_cost' in told
     assert 'end_conditions: 2 beside these' in told
     assert told.count('is never called') + told.count('beside these') == 2
+    assert 'not refined' not in told
+    at_rest = Output((0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=2)
+    assert check_problem(changed(Cart, outputs=lambda s: {'x': at_rest})(), console) == []
+    assert "neither a state nor a control: 'x' of order 3 at the end" in console.export_text()
     rate = {'rate': parameter(1.0, 'taken'), '__annotations__': {'rate': float}}
     (reason,) = check_problem(dataclass(frozen=True)(type('Taken', (Cart,), rate))())
     assert reason == "parameter 'rate' of Taken is one of the node's own: name it otherwise"
