@@ -23,7 +23,9 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.trajectory import ReplayedMotion
 
-TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
+# Relative and absolute, of a step. Errors of an unstable plant grow by 1e10 and more; most steps
+# are as long as the pieces of the controls all the same.
+_TOLERANCES = 1e-11, 1e-13
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 LEAST_STEP = 1e-12  # share of a piece; where it would take less it cannot go on
@@ -103,7 +105,7 @@ class Integrator:
             slopes.append(rate(stage, x + h * combined(slopes, a[:stage])))
         change = h * combined(slopes, DOP853.B)
         slopes.append(rate(12, x + change))
-        relative, absolute = TOLERANCES
+        relative, absolute = _TOLERANCES
         scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x + change))
         fifth, third = (
             ca.sumsqr(combined(slopes, weights) / scale) for weights in (DOP853.E5, DOP853.E3)

@@ -22,7 +22,6 @@ from tdm_planner.direct_method.integrator import (
     SHARES,
     step_factor,
     stricter,
-    TOLERANCES,
 )
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.pendulum_kernels import quick_accelerations, quick_time
@@ -32,7 +31,7 @@ from tdm_planner.trajectory import ReplayedMotion, Trajectory
 # Of DOP853: 12 stages, where the step ends, three more for the dense output.
 _STAGES, _ERRORS = np.zeros((16, 16)), np.array([DOP853.E5, DOP853.E3])
 _STAGES[:12, :12], _STAGES[12, :12], _STAGES[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-_RELATIVE, _ABSOLUTE = TOLERANCES
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-11  # of a step
 _LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 
