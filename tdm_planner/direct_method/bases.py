@@ -8,7 +8,8 @@ In section 3 of Yakimenko (2006), (2)-(4) give the quintic with x, x', x'' at bo
 further derivative that is prescribed or varied at an end raises the order by one. Here any set of
 derivatives at either end works. System (4) is badly conditioned in powers of raw tau, so it is
 solved for Bernstein's polynomials on the unit interval, once for every set of conditions. Only
-k + 1 of them have a k-th derivative at an end: boundary conditions hold to the last bits.
+k + 1 of them have a k-th derivative at an end: values and first derivatives there hold to the last
+bit, those of the orders 2 to 7 to 1e-7 at the worst, mostly to 1e-12.
 
 The basis of an output is what its boundary conditions determine, and well scaled free shapes.
 
