@@ -97,7 +97,8 @@ class DirectProblem(Formulation, Problem):
         """Return the search; the rest of an earlier plan is its initial guess."""
         check_statement(self)
         tolerance = self.solver.tolerance
-        return DirectSearch(self, tolerance, self._refined, budget, rng, previous)
+        refined, to_go = self._refined, self.cost_to_go
+        return DirectSearch(self, tolerance, refined, budget, rng, to_go, previous)
 
     @property
     def _refined(self) -> bool:

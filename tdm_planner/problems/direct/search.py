@@ -13,7 +13,7 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
 
@@ -56,6 +56,7 @@ _LEAP = 0.25  # of J's size, by which it rises on more intervals where a motion 
 _SIMILAR = 0.1  # of J's size, by which another motion may be cheaper, and leap as well
 _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _ROUNDS = 4  # of refinement of one candidate
+_DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _LEAST_CHECK = 0.04  # s that a check may take past the deadline
@@ -79,10 +80,11 @@ class DirectSearch(Search[Candidate]):
         refined: bool,
         budget: Budget,
         rng: np.random.Generator,
+        cost_to_go: Callable[[Solution, float], float],
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
-        self._problem, self._tolerance = problem, tolerance
+        self._problem, self._tolerance, self._cost_to_go = problem, tolerance, cost_to_go
         self._rng, self._seed = rng, int(rng.integers(2**32))
         self._previous = previous
         self._plant = DirectPlant(problem)
@@ -98,7 +100,7 @@ class DirectSearch(Search[Candidate]):
         self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._best: Candidate | None = None  # what the cheapest plan is made of,
-        self._least = np.inf  # and its J
+        self._least, self._dear = np.inf, np.inf  # its J, and that above which a replan is dear
         self._closest, self._nearest_miss = np.inf, ''
         self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
@@ -124,10 +126,10 @@ class DirectSearch(Search[Candidate]):
         return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
-        """Take it; after a warm start no other is tried."""
+        """Take it; after a warm start no other is tried, unless it has become much dearer."""
         if plan.cost < self._least:
             self._best, self._least = self._checked, plan.cost
-        return self._warm
+        return self._warm and plan.cost <= self._dear
 
     def widen(self) -> bool:
         """Try a few more rounds of the direct method while none leads to a feasible motion."""
@@ -180,6 +182,7 @@ class DirectSearch(Search[Candidate]):
         if self._previous is not None:
             self._warm = True
             if motion := self._refinement.warm(self._previous.trajectory):
+                self._dear = self._cost_to_go(self._previous, 0.0) + _DEAR * motion.size
                 yield motion
             self._warm = False
         solved = list[CollocatedMotion]()

@@ -78,6 +78,18 @@ def test_a_limit_is_kept_between_the_nodes_and_a_plan_is_a_start():
     assert warm.cost == pytest.approx(cold.cost, rel=1e-3)
 
 
+def test_a_warm_start_that_leads_to_a_dear_motion_is_not_the_only_start(monkeypatch):
+    problem = changed(Cart, **QUICKEST)()
+    plan, warm = problem.solve(), Refinement.warm
+
+    def slowly(self, rest):
+        motion = warm(self, rest)
+        return self.solve(motion.intervals, motion, reserve=0.6)
+
+    monkeypatch.setattr(Refinement, 'warm', slowly)
+    assert problem.solve(warm_start=plan).cost == pytest.approx(plan.cost, rel=1e-3)
+
+
 def test_where_a_plan_begins_and_ends_is_checked_against_what_is_asked(monkeypatch):
     """A search whose reference functions begin elsewhere, and say so in nothing."""
     assert solve(terminal_tolerance=(np.inf, 1e-3), starts=1).verification.ok
