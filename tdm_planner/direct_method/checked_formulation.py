@@ -57,6 +57,7 @@ ARGUMENTS = {  # of every function that is traced, but for the numbers
 }
 _SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', __name__)]
 _LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
+_LEFT = ', as what is left to a limit: 3 - x, not x < 3'
 HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
 
@@ -137,7 +138,7 @@ class CheckedFormulation:
                 'always be the same, in the same order'
             )
         stated = {
-            name: self._shaped(f"margins gives '{name}'", value, times.shape)
+            name: self._shaped(f"margins gives '{name}'", value, times.shape, _LEFT)
             for name, value in found.items()
         }
         return stated | self._limit_margins(components(controls))
@@ -298,14 +299,13 @@ class CheckedFormulation:
         return np.stack([self._shaped(f"{what}: '{n}'", part, shape) for n, part in rows], axis=-1)
 
     @staticmethod
-    def _shaped(what: str, value: Any, shape: tuple[int, ...]) -> Values:
+    def _shaped(what: str, value: Any, shape: tuple[int, ...], instead: str = '') -> Values:
         try:
             found = np.asarray(value)
         except ValueError:
             found = np.asarray(None)
         if found.dtype.kind == 'b':
-            limit = ', as what is left to a limit: 3 - x, not x < 3' if 'margins' in what else ''
-            raise InvalidProblem(f'{what} = True or False, expected a number{limit}')
+            raise InvalidProblem(f'{what} = True or False, expected a number{instead}')
         if found.dtype.kind not in 'iuf':
             raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')
         try:
@@ -346,8 +346,6 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
     hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
-    if function == 'invert' and isinstance(error, KeyError):
-        hint = f'{error} is in neither outputs() nor integrated()'
     hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 
@@ -358,6 +356,8 @@ def _usage(function: str, error: Exception, begun: bool) -> str:
         return ''
     if isinstance(error, TypeError) and not begun:
         return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
+    if isinstance(error, KeyError) and function == 'invert':
+        return f'{error} is in neither outputs() nor integrated()'
     if isinstance(error, IndexError) and function == 'invert':
         return "y['x'] holds x and as many derivatives as Output(derivatives=2) says"
     if isinstance(error, IndexError | AttributeError):

@@ -23,7 +23,7 @@ from tdm_planner.nodes.clocks import MotionClock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.planning import make_plan, PlanQueue, Replanning
+from tdm_planner.nodes.planning import await_trackers, make_plan, PlanQueue, Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import Recovery
@@ -163,7 +163,7 @@ class Planner(ManagedNode):
             values = {**self.parameter_values, **request.changes}
             self._recover()
             if self._plan is None and self._recovery.due:
-                self._queue.recovery(self._recovery.wait, self._recover)
+                self._queue.recovery(partial(await_trackers, self._recovery), self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),
                 partial(self._settle, request),

@@ -27,6 +27,7 @@ from tdm_planner.exceptions import (
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
+from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import build
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
@@ -38,7 +39,8 @@ _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; with less time left it is not tried again
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
-_LOOK = 0.002  # s between looks at the clock, and for a first state
+_LOOK = 0.002  # s between looks at what is waited for
+_HEARD = 0.5  # s, the longest wait for trackers that are there to say what they follow
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 _LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
 _SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
@@ -195,12 +197,15 @@ def make_plan(
     raise failure
 
 
+def await_trackers(recovery: Recovery) -> None:
+    """Wait until the trackers have said what they follow, but not for long."""
+    _wait(lambda: not recovery.due, _HEARD)
+
+
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
     """Wait at most `max_age` s for simulated time and states; NoState names what is missing."""
     longest = min(max_age, _PATIENCE)
-    end = time.monotonic() + longest
-    while (not clock.runs or adapter.missing()) and time.monotonic() < end:
-        time.sleep(_LOOK)
+    _wait(lambda: clock.runs and not adapter.missing(), longest)
     missing = adapter.missing()
     if missing and clock.runs:
         raise NoState(f'{"; ".join(missing)} within {longest:g} s (start.max_age)')
@@ -220,10 +225,15 @@ def _wait_for_pending_start(adapter: Adapter, values: Values, clock: MotionClock
     longest = max(values['solver.deadline'], _SHARES[1] * values['start.delay']) + _MARGIN
     if begins is None or begins - now > longest:
         return now
-    patience = time.monotonic() + 2.0 * longest  # simulated time may stand still
-    while (now := clock.now()) < begins and time.monotonic() < patience:
+    _wait(lambda: clock.now() >= begins, 2.0 * longest)  # simulated time may stand still
+    return clock.now()
+
+
+def _wait(until: Callable[[], bool], longest: float) -> None:
+    """Look again and again, for `longest` s at most."""
+    end = time.monotonic() + longest
+    while not until() and time.monotonic() < end:
         time.sleep(_LOOK)
-    return now
 
 
 def _with_prediction_note(error: TdmError, delay: float) -> TdmError:

@@ -39,7 +39,6 @@ from trajectory_msgs.msg import JointTrajectory
 TOPIC = 'tracker_status'
 FOLLOWED = 'active_trajectory'
 WINDOW = 10.0  # s after the planner's start in which a followed plan is its predecessor's
-_HEARD, _LOOK = 0.5, 0.002  # s in which trackers found say what they follow; between two looks
 
 _ACTIVE: Mapping[Phase, int] = {
     Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
@@ -335,7 +334,7 @@ class Recovery:
     """
 
     def __init__(self, node: Node, kind: PlantKind, trackers: Mapping[str, TrackerWatch]) -> None:
-        self._kind, self._names, self._trackers = kind, list(trackers), trackers
+        self._kind, self._trackers = kind, trackers
         self._until = time.monotonic() + WINDOW
         self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
         self._waits = False  # for the planner to be ready
@@ -350,21 +349,15 @@ class Recovery:
         due = any(tracker.has_plan is not False for tracker in silent)
         return due and time.monotonic() < self._until
 
-    def wait(self) -> None:
-        """Wait until the trackers have said what they follow. Safe in any thread."""
-        end = time.monotonic() + _HEARD
-        while self.due and time.monotonic() < end:
-            time.sleep(_LOOK)
-
     def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""
         told = self._by_vehicle
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
-        start = starts.pop() if len(told) == len(self._names) and len(starts) == 1 else 0
+        start = starts.pop() if len(told) == len(self._trackers) and len(starts) == 1 else 0
         self._waits |= bool(start) and time.monotonic() < self._until
         if self._waits and ready:
             self._waits, self._until = False, -math.inf
             if start:
                 with suppress(InvalidProblem):
-                    return {n: read_plan(self._kind, told[n]) for n in self._names}, start
+                    return {n: read_plan(self._kind, told[n]) for n in self._trackers}, start
         return None

@@ -6,7 +6,6 @@
 from collections.abc import Callable
 from functools import partial
 import threading
-import time
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -15,7 +14,7 @@ import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.adapter import Vehicle
-from tdm_planner.nodes.planning import PlanQueue, Replanning
+from tdm_planner.nodes.planning import await_trackers, PlanQueue, Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
@@ -148,8 +147,7 @@ class Restarted:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.active = 100.0, False
         self.taken: list[tuple[list[str], int]] = []
-        clock = SimpleNamespace(monotonic=lambda: self.now, sleep=time.sleep)
-        monkeypatch.setattr(tracker_plans, 'time', clock)
+        monkeypatch.setattr(tracker_plans, 'time', SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(tracker_plans, 'read_plan', lambda _, message: message.plan)
         node = Mock()
         self.trackers = [SimpleNamespace(prefix=f'{name}/', has_plan=None) for name in 'ab']
@@ -178,7 +176,7 @@ def test_a_tracker_that_is_there_is_waited_for(monkeypatch, missing) -> None:
     recovery, (first, second) = restarted.recovery, restarted.trackers
     first.has_plan, second.has_plan = False, missing  # the first one follows nothing
     assert recovery.due
-    waited = threading.Thread(target=recovery.wait, daemon=True)
+    waited = threading.Thread(target=await_trackers, args=(recovery,), daemon=True)
     waited.start()
     restarted.told('A', 0, 1)
     waited.join(20.0)
