@@ -162,7 +162,7 @@ class Planner(ManagedNode):
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
             self._recover()
-            if self._plan is None and self._recovery.due:
+            if self._plan is None and self._recovery.due and not self._queue.solving:
                 self._queue.recovery(partial(await_trackers, self._recovery), self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),

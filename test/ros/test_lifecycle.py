@@ -238,6 +238,18 @@ def test_the_first_request_after_a_planner_was_set_up_anew_is_planned_along_the_
     assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_SUCCEEDED])
 
 
+def test_requests_that_are_busy_do_not_wait_for_a_tracker_that_says_nothing_yet(ros):
+    rig = Rig(ros, 'silent')
+    rig.tracker.do('configure')
+    rig.planner.do('configure', 'activate')
+    begun = ros.now
+    asked = [ros.request(f'{rig.space}/plan') for _ in range(8)]
+    assert ros.spin_until(lambda: all(one.done() for one in asked))
+    assert sum(one.result().success for one in asked) == 1
+    assert sum('BUSY' in one.result().message for one in asked) == 7
+    assert ros.now - begun < 1e9
+
+
 def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros, monkeypatch):
     process = ros.start('tracker', WAITING, 'fragile')
     commands = ros.subscribe('/fragile/joint_command')
