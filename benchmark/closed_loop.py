@@ -60,8 +60,8 @@ def swing_up(
     settled = solution.duration + SETTLING
     last = vehicle.states.between(settled, settled + HELD)
     return {
-        'angle': float(np.abs(wrapped(last.column('theta'))).max()),
-        'disk': float(np.abs(vehicle.states.column('psi')).max()),
+        'angle': float(np.abs(wrapped(last.columns['theta'])).max()),
+        'disk': float(np.abs(vehicle.states.columns['psi']).max()),
     }
 
 
@@ -96,10 +96,10 @@ def formation(
     for vehicle, plan in zip(mission.vehicles, solution.trajectories.values(), strict=True):
         assert vehicle.states is not None
         assert vehicle.controls is not None
-        thrust = vehicle.controls.between(0.0, solution.duration + HELD).column('thrust')
+        thrust = vehicle.controls.between(0.0, solution.duration + HELD).columns['thrust']
         gas.append(float(thrust.sum()) * interval / problem.plant.mass)  # held between commands
         seen = vehicle.states.between(0.0, solution.duration + HELD)
-        offset = seen.select('x', 'y').values - plan.sample(seen.times).state[:, :2]
+        offset = seen.table(['x', 'y']) - plan.sample(seen.times).state[:, :2]
         error, moving = np.hypot(*offset.T), seen.times < plan.duration
         held.append(error[~moving])
         path.append(error[moving])
@@ -107,14 +107,15 @@ def formation(
     apart = separations(mission)
     assert apart.planned is not None
     assert apart.measured is not None
-    planned, gaps = apart.planned.values.min(axis=0), apart.measured.values.min(axis=0)
+    planned = {pair: float(column.min()) for pair, column in apart.planned.columns.items()}
+    gaps = {pair: float(column.min()) for pair, column in apart.measured.columns.items()}
     return {
         'arrival': max(float(error[0]) for error in held),
         'held': max(float(error.max()) for error in held),
         'path': path,
         'cost': sum(problem.task.cost_terms(arrivals, np.array(gas)).values()),
-        'separation': float(gaps.min()),
-        'approach': float(max(planned - gaps)),
+        'separation': min(gaps.values()),
+        'approach': max(planned[pair] - gaps[pair] for pair in gaps),
     }
 
 

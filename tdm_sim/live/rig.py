@@ -179,7 +179,7 @@ class History:
         found = margins_of(self.view.constraints(plan), times, times, states, controls)
         return {
             name: left / max(float(np.abs(left).max()), 1e-12)
-            for name, left in zip(found.names, found.values.T, strict=True)
+            for name, left in found.columns.items()
             if np.isfinite(left).all()
         }
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -15,7 +15,7 @@ from tdm_planner.drawing import COLOURS, Disc, points_of, Shape
 from tdm_sim.report.charts import packed
 from tdm_sim.report.mission import Mission, RecordedVehicle
 
-Frames = dict[str, Array]  # states or controls by name, (n,)
+Frames = Mapping[str, Array]  # states or controls by name, (n,)
 
 RATE = 60.0  # frames per second of the motion; the page reads between frames
 FEWEST_FRAMES, MOST_FRAMES = 200, 1200
@@ -90,10 +90,8 @@ def planned_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Fram
     moving = np.zeros(times.size, dtype=bool)
     for plan in vehicle.plans:
         moving |= (times >= plan.start) & (times <= plan.followed_until)
-    return (
-        dict(zip(states.names, states.values.T, strict=True)),
-        dict(zip(controls.names, (moving[:, None] * controls.values).T, strict=True)),
-    )
+    acting = {name: moving * column for name, column in controls.columns.items()}
+    return states.columns, acting
 
 
 def measured_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Frames] | None:
@@ -101,9 +99,8 @@ def measured_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Fra
     if vehicle.states is None or vehicle.plan is None:
         return None
     motion = vehicle.plan.trajectory
-    states = vehicle.states.select(*motion.state_names).at(times)
-    controls = (vehicle.controls or vehicle.states).select(*motion.control_names).at(times)
+    states, controls = vehicle.states.at(times), (vehicle.controls or vehicle.states).at(times)
     return (
-        dict(zip(states.names, states.values.T, strict=True)),
-        dict(zip(controls.names, controls.values.T, strict=True)),
+        states.select(motion.state_names).columns,
+        controls.select(motion.control_names).columns,
     )

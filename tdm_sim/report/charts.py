@@ -130,7 +130,7 @@ def _distances(mission: Mission, history: History) -> Chart:
         _curve(kind, signals, name, (k, name) if len(names) > 1 else None)
         for kind, signals in both.items()
         for k, name in enumerate(names)
-        if signals is not None and name in signals
+        if signals is not None and name in signals.columns
     ]
     least = mission.vehicles[0].view.separation if mission.vehicles else None
     limits = () if least is None else (least,)
@@ -144,7 +144,7 @@ def _curve(
 ) -> Curve:
     """Return a curve; `owner` is the number and name of one of several."""
     colour, series = owner or (_COLOURS[kind], '')
-    return Curve(kind, signals.times, signals.column(name), colour, series, held)
+    return Curve(kind, signals.times, signals.columns[name], colour, series, held)
 
 
 def _histories(
@@ -175,10 +175,10 @@ def _panels(mission: Mission, sources: Sequence[Sources], held: bool = False) ->
         for kind, signals in sources[k].items():
             if signals is None:
                 continue
-            for name, unit in zip(signals.names, signals.units, strict=True):
+            for name in signals.columns:
                 curve = _curve(kind, signals, name, owner, held and kind == 'planned' and steps)
                 curves.setdefault(name, []).append(curve)
-                units[name] = units.get(name, '') or unit
+                units[name] = units.get(name, '') or signals.units.get(name, '')
     words = mission.vehicles[0].view.labels if mission.vehicles else {}
     return tuple(
         Panel(name, units[name], tuple(found), words.get(name, ''))

@@ -83,11 +83,12 @@ def tracking_errors(vehicle: RecordedVehicle) -> Signals | None:
     if not found.times.size:
         return None
     planned, _ = vehicle.planned(found.times)
-    shown = found.select(*(name for name in planned.names if name in found))
-    error = shown.values - planned.select(*shown.names).values
-    for k, name in enumerate(shown.names):
-        error[:, k] = vehicle.view.away(name, error[:, k])
-    return Signals(shown.times, error, shown.names, shown.units)
+    errors = {
+        name: vehicle.view.away(name, found.columns[name] - column)
+        for name, column in planned.columns.items()
+        if name in found.columns
+    }
+    return Signals(found.times, errors, found.units)
 
 
 def _several(mission: Mission) -> str:
@@ -158,8 +159,8 @@ def _landings(mission: Mission) -> Iterator[Entry]:
             planned = said.get(name, said.get(f'{vehicle.name}.{name}'))
             achieved = None
             if vehicle.states is not None:
-                measured = vehicle.states.select(name).at(np.array([plan.end])).values[:, 0]
-                away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0])
+                measured = vehicle.states.at(np.array([plan.end])).table([name])
+                away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0, 0])
                 achieved = away if math.isfinite(away) else None
             if planned is not None or achieved is not None:
                 yield Entry(

@@ -44,7 +44,8 @@ def margin_history(vehicle: RecordedVehicle) -> History:
     if not constraints:
         return History()
     times, states, controls = vehicle.followed()
-    planned = margins_of(constraints, states.times, times, states.values, controls.values)
+    tables = (signals.table([*signals.columns]) for signals in (states, controls))
+    planned = margins_of(constraints, states.times, times, *tables)
     return History(planned, _measured(vehicle, constraints))
 
 
@@ -56,11 +57,8 @@ def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Si
     if not states.times.size:
         return None
     plan = vehicle.plans[-1]
-    own = states.select(*plan.trajectory.state_names).values
-    names = plan.trajectory.control_names
-    controls = np.full((states.times.size, len(names)), np.nan)
-    if vehicle.controls is not None:
-        controls = vehicle.controls.select(*names).at(states.times).values
+    own, names = states.table(plan.trajectory.state_names), plan.trajectory.control_names
+    controls = (vehicle.controls or Signals(states.times, {}, {})).at(states.times).table(names)
     return margins_of(constraints, states.times, states.times - plan.start, own, controls)
 
 
@@ -72,12 +70,12 @@ def margins_of(
     controls: Array,
 ) -> Signals:
     """Return margins at `instants`, which are `times` of the plan; all arrays begin with (n,)."""
-    values = np.zeros((instants.size, len(constraints)))
     with np.errstate(all='ignore'):
-        for k, constraint in enumerate(constraints):
-            values[:, k] = constraint.margin(times, states, controls)
-    names, units = tuple(c.name for c in constraints), tuple(c.unit for c in constraints)
-    return Signals(instants, values, names, units)
+        found = {
+            c.name: np.broadcast_to(c.margin(times, states, controls), instants.shape)
+            for c in constraints
+        }
+    return Signals(instants, found, {c.name: c.unit for c in constraints})
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:
@@ -85,9 +83,9 @@ def smallest(history: Signals | None) -> dict[str, Margin]:
     found: dict[str, Margin] = {}
     if history is None:
         return found
-    for name, unit, column in zip(history.names, history.units, history.values.T, strict=True):
+    for name, column in history.columns.items():
         if np.isfinite(column).any():
-            k = int(np.nanargmin(column))
+            k, unit = int(np.nanargmin(column)), history.units.get(name, '')
             found[name] = Margin(float(column[k]), float(history.times[k]), unit)
     return found
 
@@ -110,9 +108,9 @@ def separations(mission: Mission) -> History:
 
 
 def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ...]) -> Signals:
-    places = {name: known.select(*place).at(times).values for name, known in states.items()}
+    places = {name: known.at(times).table(place) for name, known in states.items()}
     apart = {
         f'{one} - {other}': np.hypot(*(places[one] - places[other]).T)
         for one, other in itertools.combinations(places, 2)
     }
-    return Signals(times, np.stack([*apart.values()], axis=1), (*apart,), ('m',) * len(apart))
+    return Signals(times, apart, dict.fromkeys(apart, 'm'))

@@ -10,8 +10,8 @@ there is no plan, the first measurement. What came before has negative instants.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -31,53 +31,46 @@ class Signals:
     """
     Named time histories on common instants.
 
-    `times` (n,) s since the mission's origin, not decreasing; `values` (n, m), NaN where nothing
-    was measured; `names` (m,) and `units` (m,), '' where there is none or it is not known.
+    `times` (n,) s since the mission's origin, not decreasing; `columns` (n,) by name, NaN where
+    nothing was measured; `units` by name, as far as there are any.
     """
 
     times: Array
-    values: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
 
     @classmethod
     def both(cls, motion: Trajectory, times: Array, sample: Sample) -> tuple[Signals, Signals]:
         """Return states and controls as they were read at `times` (n,) from a trajectory."""
-        named = zip((motion.state_names, motion.control_names), sample, strict=True)
-        states, controls = (
-            cls(times, values, names, tuple(motion.units.get(name, '') for name in names))
-            for names, values in named
-        )
-        return states, controls
+        states = dict(zip(motion.state_names, sample.state.T, strict=True))
+        controls = dict(zip(motion.control_names, sample.control.T, strict=True))
+        return cls(times, states, motion.units), cls(times, controls, motion.units)
 
-    def __contains__(self, name: object) -> bool:
-        """Whether there is a history called `name`."""
-        return name in self.names
+    def table(self, names: Sequence[str]) -> Array:
+        """Return the histories called `names`, (n, m); NaN where there is none."""
+        columns = [*self.select(names).columns.values()]
+        return np.stack(columns, axis=1) if columns else np.zeros((self.times.size, 0))
 
-    def column(self, name: str) -> Array:
-        """Return the history called `name`, (n,)."""
-        return self.values[:, self.names.index(name)]
-
-    def select(self, *names: str) -> Signals:
+    def select(self, names: Iterable[str]) -> Signals:
         """Return the histories called `names`, in this order; NaN where there is none."""
-        units = dict(zip(self.names, self.units, strict=True))
-        values = np.full((self.times.size, len(names)), np.nan)
-        for k, name in enumerate(names):
-            if name in units:
-                values[:, k] = self.column(name)
-        return Signals(self.times, values, names, tuple(units.get(name, '') for name in names))
+        unknown = np.full(self.times.size, np.nan)
+        return replace(self, columns={name: self.columns.get(name, unknown) for name in names})
 
     def between(self, start: float, end: float) -> Signals:
         """Return what lies in [start, end] s."""
         inside = (self.times >= start) & (self.times <= end)
-        return Signals(self.times[inside], self.values[inside], self.names, self.units)
+        found = {name: column[inside] for name, column in self.columns.items()}
+        return Signals(self.times[inside], found, self.units)
 
     def at(self, times: Array) -> Signals:
         """Return the histories at `times` (k,) by linear interpolation; NaN outside."""
-        values = np.full((times.size, len(self.names)), np.nan)
-        for k, column in enumerate(self.values.T if self.times.size else ()):
-            values[:, k] = np.interp(times, self.times, column, left=np.nan, right=np.nan)
-        return Signals(times, values, self.names, self.units)
+        if not self.times.size:
+            return Signals(times, {}, self.units).select(self.columns)
+        found = {
+            name: np.interp(times, self.times, column, left=np.nan, right=np.nan)
+            for name, column in self.columns.items()
+        }
+        return Signals(times, found, self.units)
 
 
 @dataclass(frozen=True, eq=False)

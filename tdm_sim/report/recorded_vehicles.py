@@ -224,27 +224,26 @@ def _signals(
 ) -> Signals | None:
     """Return the histories of those of `names` that rows hold; None if there are none."""
     rows = [row for row in rows if not row[1].keys().isdisjoint(names)]
-    there = tuple(name for name in names if any(name in values for _, values in rows))
-    if not there:
-        return None
-    table = np.array([[values.get(name, np.nan) for name in there] for _, values in rows])
-    times = np.array([time for time, _ in rows])
-    return Signals(times, table, there, tuple(units.get(name, '') for name in there))
+    found = {
+        name: np.array([values.get(name, np.nan) for _, values in rows])
+        for name in names
+        if any(name in values for _, values in rows)
+    }
+    return Signals(np.array([time for time, _ in rows]), found, units) if found else None
 
 
 def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
     """Return the states by an odometry, angles without jumps by a turn, and those of joints."""
     if odometry is None:
         return None
-    for name, column in zip(odometry.names, odometry.values.T, strict=True):
+    for name, column in odometry.columns.items():
         if name in kind.angles:
             column[np.isfinite(column)] = np.unwrap(column[np.isfinite(column)])
     if joints is None:
         return odometry
-    values = np.hstack([odometry.values, joints.at(odometry.times).values])
-    names, units = odometry.names + joints.names, odometry.units + joints.units
-    both = Signals(odometry.times, values, names, units)
-    return both.select(*(name for name in kind.state_names if name in both))
+    both = {**odometry.columns, **joints.at(odometry.times).columns}
+    found = {name: both[name] for name in kind.state_names if name in both}
+    return Signals(odometry.times, found, odometry.units)
 
 
 def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: PlantView) -> Signals:
@@ -252,10 +251,10 @@ def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: Pla
     for plan in plans[:1]:
         during = states.between(plan.start, plan.followed_until)
         planned, _ = Signals.both(plan.trajectory, during.times, plan.sample(during.times))
-        away = during.values - planned.select(*states.names).values
-        for k in (k for k, name in enumerate(states.names) if name in view.kind.angles):
-            turns = np.round(away[np.isfinite(away[:, k]), k] / _TURN)
-            states.values[:, k] -= _TURN * turns[0] if turns.size else 0.0
+        for name in states.columns.keys() & planned.columns.keys() & {*view.kind.angles}:
+            away = during.columns[name] - planned.columns[name]
+            turns = np.round(away[np.isfinite(away)] / _TURN)
+            states.columns[name][:] -= _TURN * turns[0] if turns.size else 0.0
     return states
 
 

@@ -79,9 +79,9 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
     needed = [name for names, _ in view.goal(plan)[1] for name in names]
     if not needed:
         return np.zeros(0), np.zeros(0)
-    values = states.select(*needed).values
-    known = np.isfinite(values).all(axis=1)
-    missed = view.missed_by(plan, dict(zip(needed, values[known].T, strict=True)))
+    known = np.isfinite(states.table(needed)).all(axis=1)
+    found = {name: column[known] for name, column in states.select(needed).columns.items()}
+    missed = view.missed_by(plan, found)
     return states.times[known], np.max([away / allowed for (_, allowed), away in missed], axis=0)
 
 
@@ -137,10 +137,10 @@ def _reached(vehicle: RecordedVehicle) -> tuple[list[str], float | None]:
 
 def _worst(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> str:
     """Return the largest errors at an instant, in the states that the goal gives."""
-    view, columns = vehicle.view, dict(zip(at.names, at.values.T, strict=True))
+    view = vehicle.view
     parts = [
         f'{", ".join(names)} by {away[0]:.3g} {view.kind.units.get(names[0], "")}'.rstrip()
-        for (names, allowed), away in view.missed_by(plan.trajectory, columns)
+        for (names, allowed), away in view.missed_by(plan.trajectory, at.columns)
         if not away[0] < allowed
     ]
     return f': off in {"; ".join(parts)}' if parts else ''
@@ -148,9 +148,9 @@ def _worst(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> str:
 
 def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> list[str]:
     names = plan.trajectory.state_names
-    if not set(names) <= set(at.names):
+    if not set(names) <= set(at.columns):
         return []
-    found = vehicle.view.end_conditions(plan.trajectory.duration, at.select(*names).values[0])
+    found = vehicle.view.end_conditions(plan.trajectory.duration, at.table(names)[0])
     return [
         f'{vehicle.name}: end condition {index} is {abs(value):.3g} times what is allowed'
         for index, value in enumerate(found.tolist())

@@ -96,22 +96,22 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
         checks = solution.verifications.values() or [solution.verification]
         found = histories_of(problem, solution.trajectories)
         for check, history in zip(checks, found, strict=True):
-            assert np.isnan(history.values[-1]).all()  # the gap behind a plan
-            margins = dict(zip(history.names, history.values[:-1].T, strict=True))
+            margins = history.columns
             assert margins
             for name, values in margins.items():
+                assert np.isnan(values[-1])  # the gap behind a plan
                 if (problem.name, name) != ('robot_formation', 'thrust'):  # of one side only
-                    assert values.min() == pytest.approx(check.worst[name], abs=2e-3), name
+                    assert values[:-1].min() == pytest.approx(check.worst[name], abs=2e-3), name
     assert list(margins) == ['push', 'pull']
-    np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
+    np.testing.assert_allclose((margins['push'] + margins['pull'])[:-1], 2.0)
     plans = swing_up[1].trajectories
     assert histories_of(Foreign(), plans) == [None]
     limited, fastest = Foreign(), np.abs(swing_up[1].trajectory.state('theta_dot')).max()
     rate = Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s')
     monkeypatch.setattr(limited, 'constraints_on', lambda _: (rate,), raising=False)
     (history,) = histories_of(limited, plans)
-    assert (history.names, history.units) == (('rate',), ('rad/s',))
-    extremes = (np.nanmax(history.values), np.nanmin(history.values))
+    assert ([*history.columns], history.units) == (['rate'], {'rate': 'rad/s'})
+    extremes = (np.nanmax(history.columns['rate']), np.nanmin(history.columns['rate']))
     assert extremes == pytest.approx((2 * fastest, fastest), rel=1e-2)
 
 

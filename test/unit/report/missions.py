@@ -249,11 +249,9 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
 
 def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:
     known = [signals for signals in histories if signals is not None]
-    names = [name for signals in known for name in signals.names]
-    if known:
-        rows = np.concatenate([signals.values for signals in known], axis=1).tolist()
-        for at, row in zip(known[0].times, rows, strict=True):
-            yield after(at), dict(zip(names, row, strict=True))
+    columns = {name: column for signals in known for name, column in signals.columns.items()}
+    for k, at in enumerate(known[0].times if known else ()):
+        yield after(at), {name: float(column[k]) for name, column in columns.items()}
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
@@ -317,6 +315,7 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
             one, other = getattr(found, part), getattr(wanted, part)
             assert (one is None) == (other is None), part
             if one is not None:
-                assert one.names == other.names
+                assert [*one.columns] == [*other.columns]
                 np.testing.assert_allclose(one.times, other.times, atol=1e-8)
-                np.testing.assert_allclose(one.values, other.values, atol=1e-7)
+                tables = one.table(one.columns), other.table(one.columns)
+                np.testing.assert_allclose(*tables, atol=1e-7)

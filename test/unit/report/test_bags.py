@@ -89,7 +89,7 @@ def test_what_is_missing_is_said(read, recorded, topic, sentence, absent):
         parts = ('states', 'applied', 'plans')
         assert {part for part in parts if getattr(vehicle, part) in (None, ())} == absent
         if vehicle.view.place and vehicle.states is not None:
-            assert ('alpha' in vehicle.states) == (topic != 'joint_states')
+            assert ('alpha' in vehicle.states.columns) == (topic != 'joint_states')
 
 
 def test_values_that_are_not_finite_and_stamps_of_another_time_are_left_out(read: Any) -> None:
@@ -101,7 +101,7 @@ def test_values_that_are_not_finite_and_stamps_of_another_time_are_left_out(read
     mission = read([*items, Item('/pendulum/joint_states', START, old)])
     states = mission.vehicles[0].states
     assert states.times.size == 500 - 3
-    assert np.isfinite(states.values).all()
+    assert np.isfinite(states.table(states.columns)).all()
     assert mission.vehicles[0].applied.times.size == 500
     assert told(mission, '3 message(s) lack what is measured, or hold values that are not finite')
     assert -1.1 < mission.span[0] < mission.span[1] < 4.1

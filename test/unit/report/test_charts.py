@@ -50,7 +50,7 @@ def test_poses_planned_and_measured() -> None:
     expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
     assert states['theta'] == pytest.approx(expected, abs=1e-9)
     measured = vehicle.states
-    measured.values[(measured.times > 0.5) & (measured.times < 1.0)] = np.nan
+    measured.columns['theta'][(measured.times > 0.5) & (measured.times < 1.0)] = np.nan
     at = np.array([-2.0, 0.3, 0.75, 1.3, 5.0])
     states, _ = measured_frames(vehicle, at) or ({}, {})
     assert np.isnan(states['theta']).tolist() == [True, False, True, False, True]
@@ -153,7 +153,7 @@ def test_self_contained(make, measured: bool) -> None:
 def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -> None:
     names = [f'robot{k}' for k in range(16)]
     mission = robots_mission(names=names, rate=200.0, after=58.0)
-    mission.vehicles[0].states.values[1_234, 0] = 3.9
+    mission.vehicles[0].states.columns['x'][1_234] = 3.9
     file = tmp_path / 'report.html'
     write_report(mission, file)
     assert file.stat().st_size < 8_000_000

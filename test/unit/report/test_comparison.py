@@ -64,8 +64,8 @@ def entry(comparison: Comparison, name: str, vehicle: str = '') -> Entry:
 def test_a_swing_up_that_was_caught_and_held() -> None:
     mission = swing_up()
     (vehicle,) = mission.vehicles
-    vehicle.applied.values[:100] = 0.5  # before the motion: it does not count
-    vehicle.states.values[::3, 1] = np.nan  # nor does what was not measured
+    vehicle.applied.columns['torque'][:100] = 0.5  # before the motion: it does not count
+    vehicle.states.columns['psi'][::3] = np.nan  # nor does what was not measured
     comparison = compare(mission)
     duration = entry(comparison, 'time to the goal', 'pendulum')
     # the plan judged alike: within 0.05 rad of upright at pi / 2 rad/s
@@ -90,14 +90,14 @@ def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     assert entry(comparison, 'margin of torque', 'pendulum').achieved == pytest.approx(-0.005)
     assert not comparison.verdict.reached
     fallen = swing_up()
-    fallen.vehicles[0].states.values[-200:, 0] = 5.0
+    fallen.vehicles[0].states.columns['theta'][-200:] = 5.0
     for at_the_end in (5.0, TURN):  # where it passes upright
-        fallen.vehicles[0].states.values[-1, 0] = at_the_end
+        fallen.vehicles[0].states.columns['theta'][-1] = at_the_end
         duration = entry(compare(fallen), 'time to the goal', 'pendulum')
         assert (duration.achieved, duration.note) == (None, 'the goal was not held to the end')
     states = fallen.vehicles[0].states
-    disk = Signals(states.times, states.values[:, 1:2], ('psi',), ('rad',))
-    assert judge(with_first(fallen, states=disk)) is None
+    disk = {'psi': states.columns['psi']}
+    assert judge(with_first(fallen, states=replace(states, columns=disk))) is None
 
 
 @pytest.mark.parametrize('end', [1.0, 2.05, 2.2, 5.4, 7.0])
@@ -158,9 +158,9 @@ def test_a_formation() -> None:
 def coasting(thrust: float) -> Comparison:
     mission = formation()
     controls = mission.vehicles[0].controls
-    values, times = np.zeros_like(controls.values), controls.times
-    values[(times >= 0.8) & (times < 0.9), controls.names.index('thrust')] = thrust
-    return compare(with_first(mission, applied=replace(controls, values=values)))
+    found = {name: np.zeros_like(column) for name, column in controls.columns.items()}
+    found['thrust'][(controls.times >= 0.8) & (controls.times < 0.9)] = thrust
+    return compare(with_first(mission, applied=replace(controls, columns=found)))
 
 
 def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
@@ -205,4 +205,4 @@ def test_tracking_errors_are_what_was_measured_less_what_was_planned() -> None:
     errors = compare(swing_up(caught_at=2.0)).tracking_errors['pendulum']
     assert (errors.times[0], errors.times[-1]) == pytest.approx((0.0, DURATION), abs=0.01)
     expected = math.pi * (0.9 - 1.0) * errors.times / DURATION
-    np.testing.assert_allclose(errors.column('theta')[:-1], expected[:-1], atol=1e-9)
+    np.testing.assert_allclose(errors.columns['theta'][:-1], expected[:-1], atol=1e-9)
