@@ -56,7 +56,6 @@ def swing_up(
 ) -> dict[str, float]:
     """Track a swing-up; returns what was reached."""
     (vehicle,) = fly(problem, solution, how, seed).vehicles
-    assert vehicle.states is not None
     settled = solution.duration + SETTLING
     last = vehicle.states.between(settled, settled + HELD)
     return {
@@ -94,8 +93,6 @@ def formation(
     mission = fly(problem, solution, ClosedLoop(mismatch=mismatch, rate=1.0 / interval), seed)
     held, path, gas = [], [], []
     for vehicle, plan in zip(mission.vehicles, solution.trajectories.values(), strict=True):
-        assert vehicle.states is not None
-        assert vehicle.controls is not None
         thrust = vehicle.controls.between(0.0, solution.duration + HELD).columns['thrust']
         gas.append(float(thrust.sum()) * interval / problem.plant.mass)  # held between commands
         seen = vehicle.states.between(0.0, solution.duration + HELD)
@@ -105,8 +102,6 @@ def formation(
         path.append(error[moving])
     arrivals = np.array([plan.duration for plan in solution.trajectories.values()])
     apart = separations(mission)
-    assert apart.planned is not None
-    assert apart.measured is not None
     planned = {pair: float(column.min()) for pair, column in apart.planned.columns.items()}
     gaps = {pair: float(column.min()) for pair, column in apart.measured.columns.items()}
     return {

@@ -96,7 +96,7 @@ def planned_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Fram
 
 def measured_frames(vehicle: RecordedVehicle, times: Array) -> tuple[Frames, Frames] | None:
     """Return measured states and controls at `times`, NaN where nothing was; None if no states."""
-    if vehicle.states is None or vehicle.plan is None:
+    if not vehicle.states or vehicle.plan is None:
         return None
     motion = vehicle.plan.trajectory
     states, controls = vehicle.states.at(times), (vehicle.controls or vehicle.states).at(times)

@@ -19,7 +19,7 @@ from tdm_sim.report.margins import History, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals
 
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
-Sources = Mapping[Kind, Signals | None]  # of a vehicle, by the kind of their curves
+Sources = Mapping[Kind, Signals]  # of a vehicle, by the kind of their curves
 
 # Points of all curves together: a page stays below 8 MB however many vehicles there are.
 MOST_POINTS = 200_000
@@ -90,14 +90,14 @@ def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show, with all their points."""
     states, controls, margins, errors = (list[Sources]() for _ in range(4))
     for vehicle in mission.vehicles:
-        _, state, control = vehicle.followed() if vehicle.plans else (None, None, None)
+        _, state, control = vehicle.followed()
         left = comparison.margins[vehicle.name]
         states.append({'planned': state, 'measured': vehicle.states})
         controls.append(
             {'planned': control, 'measured': vehicle.applied, 'commanded': vehicle.commands}
         )
         margins.append({'planned': left.planned, 'measured': left.measured})
-        errors.append({'error': comparison.tracking_errors.get(vehicle.name)})
+        errors.append({'error': comparison.tracking_errors[vehicle.name]})
     kept = tuple(panel._replace(limits=(0.0,)) for panel in _panels(mission, margins))
     note = 'Distance from the limit: what is below zero is a violation.'
     less = 'Measured less planned.'
@@ -130,7 +130,7 @@ def _distances(mission: Mission, history: History) -> Chart:
         _curve(kind, signals, name, (k, name) if len(names) > 1 else None)
         for kind, signals in both.items()
         for k, name in enumerate(names)
-        if signals is not None and name in signals.columns
+        if name in signals.columns
     ]
     least = mission.vehicles[0].view.separation if mission.vehicles else None
     limits = () if least is None else (least,)
@@ -173,8 +173,6 @@ def _panels(mission: Mission, sources: Sequence[Sources], held: bool = False) ->
         owner = (k, vehicle.name) if len(mission.vehicles) > 1 else None
         steps = any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
         for kind, signals in sources[k].items():
-            if signals is None:
-                continue
             for name in signals.columns:
                 curve = _curve(kind, signals, name, owner, held and kind == 'planned' and steps)
                 curves.setdefault(name, []).append(curve)

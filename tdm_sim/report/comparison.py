@@ -61,8 +61,7 @@ def compare(mission: Mission) -> Comparison:
     """Compare what was planned with what was achieved."""
     margins = {v.name: margin_history(v) for v in mission.vehicles}
     apart = separations(mission)
-    followed = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
-    errors = {name: history for name, history in followed.items() if history is not None}
+    errors = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
     entries = chain(
         _durations(mission),
         _costs(mission),
@@ -75,13 +74,13 @@ def compare(mission: Mission) -> Comparison:
     return Comparison(tuple(entries), margins, apart, errors, found)
 
 
-def tracking_errors(vehicle: RecordedVehicle) -> Signals | None:
+def tracking_errors(vehicle: RecordedVehicle) -> Signals:
     """Return measured minus planned while plans were followed."""
-    if not vehicle.plans or vehicle.states is None:
-        return None
+    if not vehicle.plans:
+        return Signals()
     found = vehicle.states.between(vehicle.plans[0].start, vehicle.plans[-1].end)
     if not found.times.size:
-        return None
+        return Signals()
     planned, _ = vehicle.planned(found.times)
     errors = {
         name: vehicle.view.away(name, found.columns[name] - column)
@@ -104,14 +103,14 @@ def _durations(mission: Mission) -> Iterator[Entry]:
             length = vehicle.plans[0].trajectory.duration
             plain = Entry('duration', 'duration of the plan', 's', length, vehicle=vehicle.name)
             yield plain._replace(note=note)
-            if vehicle.states is not None:
+            if vehicle.states:
                 yield _time_to_goal(vehicle, note)
 
 
 def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
     first, last = vehicle.plans[0], vehicle.plans[-1]
     reached, due = arrival(vehicle), _due(vehicle)
-    if reached is not None and vehicle.states is not None:
+    if reached is not None:
         latest = last.end + vehicle.view.settling(last.trajectory.duration)
         end = float(vehicle.states.times[-1])
         # So late the recording may end while the plant happens to pass its goal.
@@ -157,11 +156,9 @@ def _landings(mission: Mission) -> Iterator[Entry]:
         motion = plan.trajectory
         for k, name in enumerate(motion.state_names):
             planned = said.get(name, said.get(f'{vehicle.name}.{name}'))
-            achieved = None
-            if vehicle.states is not None:
-                measured = vehicle.states.at(np.array([plan.end])).table([name])
-                away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0, 0])
-                achieved = away if math.isfinite(away) else None
+            measured = vehicle.states.at(np.array([plan.end])).table([name])
+            away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0, 0])
+            achieved = away if math.isfinite(away) else None
             if planned is not None or achieved is not None:
                 yield Entry(
                     kind='landing',

@@ -23,10 +23,10 @@ _STEP = 0.01  # s, between instants at which planned distances are computed
 
 
 class History(NamedTuple):
-    """Planned and measured histories of the same quantities; None: there is none."""
+    """Planned and measured histories of the same quantities."""
 
-    planned: Signals | None = None
-    measured: Signals | None = None
+    planned: Signals = Signals()
+    measured: Signals = Signals()
 
 
 class Margin(NamedTuple):
@@ -49,16 +49,14 @@ def margin_history(vehicle: RecordedVehicle) -> History:
     return History(planned, _measured(vehicle, constraints))
 
 
-def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals | None:
+def _measured(vehicle: RecordedVehicle, constraints: Sequence[Constraint]) -> Signals:
     """Margins of what was measured, from the start of the first plan on."""
-    if vehicle.states is None:
-        return None
     states = vehicle.states.between(vehicle.plans[0].start, np.inf)
     if not states.times.size:
-        return None
+        return Signals()
     plan = vehicle.plans[-1]
     own, names = states.table(plan.trajectory.state_names), plan.trajectory.control_names
-    controls = (vehicle.controls or Signals(states.times, {}, {})).at(states.times).table(names)
+    controls = vehicle.controls.at(states.times).table(names)
     return margins_of(constraints, states.times, states.times - plan.start, own, controls)
 
 
@@ -78,11 +76,9 @@ def margins_of(
     return Signals(instants, found, {c.name: c.unit for c in constraints})
 
 
-def smallest(history: Signals | None) -> dict[str, Margin]:
+def smallest(history: Signals) -> dict[str, Margin]:
     """Return the smallest value of every history and its instant, without empty histories."""
     found: dict[str, Margin] = {}
-    if history is None:
-        return found
     for name, column in history.columns.items():
         if np.isfinite(column).any():
             k, unit = int(np.nanargmin(column)), history.units.get(name, '')
@@ -94,7 +90,7 @@ def separations(mission: Mission) -> History:
     """Return the distance of every pair of vehicles over time, called ``one - other``."""
     moving = [v for v in mission.vehicles if v.view.place]
     planned = [v for v in moving if v.plans]
-    seen = {v.name: v.states for v in moving if v.states is not None}
+    seen = {v.name: v.states for v in moving if v.states}
     found = History()
     if len(planned) > 1:
         start, end = min(v.plans[0].start for v in planned), max(v.plans[-1].end for v in planned)

@@ -32,12 +32,17 @@ class Signals:
     Named time histories on common instants.
 
     `times` (n,) s since the mission's origin, not decreasing; `columns` (n,) by name, NaN where
-    nothing was measured; `units` by name, as far as there are any.
+    nothing was measured; `units` by name, as far as there are any. By default there are no
+    histories, and it is false.
     """
 
-    times: Array
-    columns: Mapping[str, Array]
-    units: Mapping[str, str]
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        """Whether there are any histories."""
+        return bool(self.columns)
 
     @classmethod
     def both(cls, motion: Trajectory, times: Array, sample: Sample) -> tuple[Signals, Signals]:
@@ -97,15 +102,14 @@ class RecordedVehicle:
     `name` is the robot's, or the plant's where there is one only; `plans` stand in the order of
     their starts. `states` and `applied` are measured: the states, and the controls that the plant
     applied; `commands` are the tracker's. All bear the names of the plan's states and controls.
-    None: not recorded.
     """
 
     name: str
     view: PlantView
     plans: tuple[FollowedPlan, ...] = ()
-    states: Signals | None = None
-    commands: Signals | None = None
-    applied: Signals | None = None
+    states: Signals = Signals()
+    commands: Signals = Signals()
+    applied: Signals = Signals()
 
     @property
     def plan(self) -> FollowedPlan | None:
@@ -113,9 +117,9 @@ class RecordedVehicle:
         return self.plans[-1] if self.plans else None
 
     @property
-    def controls(self) -> Signals | None:
+    def controls(self) -> Signals:
         """Return the controls as applied or, if that was not recorded, as commanded."""
-        return self.commands if self.applied is None else self.applied
+        return self.applied or self.commands
 
     def planned(self, times: Array) -> tuple[Signals, Signals]:
         """Return planned states and controls at instants (n,), of the plans in turn."""
@@ -132,6 +136,8 @@ class RecordedVehicle:
         These are times (n,) since the plans' starts, states and controls, at the plans' own
         instants and evenly spread ones.
         """
+        if not self.plans:
+            return np.zeros(0), Signals(), Signals()
         parts = []
         for plan in self.plans:
             motion, end = plan.trajectory, plan.followed_until - plan.start
@@ -213,7 +219,7 @@ class Mission:
     @property
     def was_executed(self) -> bool:
         """Whether anything was measured."""
-        return any(vehicle.states is not None for vehicle in self.vehicles)
+        return any(vehicle.states for vehicle in self.vehicles)
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -223,7 +229,7 @@ class Mission:
             for plan in vehicle.plans:
                 instants += [plan.start, plan.end]
             for signals in (vehicle.states, vehicle.commands, vehicle.applied):
-                if signals is not None and signals.times.size:
+                if signals.times.size:
                     instants += [float(signals.times[0]), float(signals.times[-1])]
         return min(instants), max(instants)
 

@@ -189,7 +189,7 @@ def _gaps(
             'joint_command': (vehicle.commands, "the tracker's commands are not known"),
         }
         for name, (there, consequence) in expected.items():
-            if there is None:
+            if not there:
                 found.append(f'{where}/{name} is not in the recording, or empty: {consequence}.')
         if not vehicle.plans:
             found.append(f'There is no plan of {vehicle.name} in the recording.')

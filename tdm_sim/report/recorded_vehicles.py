@@ -192,7 +192,7 @@ def recorded_vehicle(
         site.name,
         site.view,
         plans,
-        states=None if states is None else _on_planned_turn(states, plans, site.view),
+        states=_on_planned_turn(states, plans, site.view),
         commands=_signals(commands, kind.control_names, units),
         applied=_signals(joints, kind.control_names, units),
     )
@@ -219,28 +219,24 @@ def _read(
     return [((instant - origin) * NANOSECOND, values) for instant, values in found]
 
 
-def _signals(
-    rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str]
-) -> Signals | None:
-    """Return the histories of those of `names` that rows hold; None if there are none."""
+def _signals(rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str]) -> Signals:
+    """Return the histories of those of `names` that rows hold."""
     rows = [row for row in rows if not row[1].keys().isdisjoint(names)]
     found = {
         name: np.array([values.get(name, np.nan) for _, values in rows])
         for name in names
         if any(name in values for _, values in rows)
     }
-    return Signals(np.array([time for time, _ in rows]), found, units) if found else None
+    return Signals(np.array([time for time, _ in rows]), found, units)
 
 
-def _moving(odometry: Signals | None, joints: Signals | None, kind: PlantKind) -> Signals | None:
+def _moving(odometry: Signals, joints: Signals, kind: PlantKind) -> Signals:
     """Return the states by an odometry, angles without jumps by a turn, and those of joints."""
-    if odometry is None:
-        return None
+    if not odometry:
+        return odometry
     for name, column in odometry.columns.items():
         if name in kind.angles:
             column[np.isfinite(column)] = np.unwrap(column[np.isfinite(column)])
-    if joints is None:
-        return odometry
     both = {**odometry.columns, **joints.at(odometry.times).columns}
     found = {name: both[name] for name in kind.state_names if name in both}
     return Signals(odometry.times, found, odometry.units)

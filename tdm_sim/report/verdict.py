@@ -87,7 +87,7 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
 
 def arrival(vehicle: RecordedVehicle) -> float | None:
     """Return from when on the goal was held [s]; inf if never, None if that is not known."""
-    if vehicle.plan is None or vehicle.states is None:
+    if vehicle.plan is None:
         return None
     after = vehicle.states.between(vehicle.plans[0].start, math.inf)
     times, errors = goal_errors(vehicle.view, vehicle.plan.trajectory, after)
@@ -96,13 +96,12 @@ def arrival(vehicle: RecordedVehicle) -> float | None:
 
 def _with_begun_plans(vehicle: RecordedVehicle) -> RecordedVehicle:
     """Return the vehicle without the plans still pending at the end of what was measured."""
-    states = vehicle.states
-    end = -math.inf if states is None or not states.times.size else float(states.times[-1])
+    end = max(vehicle.states.times, default=-math.inf)
     return replace(vehicle, plans=tuple(plan for plan in vehicle.plans if plan.start < end))
 
 
 def _can_be_judged(vehicle: RecordedVehicle) -> bool:
-    if vehicle.plan is None or vehicle.view.problem is None or vehicle.controls is None:
+    if vehicle.plan is None or vehicle.view.problem is None or not vehicle.controls:
         return False
     return not vehicle.view.goal(vehicle.plan.trajectory)[1] or arrival(vehicle) is not None
 
@@ -110,7 +109,6 @@ def _can_be_judged(vehicle: RecordedVehicle) -> bool:
 def _reached(vehicle: RecordedVehicle) -> tuple[list[str], float | None]:
     """Return why a goal was missed; or when measurements end, if that is too early to tell."""
     view, plan, states = vehicle.view, vehicle.plans[-1], vehicle.states
-    assert states is not None
     end = float(states.times[-1])
     late = f'{vehicle.name} was not at its goal'
     if not view.is_held(plan.trajectory):
@@ -160,11 +158,9 @@ def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> li
 
 def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
-    measured = margin_history(vehicle).measured
-    if measured is None:
-        return []
     held = vehicle.view.is_held(plan.trajectory)
-    judged = measured.between(vehicle.plans[0].start + _FIRST, math.inf if held else plan.end)
+    until, measured = math.inf if held else plan.end, margin_history(vehicle).measured
+    judged = measured.between(vehicle.plans[0].start + _FIRST, until)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'

@@ -165,7 +165,6 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
 
 
 def _at_goal(vehicle: RecordedVehicle) -> bool:
-    assert vehicle.states is not None
     _, errors = goal_errors(vehicle.view, vehicle.plans[0].trajectory, vehicle.states)
     return not errors.size or bool(errors[-1] < 1.0)
 

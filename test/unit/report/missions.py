@@ -239,7 +239,7 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
                 message = messages.joint_states(known, values)
                 message.header.stamp = messages.to_stamp(at)
                 found.append(Item(f'{space}/{name}', at, message))
-        for at, values in _moments(vehicle.states if kind.odometry else None):
+        for at, values in _moments(vehicle.states if kind.odometry else Signals()):
             state = odometry(at, vehicle.name, list(values.values()))
             found.append(Item(f'{space}/odom', at, state))
     parameters = dict(mission.parameters)
@@ -247,10 +247,9 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
     return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
 
 
-def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:
-    known = [signals for signals in histories if signals is not None]
-    columns = {name: column for signals in known for name, column in signals.columns.items()}
-    for k, at in enumerate(known[0].times if known else ()):
+def _moments(*histories: Signals) -> Iterator[tuple[int, dict[str, float]]]:
+    columns = {name: column for signals in histories for name, column in signals.columns.items()}
+    for k, at in enumerate(histories[0].times):
         yield after(at), {name: float(column[k]) for name, column in columns.items()}
 
 
@@ -313,9 +312,8 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
         np.testing.assert_array_equal(plan.controls[:-1], planned.controls[:-1])
         for part in ('states', 'applied', 'commands'):
             one, other = getattr(found, part), getattr(wanted, part)
-            assert (one is None) == (other is None), part
-            if one is not None:
-                assert [*one.columns] == [*other.columns]
+            assert [*one.columns] == [*other.columns], part
+            if one:
                 np.testing.assert_allclose(one.times, other.times, atol=1e-8)
                 tables = one.table(one.columns), other.table(one.columns)
                 np.testing.assert_allclose(*tables, atol=1e-7)
