@@ -36,7 +36,6 @@ from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.solution import Solution
-from tdm_sim.report.margins import separations
 from tdm_sim.study import ClosedLoop, each, fly, workers
 
 SETTLING, HELD = 2.0, 5.0  # s
@@ -101,7 +100,7 @@ def formation(
         held.append(error[~moving])
         path.append(error[moving])
     arrivals = np.array([plan.duration for plan in solution.trajectories.values()])
-    apart = separations(mission)
+    apart = mission.separations
     planned = {pair: float(column.min()) for pair, column in apart.planned.columns.items()}
     gaps = {pair: float(column.min()) for pair, column in apart.measured.columns.items()}
     return {

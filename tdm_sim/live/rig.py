@@ -24,7 +24,7 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.trajectory import NANOSECOND, Sample, TimedTrajectory, Trajectory
 from tdm_sim.live.geometry import Colour
 from tdm_sim.live.listener import Listener
-from tdm_sim.report.margins import margins_of
+from tdm_sim.report.signals import margins_of
 
 SPAN = 12.0  # s that are shown
 RATE = 25.0  # Hz of what is remembered

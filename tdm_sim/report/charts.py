@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 import itertools
 from typing import Any, Literal, NamedTuple
 
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tdm_planner.arrays import Array
 from tdm_planner.drawing import COLOURS
-from tdm_sim.report.comparison import Comparison
-from tdm_sim.report.margins import History, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
+from tdm_sim.report.signals import History, Signals, smallest
 
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
 Sources = Mapping[Kind, Signals]  # of a vehicle, by the kind of their curves
@@ -86,29 +85,32 @@ class Chart(NamedTuple):
     note: str = ''
 
 
-def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
+def mission_charts(mission: Mission) -> list[Chart]:
     """Return the charts that have anything to show, with all their points."""
-    states, controls, margins, errors = (list[Sources]() for _ in range(4))
-    for vehicle in mission.vehicles:
-        _, state, control = vehicle.followed()
-        left = comparison.margins[vehicle.name]
-        states.append({'planned': state, 'measured': vehicle.states})
-        controls.append(
-            {'planned': control, 'measured': vehicle.applied, 'commanded': vehicle.commands}
-        )
-        margins.append({'planned': left.planned, 'measured': left.measured})
-        errors.append({'error': comparison.tracking_errors[vehicle.name]})
-    kept = tuple(panel._replace(limits=(0.0,)) for panel in _panels(mission, margins))
+
+    def states(vehicle: RecordedVehicle) -> Sources:
+        return {'planned': vehicle.followed[1], 'measured': vehicle.states}
+
+    def controls(vehicle: RecordedVehicle) -> Sources:
+        seen: Sources = {'measured': vehicle.applied, 'commanded': vehicle.commands}
+        return {'planned': vehicle.followed[2], **seen}
+
+    margins = _panels(mission, lambda vehicle: _both(vehicle.margins))
+    kept = tuple(panel._replace(limits=(0.0,)) for panel in margins)
+    errors = _panels(mission, lambda vehicle: {'error': vehicle.tracking_errors})
     note = 'Distance from the limit: what is below zero is a violation.'
-    less = 'Measured less planned.'
     found = [
         Chart('states', 'States', _histories(mission, states)),
         Chart('controls', 'Controls', _histories(mission, controls, held=True)),
-        _distances(mission, comparison.separations),
+        _distances(mission),
         Chart('margins', 'Constraint margins', kept, note),
-        Chart('errors', 'Tracking errors', _panels(mission, errors), less),
+        Chart('errors', 'Tracking errors', errors, 'Measured less planned.'),
     ]
     return [chart for chart in found if any(panel.curves for panel in chart.panels)]
+
+
+def _both(history: History) -> Sources:
+    return {'planned': history.planned, 'measured': history.measured}
 
 
 def points_per_curve(charts: Iterable[Chart]) -> int:
@@ -117,10 +119,10 @@ def points_per_curve(charts: Iterable[Chart]) -> int:
     return int(np.clip(MOST_POINTS // max(curves, 1), FEWEST_PER_CURVE, MOST_PER_CURVE))
 
 
-def _distances(mission: Mission, history: History) -> Chart:
+def _distances(mission: Mission) -> Chart:
     """Distances of pairs of vehicles, of many pairs those that come closest."""
     nearest: dict[str, float] = {}
-    both: Sources = {'planned': history.planned, 'measured': history.measured}
+    both = _both(mission.separations)
     for signals in both.values():
         for name, distance in smallest(signals).items():
             nearest[name] = min(nearest.get(name, np.inf), distance.worst)
@@ -148,7 +150,7 @@ def _curve(
 
 
 def _histories(
-    mission: Mission, sources: Sequence[Sources], held: bool = False
+    mission: Mission, sources: Callable[[RecordedVehicle], Sources], held: bool = False
 ) -> tuple[Panel, ...]:
     """Return panels of states or controls with their limits, and the switches of the plans."""
     limits: dict[str, set[float]] = {}
@@ -165,14 +167,16 @@ def _histories(
     )
 
 
-def _panels(mission: Mission, sources: Sequence[Sources], held: bool = False) -> tuple[Panel, ...]:
+def _panels(
+    mission: Mission, sources: Callable[[RecordedVehicle], Sources], held: bool = False
+) -> tuple[Panel, ...]:
     """Return a panel for every name; a plan's controls that are `held` make steps."""
     curves: dict[str, list[Curve]] = {}
     units: dict[str, str] = {}
     for k, vehicle in enumerate(mission.vehicles):
         owner = (k, vehicle.name) if len(mission.vehicles) > 1 else None
         steps = any(p.trajectory.interpolation == 'zero_order_hold' for p in vehicle.plans)
-        for kind, signals in sources[k].items():
+        for kind, signals in sources(vehicle).items():
             for name in signals.columns:
                 curve = _curve(kind, signals, name, owner, held and kind == 'planned' and steps)
                 curves.setdefault(name, []).append(curve)

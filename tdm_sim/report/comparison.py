@@ -1,19 +1,19 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Planned against achieved: the figures of a mission's summary, and the histories behind them."""
+"""Planned against achieved: the figures of a mission's summary."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import chain
 import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from tdm_sim.report.margins import History, Margin, margin_history, ROUNDING, separations, smallest
-from tdm_sim.report.mission import Mission, RecordedVehicle, Severity, Signals
+from tdm_sim.report.mission import Mission, RecordedVehicle, Severity
+from tdm_sim.report.signals import Margin, ROUNDING, Signals, smallest
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, HOLD_TIME, judge, Verdict
 
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'planner']
@@ -43,51 +43,24 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """
-    What a report shows beside the mission itself.
-
-    `entries` stand in the order of the summary; `margins` and `tracking_errors` are by vehicle;
-    `separations` are distances of pairs; `verdict` is None where not enough was recorded for one.
-    """
+    """Figures in the order of the summary; no verdict where not enough was recorded for one."""
 
     entries: tuple[Entry, ...]
-    margins: Mapping[str, History] = field(default_factory=dict)
-    separations: History = field(default_factory=History)
-    tracking_errors: Mapping[str, Signals] = field(default_factory=dict)
     verdict: Verdict | None = None
 
 
 def compare(mission: Mission) -> Comparison:
     """Compare what was planned with what was achieved."""
-    margins = {v.name: margin_history(v) for v in mission.vehicles}
-    apart = separations(mission)
-    errors = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
     entries = chain(
         _durations(mission),
         _costs(mission),
         _landings(mission),
-        _margins(mission, margins),
-        _distances(mission, apart),
+        _margins(mission),
+        _distances(mission),
         _planner(mission),
     )
     found = judge(mission) if mission.was_executed else None
-    return Comparison(tuple(entries), margins, apart, errors, found)
-
-
-def tracking_errors(vehicle: RecordedVehicle) -> Signals:
-    """Return measured minus planned while plans were followed."""
-    if not vehicle.plans:
-        return Signals()
-    found = vehicle.states.between(vehicle.plans[0].start, vehicle.plans[-1].end)
-    if not found.times.size:
-        return Signals()
-    planned, _ = vehicle.planned(found.times)
-    errors = {
-        name: vehicle.view.away(name, found.columns[name] - column)
-        for name, column in planned.columns.items()
-        if name in found.columns
-    }
-    return Signals(found.times, errors, found.units)
+    return Comparison(tuple(entries), found)
 
 
 def _several(mission: Mission) -> str:
@@ -170,10 +143,9 @@ def _landings(mission: Mission) -> Iterator[Entry]:
                 )
 
 
-def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Entry]:
+def _margins(mission: Mission) -> Iterator[Entry]:
     for vehicle in mission.vehicles:
-        history = histories[vehicle.name]
-        planned, measured = smallest(history.planned), smallest(history.measured)
+        planned, measured = map(smallest, vehicle.margins)
         controls = () if vehicle.plan is None else vehicle.plan.trajectory.control_names
         for name in dict.fromkeys([*planned, *measured]):
             achieved = measured.get(name)
@@ -191,8 +163,8 @@ def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | 
     return Entry(kind, name, unit, due, done, due_at, done_at)
 
 
-def _distances(mission: Mission, history: History) -> Iterator[Entry]:
-    planned, measured = smallest(history.planned), smallest(history.measured)
+def _distances(mission: Mission) -> Iterator[Entry]:
+    planned, measured = map(smallest, mission.separations)
     if not planned and not measured:
         return
     nearest = min(planned.values(), key=lambda m: m.worst, default=None)

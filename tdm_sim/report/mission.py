@@ -10,72 +10,23 @@ there is no plan, the first measurement. What came before has negative instants.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
-from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
+from tdm_planner.trajectory import Sample, TimedTrajectory
+from tdm_sim.report.signals import History, margins_of, Signals
 
 _INSTANTS = 1001  # of a plan, beside its own
+_STEP = 0.01  # s, between instants at which planned distances are computed
 _APART = 1e-9  # s
-
-
-@dataclass(frozen=True, eq=False)
-class Signals:
-    """
-    Named time histories on common instants.
-
-    `times` (n,) s since the mission's origin, not decreasing; `columns` (n,) by name, NaN where
-    nothing was measured; `units` by name, as far as there are any. By default there are no
-    histories, and it is false.
-    """
-
-    times: Array = field(default_factory=lambda: np.zeros(0))
-    columns: Mapping[str, Array] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-
-    def __bool__(self) -> bool:
-        """Whether there are any histories."""
-        return bool(self.columns)
-
-    @classmethod
-    def both(cls, motion: Trajectory, times: Array, sample: Sample) -> tuple[Signals, Signals]:
-        """Return states and controls as they were read at `times` (n,) from a trajectory."""
-        states = dict(zip(motion.state_names, sample.state.T, strict=True))
-        controls = dict(zip(motion.control_names, sample.control.T, strict=True))
-        return cls(times, states, motion.units), cls(times, controls, motion.units)
-
-    def table(self, names: Sequence[str]) -> Array:
-        """Return the histories called `names`, (n, m); NaN where there is none."""
-        columns = [*self.select(names).columns.values()]
-        return np.stack(columns, axis=1) if columns else np.zeros((self.times.size, 0))
-
-    def select(self, names: Iterable[str]) -> Signals:
-        """Return the histories called `names`, in this order; NaN where there is none."""
-        unknown = np.full(self.times.size, np.nan)
-        return replace(self, columns={name: self.columns.get(name, unknown) for name in names})
-
-    def between(self, start: float, end: float) -> Signals:
-        """Return what lies in [start, end] s."""
-        inside = (self.times >= start) & (self.times <= end)
-        found = {name: column[inside] for name, column in self.columns.items()}
-        return Signals(self.times[inside], found, self.units)
-
-    def at(self, times: Array) -> Signals:
-        """Return the histories at `times` (k,) by linear interpolation; NaN outside."""
-        if not self.times.size:
-            return Signals(times, {}, self.units).select(self.columns)
-        found = {
-            name: np.interp(times, self.times, column, left=np.nan, right=np.nan)
-            for name, column in self.columns.items()
-        }
-        return Signals(times, found, self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +80,7 @@ class RecordedVehicle:
             read.state[during], read.control[during] = plan.sample(times[during])
         return Signals.both(self.plans[0].trajectory, times, read)
 
+    @cached_property
     def followed(self) -> tuple[Array, Signals, Signals]:
         """
         Return what was planned while plans were followed, behind each of them NaN as a gap.
@@ -151,6 +103,45 @@ class RecordedVehicle:
             parts.append((plan.start + np.append(at, end), np.append(at, end), *gapped))
         instants, times, *read = map(np.concatenate, zip(*parts, strict=True))
         return times, *Signals.both(self.plans[0].trajectory, instants, Sample(*read))
+
+    @cached_property
+    def margins(self) -> History:
+        """
+        Margin of every constraint, of what was measured from the start of the first plan on.
+
+        Negative values are violations. The limits are those of the planner's verification, for
+        the parameters that it published.
+        """
+        plan = self.plan
+        constraints = () if plan is None else self.view.constraints(plan.trajectory)
+        if plan is None or not constraints:
+            return History()
+        times, *read = self.followed
+        tables = (signals.table(signals.columns) for signals in read)
+        planned = margins_of(constraints, read[0].times, times, *tables)
+        seen = self.states.between(self.plans[0].start, np.inf)
+        if not seen.times.size:
+            return History(planned)
+        states = seen.table(plan.trajectory.state_names)
+        controls = self.controls.at(seen.times).table(plan.trajectory.control_names)
+        times = seen.times - plan.start
+        return History(planned, margins_of(constraints, seen.times, times, states, controls))
+
+    @cached_property
+    def tracking_errors(self) -> Signals:
+        """Return measured minus planned while plans were followed."""
+        if not self.plans:
+            return Signals()
+        found = self.states.between(self.plans[0].start, self.plans[-1].end)
+        if not found.times.size:
+            return Signals()
+        planned, _ = self.planned(found.times)
+        errors = {
+            name: self.view.away(name, found.columns[name] - column)
+            for name, column in planned.columns.items()
+            if name in found.columns
+        }
+        return Signals(found.times, errors, found.units)
 
 
 @dataclass(frozen=True)
@@ -233,6 +224,24 @@ class Mission:
                     instants += [float(signals.times[0]), float(signals.times[-1])]
         return min(instants), max(instants)
 
+    @cached_property
+    def separations(self) -> History:
+        """Return the distance of every pair of vehicles over time, called ``one - other``."""
+        moving = [v for v in self.vehicles if v.view.place]
+        planned = [v for v in moving if v.plans]
+        seen = {v.name: v.states for v in moving if v.states}
+        found = History()
+        if len(planned) > 1:
+            start = min(v.plans[0].start for v in planned)
+            end = max(v.plans[-1].end for v in planned)
+            times = np.linspace(start, end, min(int((end - start) / _STEP) + 2, 20_000))
+            states = {v.name: v.planned(times)[0] for v in planned}
+            found = History(planned=_distances(states, times, moving[0].view.place))
+        if len(seen) > 1:
+            times = max(seen.values(), key=lambda states: states.times.size).times
+            found = History(found.planned, _distances(seen, times, moving[0].view.place))
+        return found
+
     def is_early(self, event: Event) -> bool:
         """Whether an event came before the motion: while the nodes were starting."""
         return event.time < 0.0 and any(vehicle.plans for vehicle in self.vehicles)
@@ -242,3 +251,12 @@ class Mission:
         """Return the time [s] that the planner had for a plan, if the parameters tell."""
         value = self.parameters.get('solver.deadline')
         return float(value) if isinstance(value, (int, float)) else None
+
+
+def _distances(states: Mapping[str, Signals], times: Array, place: tuple[str, ...]) -> Signals:
+    places = {name: known.at(times).table(place) for name, known in states.items()}
+    apart = {
+        f'{one} - {other}': np.hypot(*(places[one] - places[other]).T)
+        for one, other in itertools.combinations(places, 2)
+    }
+    return Signals(times, apart, dict.fromkeys(apart, 'm'))

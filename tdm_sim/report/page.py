@@ -46,7 +46,7 @@ def write_report(mission: Mission, path: Path, comparison: Comparison | None = N
 def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
     comparison = comparison or compare(mission)
-    charts = mission_charts(mission, comparison)
+    charts = mission_charts(mission)
     scene, most = animation.scene(mission), points_per_curve(charts)
     report = {
         'span': list(mission.span),

@@ -29,7 +29,6 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_sim.report.animation import planned_frames
 from tdm_sim.report.charts import mission_charts, Panel
-from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Mission, RecordedVehicle
 from tdm_sim.report.recorded_vehicles import planned_vehicles
 
@@ -46,7 +45,7 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
 
 def plot_plan(mission: Mission) -> Figure:
     """Draw states, controls, margins and, of plants in the plane, their ways and distances."""
-    charts = {c.key: c.panels for c in mission_charts(mission, compare(mission))}
+    charts = {c.key: c.panels for c in mission_charts(mission)}
     states, controls, apart = (charts.get(k, ()) for k in ('states', 'controls', 'distances'))
     margins = [p._replace(title=f'margin of\n{p.title}') for p in charts.get('margins', ())]
     shapes = _drawn(mission.vehicles[0], np.zeros(1))

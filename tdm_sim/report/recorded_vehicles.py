@@ -25,7 +25,7 @@ from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, Robo
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle
 from tdm_sim.report.recorded_topics import (
     JOINT_STATE,
     ODOMETRY,
@@ -33,6 +33,7 @@ from tdm_sim.report.recorded_topics import (
     RecordedTopics,
     STATUSES,
 )
+from tdm_sim.report.signals import Signals
 
 _TURN = 2 * np.pi
 _DAY = 86_400.0  # s

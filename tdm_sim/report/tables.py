@@ -10,8 +10,8 @@ from html import escape
 import math
 
 from tdm_sim.report.comparison import Comparison, Entry, Kind
-from tdm_sim.report.margins import ROUNDING
 from tdm_sim.report.mission import Mission
+from tdm_sim.report.signals import ROUNDING
 
 MINUS = '\N{MINUS SIGN}'
 

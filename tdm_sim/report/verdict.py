@@ -12,8 +12,8 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.report.margins import margin_history, separations, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
+from tdm_sim.report.signals import Signals, smallest
 
 HOLD_TIME = 5.0  # s
 _FIRST = 0.05  # s after the start, until when the command before it may act
@@ -45,7 +45,7 @@ def judge(mission: Mission) -> Verdict | None:
     After replans the plan active at the end of the recording counts: its goal, its planned end.
     Limits count from the start of the first plan on.
     """
-    vehicles = [_with_begun_plans(vehicle) for vehicle in mission.vehicles]
+    vehicles = tuple(_with_begun_plans(vehicle) for vehicle in mission.vehicles)
     if not vehicles or not all(_can_be_judged(vehicle) for vehicle in vehicles):
         return None
     reasons: list[str] = []
@@ -55,7 +55,7 @@ def judge(mission: Mission) -> Verdict | None:
         reasons += found
         ends += [] if end is None else [end]
         reasons += _violated(vehicle, vehicle.plans[-1])
-    reasons += _too_close(replace(mission, vehicles=tuple(vehicles)))
+    reasons += _too_close(replace(mission, vehicles=vehicles))
     undecided = ''
     if ends and not reasons:
         undecided = (
@@ -159,8 +159,8 @@ def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> li
 def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
     held = vehicle.view.is_held(plan.trajectory)
-    until, measured = math.inf if held else plan.end, margin_history(vehicle).measured
-    judged = measured.between(vehicle.plans[0].start + _FIRST, until)
+    until = math.inf if held else plan.end
+    judged = vehicle.margins.measured.between(vehicle.plans[0].start + _FIRST, until)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
@@ -175,6 +175,6 @@ def _too_close(mission: Mission) -> list[str]:
         return []
     return [
         f'{pair} came within {margin.worst:.3f} m of each other, {least:g} m must be kept'
-        for pair, margin in smallest(separations(mission).measured).items()
+        for pair, margin in smallest(mission.separations.measured).items()
         if not margin.worst >= least
     ]

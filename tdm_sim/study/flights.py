@@ -29,8 +29,8 @@ from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParame
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Sample
-from tdm_sim.report.margins import margin_history, separations, smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
+from tdm_sim.report.signals import Signals, smallest
 from tdm_sim.report.verdict import goal_errors, HOLD_TIME, judge
 from tdm_sim.simulation import mismatched, PlantSetup, robot_actuators, SimulatedPlant
 
@@ -173,7 +173,7 @@ def _margins(mission: Mission) -> Iterator[tuple[str, float]]:
     """Yield the limits by their names in the plan, and the smallest margin of each on a flight."""
     for vehicle in mission.vehicles:
         of = f'{vehicle.name}.' if len(mission.vehicles) > 1 else ''
-        for name, margin in smallest(margin_history(vehicle).measured).items():
+        for name, margin in smallest(vehicle.margins.measured).items():
             yield f'{of}{name}', margin.worst
-    for pair, distance in smallest(separations(mission).measured).items():
+    for pair, distance in smallest(mission.separations.measured).items():
         yield pair, distance.worst - (mission.vehicles[0].view.separation or 0.0)

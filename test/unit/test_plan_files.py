@@ -20,10 +20,10 @@ from tdm_planner.plan_files import check_path, load_plan, save_plan
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-from tdm_sim.report.margins import margin_history
-from tdm_sim.report.mission import Mission, Signals
+from tdm_sim.report.mission import Mission
 from tdm_sim.report.plotting import plot_plan, plot_solution
 from tdm_sim.report.recorded_vehicles import planned_vehicles
+from tdm_sim.report.signals import Signals
 
 CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
 # Neither derived from the built-in ones nor stated as a formulation; without limits.
@@ -88,7 +88,7 @@ def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
 
 
 def histories_of(problem: Problem, plans: Mapping[str, Trajectory]) -> list[Signals]:
-    return [margin_history(vehicle).planned for vehicle in planned_vehicles(problem, plans)]
+    return [vehicle.margins.planned for vehicle in planned_vehicles(problem, plans)]
 
 
 def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):

@@ -31,7 +31,8 @@ from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import SECOND, Trajectory
 from tdm_sim.report import mission as parts
-from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
+from tdm_sim.report.signals import Signals
 
 DURATION = 2.0
 PENDULUM_PARAMETERS = {'plant.arm_length': 0.1, 'plant.com_distance': 0.06}

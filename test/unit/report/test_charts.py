@@ -20,7 +20,7 @@ from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.animation import measured_frames, planned_frames
 from tdm_sim.report.charts import Curve, mission_charts, Panel
-from tdm_sim.report.comparison import compare, Comparison, Entry
+from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import report_page, write_report
 from tdm_sim.report.tables import summary_table
@@ -29,7 +29,7 @@ MINUS = '\N{MINUS SIGN}'
 
 
 def panels(mission: Mission, key: str) -> tuple[Panel, ...]:
-    (chart,) = (c for c in mission_charts(mission, compare(mission)) if c.key == key)
+    (chart,) = (c for c in mission_charts(mission) if c.key == key)
     return chart.panels
 
 
@@ -106,7 +106,7 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
 
 def test_distances_of_the_closest_pairs() -> None:
     mission = robots_mission(names=[f'r{k}' for k in range(24)], rate=20.0)
-    (chart,) = (c for c in mission_charts(mission, compare(mission)) if c.key == 'distances')
+    (chart,) = (c for c in mission_charts(mission) if c.key == 'distances')
     (panel,) = chart.panels
     assert panel.limits == (missions.ARENA_PARAMETERS['arena.minimum_separation'],)
     series = {curve.series for curve in panel.curves}

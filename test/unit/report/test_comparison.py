@@ -15,7 +15,8 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity, Signals
+from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity
+from tdm_sim.report.signals import Signals
 from tdm_sim.report.verdict import judge
 
 TURN = 2 * math.pi
@@ -202,7 +203,7 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
 
 
 def test_tracking_errors_are_what_was_measured_less_what_was_planned() -> None:
-    errors = compare(swing_up(caught_at=2.0)).tracking_errors['pendulum']
+    errors = swing_up(caught_at=2.0).vehicles[0].tracking_errors
     assert (errors.times[0], errors.times[-1]) == pytest.approx((0.0, DURATION), abs=0.01)
     expected = math.pi * (0.9 - 1.0) * errors.times / DURATION
     np.testing.assert_allclose(errors.columns['theta'][:-1], expected[:-1], atol=1e-9)

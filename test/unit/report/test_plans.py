@@ -22,9 +22,9 @@ from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotF
 from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
-from tdm_sim.report.margins import smallest
-from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle, Signals
+from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
 from tdm_sim.report.reader import read_mission
+from tdm_sim.report.signals import Signals, smallest
 from tdm_sim.report.verdict import judge
 
 HALF = {'problem': 'x', **pendulum_plan().to_dict()}
@@ -51,7 +51,7 @@ def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
     (missing,) = mission.missing
     assert 'nothing is measured' in missing
     assert not mission.was_executed
-    drawn = compare(mission).margins['pendulum']
+    drawn = vehicle.margins
     assert not drawn.measured
     worst = solution.verification.worst['torque']
     assert smallest(drawn.planned)['torque'].worst == pytest.approx(worst)
@@ -63,9 +63,9 @@ def test_a_plan_of_robots_and_the_command(tmp_path: Path, capsys, monkeypatch) -
     mission = read_mission(file)
     assert [v.name for v in mission.vehicles] == ['robot1', 'robot2', 'robot3']
     assert {v.view.place for v in mission.vehicles} == {('x', 'y')}
-    comparison, worst = compare(mission), solution.verification.worst
+    worst = solution.verification.worst
     for vehicle in mission.vehicles:
-        planned = smallest(comparison.margins[vehicle.name].planned)
+        planned = smallest(vehicle.margins.planned)
         assert set(planned) == {'thrust', 'thruster_rate', 'torque', 'walls'}
         # of the thrust the upper limit alone: robots that coast are at the lower one
         strongest = vehicle.plans[0].trajectory.control('thrust').max()
@@ -74,7 +74,7 @@ def test_a_plan_of_robots_and_the_command(tmp_path: Path, capsys, monkeypatch) -
         for name in ('thruster_rate', 'torque', 'walls'):
             expected = pytest.approx(worst[f'{vehicle.name}.{name}'], abs=1e-4)
             assert planned[name].worst == expected
-    (nearest,) = [e for e in comparison.entries if e.name == 'smallest distance']
+    (nearest,) = [e for e in compare(mission).entries if e.name == 'smallest distance']
     apart = min(v for n, v in worst.items() if n.startswith('separation'))
     assert nearest.planned == pytest.approx(0.4 + apart, abs=1e-3)
     assert nearest.achieved is None
@@ -105,7 +105,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     (figures,) = mission.figures
     assert (figures.cost, figures.solve_time) == (2.0, None)
     assert any('parameters' in text for text in mission.missing)
-    assert not compare(mission).margins['vehicle'].planned
+    assert not mission.vehicles[0].margins.planned
     (tmp_path / 'plan.json').write_text(json.dumps(plan | {'problem': '<b>\n' * 300}))
     assert read_mission(tmp_path / 'plan.json').problem.isprintable()
     for name, strange in (
