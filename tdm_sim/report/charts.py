@@ -153,15 +153,11 @@ def _histories(
     mission: Mission, sources: Callable[[RecordedVehicle], Sources], held: bool = False
 ) -> tuple[Panel, ...]:
     """Return panels of states or controls with their limits, and the switches of the plans."""
-    limits: dict[str, set[float]] = {}
-    switches: set[float] = set()
-    for vehicle in mission.vehicles:
-        for name, levels in vehicle.view.bounds.items():
-            limits.setdefault(name, set()).update(levels)
-        switches.update(at for plan in vehicle.plans for at in _switches(plan).tolist())
+    plans = [plan for vehicle in mission.vehicles for plan in vehicle.plans]
+    switches = tuple(sorted({at for plan in plans for at in _switches(plan).tolist()}))
     return tuple(
         panel._replace(
-            limits=tuple(sorted(limits.get(panel.title, ()))), switches=tuple(sorted(switches))
+            limits=mission.vehicles[0].view.bounds.get(panel.title, ()), switches=switches
         )
         for panel in _panels(mission, sources, held)
     )
