@@ -72,12 +72,10 @@ class PendulumPlantParameters(SimulationParameters):
 
 
 def _setup(given: PendulumPlantParameters) -> PlantSetup:
-    torque = np.array([given.limits.torque])
     return PlantSetup(
         plant=mismatched(given.plant, given.mismatch, given.mismatch_seed),
         initial=np.array(astuple(given.initial)),
-        lower=-torque,
-        upper=torque,
+        limits=given.limits.torque * np.array([[-1.0], [1.0]]),
         noise=np.array(astuple(given.noise)),
     )
 

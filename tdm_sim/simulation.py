@@ -28,14 +28,14 @@ PlantType = TypeVar('PlantType')
 
 def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
     """
-    Return `lower`, `upper` and `gains` of a `PlantSetup` for a robot within its `limits`.
+    Return `limits` and `gains` of a `PlantSetup` for a robot within its `limits`.
 
     Gains, delivered per commanded, are uniform in 1 +- `mismatch`, independent of the errors that
     `mismatched` draws from the seed; the thruster turns by a servo, which has no such error.
     """
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
     gains = 1.0 + mismatch * np.random.default_rng([seed, 1]).uniform(-1.0, 1.0, 3) * [1, 0, 1]
-    return {'lower': upper * [0.0, -1.0, -1.0], 'upper': upper, 'gains': gains}
+    return {'limits': upper * [[0.0, -1.0, -1.0], [1.0, 1.0, 1.0]], 'gains': gains}
 
 
 def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
@@ -91,16 +91,15 @@ class PlantSetup:
     """
     Set-up of a simulated plant; arrays (nx,) or (nu,) in the plant's order and SI units.
 
-    `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
-    multiplied by `gains`. Without a command for `command_timeout` s the controls are zero. `noise`
-    holds the standard deviations of measured states. A plant that is `held` stays in its initial
-    state until it is `released`, or until the first command that is not zero.
+    `initial` is the state after `reset`. Commands are clipped to `limits`, lowest and highest, and
+    act multiplied by `gains`. Without a command for `command_timeout` s the controls are zero.
+    `noise` holds the standard deviations of measured states. A plant that is `held` stays in its
+    initial state until it is `released`, or until the first command that is not zero.
     """
 
     plant: Plant
     initial: Array
-    lower: Array
-    upper: Array
+    limits: Array  # (2, nu)
     noise: Array
     gains: Array | float = 1.0
     command_timeout: float = 0.1
@@ -151,7 +150,7 @@ class SimulatedPlant:
         """Return what acts now (nu,): saturated, times the gains; zero without a command."""
         if not self.commanded:
             return np.zeros_like(self._command)
-        saturated: Array = np.clip(self._command, self.setup.lower, self.setup.upper)
+        saturated: Array = np.clip(self._command, *self.setup.limits)
         return self.setup.gains * saturated
 
     def command(self, control: Array) -> None:

@@ -97,9 +97,8 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
         for number, name in enumerate(kind.state_names):
             initial = getattr(given.initial, name, None)
             begin[number] = begin[number] if initial is None else initial
-        lower, upper = plant.control_range
         noise = np.array([getattr(given.noise, name, 0.0) for name in kind.state_names])
-        return PlantSetup(plant, begin, lower, upper, noise, held=given.held)
+        return PlantSetup(plant, begin, plant.control_range, noise, held=given.held)
 
     def push(given: Any, simulation: SimulatedPlant, _: str) -> str:
         """Let the last state jump."""

@@ -122,15 +122,14 @@ def tracked(
     actuators: dict[str, Any] = {}
     if isinstance(tracker, StatedTracker):
         plant: Any = DirectPlant(mismatched(tracker.problem, mismatch, seed))
-        actuators['lower'], actuators['upper'] = plant.control_range
+        actuators['limits'] = plant.control_range
     else:
         plant = mismatched(tracker.plant, mismatch, seed)
     if isinstance(tracker, PendulumTracker):
-        torque = np.array([tracker.parameters.limits.torque])
-        actuators = {'lower': -torque, 'upper': torque}
+        actuators['limits'] = tracker.parameters.limits.torque * np.array([[-1.0], [1.0]])
     elif isinstance(tracker, RobotTracker):
-        robot = robot_actuators(tracker.parameters.limits, mismatch, seed)
-        actuators = {**robot, 'largest_step': 5e-3}
+        actuators |= robot_actuators(tracker.parameters.limits, mismatch, seed)
+        actuators['largest_step'] = 5e-3
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
     setup = PlantSetup(plant, initial, noise=sensors, **actuators)
     return CommandedPlant(tracker, SimulatedPlant(setup, seed))

@@ -27,8 +27,8 @@ PLANT, WHEELED = RotaryPendulum(), simulated.WheeledRobot(FloatingRobot())
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
 MOVING, TORQUE = np.array([2.0, 0.3, -4.0, 3.0]), np.array([0.01])
 LIMIT = np.array([0.02])
-LIMITLESS = np.full(2, -1e9), np.full(2, 1e9)
-SETUP = PlantSetup(PLANT, initial=HANGING, lower=-LIMIT, upper=LIMIT, noise=np.zeros(4))
+LIMITLESS = np.full((2, 2), [[-1e9], [1e9]])
+SETUP = PlantSetup(PLANT, initial=HANGING, limits=np.array([-LIMIT, LIMIT]), noise=np.zeros(4))
 SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 
 
@@ -113,7 +113,7 @@ def test_reset_goes_back_and_forgets_the_command() -> None:
     assert np.isfinite(plant.state).all()
     # a stated plant says so itself: its rates are too quick for the steps
     stiff = DirectPlant(Car(drag=1e9))
-    setup = PlantSetup(stiff, np.array([0.0, 0.0, 9.0, 9.0]), *LIMITLESS, noise=np.zeros(4))
+    setup = PlantSetup(stiff, np.array([0.0, 0.0, 9.0, 9.0]), LIMITLESS, noise=np.zeros(4))
     plant = simulation(setup)
     plant.step(0.1)
     assert plant.breakdowns == 1

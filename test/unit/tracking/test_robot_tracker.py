@@ -172,7 +172,8 @@ def test_a_robot_that_does_not_reach_its_goal_has_missed_it_and_goes_on_to_hold(
     plan = trajectory(np.array([0.0, 2.0]), np.zeros((2, 3)), 'zero_order_hold')
     wanted = replace(plan, states=plan.states + np.linspace(0.0, 0.24, 2)[:, None] * np.eye(7)[0])
     loop = Loop(robot(plan.states[0], replan__on_deviation=on_deviation))
-    loop.plant.setup = replace(loop.plant.setup, upper=loop.plant.setup.upper * [1e-9, 1.0, 1.0])
+    weak = loop.plant.setup.limits * [1e-9, 1.0, 1.0]
+    loop.plant.setup = replace(loop.plant.setup, limits=weak)
     loop.begin(wanted, 0.2)
     loop.run(1.8 + loop.tracker.settling)
     assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, None)
