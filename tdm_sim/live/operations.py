@@ -207,13 +207,12 @@ class Operations:
         """Set the parameters of a handle to where it was dragged, and plan with them."""
 
         def act() -> str:
-            if handle.node == 'planner':
-                changes = handle.values_at(pose, self._values(PLANNING))
-                self._make_plan(changes)
+            changes = handle.values_at(pose, self._values(handle.role))
+            if handle.role == PLANNING:
+                self._make_plan(changes)  # before they stay: there may be no plan with them
                 self._set(PLANNING, changes)
             else:
-                changes = handle.values_at(pose, self._values(SIMULATION))
-                self._set(SIMULATION, changes)
+                self._set(handle.role, changes)
                 self._reset()
                 time.sleep(_ARRIVAL)
                 self._make_plan()

@@ -11,15 +11,14 @@ from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.live.geometry import GHOST, GOAL, Look, PATH, picture, view_on
-from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
+from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, ROLES, SIMULATION
 from tdm_sim.live.operations import Operations, Recordings
 from tdm_sim.live.panel import Panel, Slider, slider_of
 from tdm_sim.live.rig import Chart, History, Rig, SOLVING
 from tdm_sim.live.scene import drag_handles_of, DragHandle, Pose, Scene
 import viser
 
-ROLES = {'planner': PLANNING, 'tracker': TRACKING, 'plant': SIMULATION}
-
+_TITLES = dict(zip(ROLES, ('planner', 'tracker', 'plant'), strict=True))
 _PATH = 200  # points of a planned path
 _PLACES = 20  # along a plan, that the camera is to see
 _EVENTS = 60  # that are shown
@@ -88,20 +87,20 @@ class Page:
     def news(self, fault: str = '') -> None:
         """Show the nodes' reports and faults, `fault` first."""
         listener, plan = self._listener, self._rig.plan
-        nodes = {title: listener.having(role) for title, role in ROLES.items()}
+        nodes = {role: listener.having(role) for role in ROLES}
         silent = [node.name for found in nodes.values() for node in found if node.silent]
         faults = [fault, self._fault]
-        if not nodes['planner']:
+        if not nodes[PLANNING]:
             faults.append(f'waiting for a planner in {listener.space or "/"}')
         if silent:
             faults.append('no sign of life from ' + ', '.join(silent))
-        rows = [(title, _worst(found)) for title, found in nodes.items() if found]
+        rows = [(_TITLES[role], _worst(found)) for role, found in nodes.items() if found]
         if plan is not None:
             solved = f'solved in {1e3 * plan.solve_time:.0f} ms'
             rows.append((f'plan {plan.plan_id}', f'{plan.summary}; {solved}'))
         self._panel.tell(rows, '; '.join(filter(None, faults)))
         self._panel.events(list(listener.events)[::-1][:_EVENTS])
-        simulated = any(not node.silent for node in nodes['plant'])
+        simulated = any(not node.silent for node in nodes[SIMULATION])
         recordings = self._recordings
         self._panel.can(simulated, recordings.running, recordings.last is not None)
 
@@ -121,21 +120,20 @@ class Page:
 
     def _show_controls(self) -> None:
         assert self._rig.problem is not None
-        declared = {name: self._listener.parameters_of(role) for name, role in ROLES.items()}
         handles = {}
         for handle in drag_handles_of(self._rig.problem):
-            owner = declared[handle.node]
+            owner = self._listener.parameters_of(handle.role)
             if owner is not None:
                 handles[handle.name] = handle, handle.pose(owner.values)
         self._scene.show_handles(handles)
         sliders: dict[str, Slider] = {}
-        for owner in filter(None, declared.values()):
+        for owner in filter(None, map(self._listener.parameters_of, ROLES)):
             for name, descriptor in owner.descriptors.items():
                 slider = slider_of(descriptor, owner.values.get(name))
                 if slider is not None:
                     sliders.setdefault(name, slider)
         self._panel.sliders(sliders)
-        planner = declared['planner']
+        planner = self._listener.parameters_of(PLANNING)
         assert planner is not None
         self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
 

@@ -24,6 +24,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation.parameters import place_in_formation
 from tdm_planner.problems.problem import Problem
 from tdm_sim.live.geometry import Kind, Picture, Rotation, View
+from tdm_sim.live.listener import PLANNING, SIMULATION
 import trimesh
 import viser
 from viser.transforms import SO3
@@ -53,15 +54,15 @@ class DragHandle(NamedTuple):
     """
     Something to drag, and the parameters of a node that it sets.
 
-    `moves` is `pose` (in the plane, and about the vertical) or `turn` (about its own z). `node` is
-    the one whose parameters they are: the planner, or the simulated plant, which is then reset.
+    `moves` is `pose` (in the plane, and about the vertical) or `turn` (about its own z). `role` is
+    that of the nodes whose parameters they are: the planner, or simulated plants, which are reset.
     `pose(values)` is where it is for parameters by name; `values_at(pose, values)` are the
     parameters that put it at a pose.
     """
 
     name: str
     moves: Literal['pose', 'turn']
-    node: Literal['planner', 'plant']
+    role: str
     size: float
     pose: Callable[[Values], Pose]
     values_at: Callable[[Pose, Values], dict[str, Any]]
@@ -86,7 +87,7 @@ def _goal(problem: RobotFormation, number: int) -> DragHandle:
         return {f'formation.{name}': place_in_formation(problem.formation.anchor, wanted)}
 
     return DragHandle(
-        name, 'pose', 'planner', 1.1 * task.separation, lambda values: (place, turn), values_at
+        name, 'pose', PLANNING, 1.1 * task.separation, lambda values: (place, turn), values_at
     )
 
 
@@ -116,8 +117,8 @@ def _starts(arm: float, rod: float) -> list[DragHandle]:
         return {'initial.theta': _nearest(theta, at(values, 'theta'))}
 
     return [
-        DragHandle('disk', 'turn', 'plant', 1.5 * arm, disk, disk_at),
-        DragHandle('pendulum', 'turn', 'plant', 0.9 * rod, pendulum, pendulum_at),
+        DragHandle('disk', 'turn', SIMULATION, 1.5 * arm, disk, disk_at),
+        DragHandle('pendulum', 'turn', SIMULATION, 0.9 * rod, pendulum, pendulum_at),
     ]
 
 

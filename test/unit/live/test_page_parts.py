@@ -23,6 +23,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from tdm_sim.live import operations, run
 from tdm_sim.live.geometry import along, Look, picture, view_on
+from tdm_sim.live.listener import SIMULATION
 from tdm_sim.live.operations import Recordings, TaskThread
 from tdm_sim.live.panel import shown_range, slider_of
 from tdm_sim.live.rig import History, MARGINS, RATE, SPAN
@@ -174,7 +175,7 @@ def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float)
 def test_the_pendulum_s_rings_stand_for_its_angles(theta: float, psi: float) -> None:
     values = {'initial.theta': theta, 'initial.psi': psi}
     for handle in drag_handles_of(PendulumSwingUp()):
-        assert (handle.node, handle.moves) == ('plant', 'turn')
+        assert (handle.role, handle.moves) == (SIMULATION, 'turn')
         (found,) = handle.values_at(handle.pose(values), values).items()
         assert found[1] == pytest.approx(values[found[0]], abs=1e-7)
 
