@@ -12,7 +12,7 @@ is a graph of one w. The motion at the nodes is checked for numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -28,12 +28,17 @@ from tdm_planner.direct_method.bases import (
     reciprocal,
     time_derivatives,
 )
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.formulation import components, Duration, Output
+from tdm_planner.direct_method.checked_formulation import ARGUMENTS, CheckedFormulation
+from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
 from tdm_planner.direct_method.tracing import numbers, Trace
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 
+_PLACES = {  # of functions that are not called along the whole arc
+    'final_cost': slice(-1, None),
+    'start_conditions': slice(0, 1),
+    'end_conditions': slice(-1, None),
+}
 _SAME = 1e-9  # share by which a state passed on may differ from itself
 
 
@@ -280,12 +285,20 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
     What is wrong there spoils the integration of all that follow. The message names function,
     node and value.
     """
-    last = nodes.size - 1
-    found = [
-        (last if at_end else int(np.argmin(np.isfinite(values))), what, values)
-        for what, values, at_end in _stated_values(stated, motion)
-        if not np.isfinite(values).all()
-    ]
+    last, along = nodes.size - 1, dict(zip('txu', motion, strict=True))
+    found = []
+    for function, names in ARGUMENTS.items():
+        at = _PLACES.get(function, slice(None))
+        if function == 'invert':
+            given = stated.called(motion.states, motion.controls)
+            for name in stated.integrated():  # these are wrong because their rates are
+                del given[f"state '{name}'"]
+        else:
+            given = stated.values(function, *(along[name][at] for name in names))
+        for what, values in given.items():
+            if not np.isfinite(values).all():
+                node = last if at.start == -1 else int(np.argmin(np.isfinite(values)))
+                found.append((node, f'{function} gives {what}', values))
     if found:
         node, what, values = min(found, key=lambda item: item[0])
         remedy = 'or near it (`first_guess` gives another)'
@@ -320,33 +333,3 @@ def check_integrated(
                 f'{nodes.size} (s = {nodes[node]:.3g}), but integrated gives {expected[node]:g}: '
                 f"it must be z['{name}'], or not be integrated"
             )
-
-
-def _stated_values(
-    stated: CheckedFormulation, motion: ArcMotion
-) -> Iterator[tuple[str, Array, bool]]:
-    """Yield what every function gives along the motion, (K,), or (1,) and True at its end."""
-    times, states, controls = motion.times, motion.states, motion.controls
-    rates = stated.derivative(states, controls)
-    integrated = stated.integrated()  # these are wrong because their rates are
-    for what, names, values in (
-        ('invert gives state', stated.state_names, states),
-        ('invert gives control', stated.control_names, controls),
-        ('derivative gives the rate of', stated.state_names, rates),
-    ):
-        for name, value in zip(names, components(values), strict=True):
-            if what != 'invert gives state' or name not in integrated:
-                yield f"{what} '{name}'", value, False
-    for name, value in stated.margins(times, states, controls).items():
-        yield f"margins gives '{name}'", value, False
-    for function, at in (
-        ('running_cost', slice(None)),
-        ('final_cost', slice(-1, None)),
-        ('start_conditions', slice(0, 1)),
-        ('end_conditions', slice(-1, None)),
-    ):
-        given = [values[at] for values in (times, states, controls)]
-        count = 3 if function == 'running_cost' else 2
-        for index, value in enumerate(stated.parts(function, *given[:count])):
-            part = 'J' if function.endswith('_cost') else f'number {index}'
-            yield f'{function} gives {part}', value, at.start == -1

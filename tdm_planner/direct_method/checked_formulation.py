@@ -212,6 +212,24 @@ class CheckedFormulation:
             for index, value in enumerate(found)
         ]
 
+    def values(self, function: str, *arguments: Any) -> dict[str, Values]:
+        """Return what one of the traced functions gives, (K,) each, by what messages call it."""
+        if function == 'invert':
+            return self.called(*self.invert(*arguments))
+        if function == 'derivative':
+            rates = components(self.derivative(*arguments))
+            return {f"the rate of '{n}'": v for n, v in zip(self.state_names, rates, strict=True)}
+        if function == 'margins':
+            return {f"'{name}'": value for name, value in self.margins(*arguments).items()}
+        parts, one = self.parts(function, *arguments), function.endswith('_cost')
+        return {'J' if one else f'number {index}': part for index, part in enumerate(parts)}
+
+    def called(self, states: Values, controls: Values) -> dict[str, Values]:
+        """Return states and controls, (K,) each, by what messages call them."""
+        names = [f"state '{name}'" for name in self.state_names]
+        names += [f"control '{name}'" for name in self.control_names]
+        return dict(zip(names, [*components(states), *components(controls)], strict=True))
+
     def guess(self, s: Array) -> dict[str, Array]:
         """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
         found, guesses = self._mapping('first_guess', s), {}

@@ -42,12 +42,12 @@ _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share
 _LOCK = threading.Lock()
 
 
-def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], Array]]:
+def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], list[str], Array]]:
     """
     Return what numpy gives of every function at some nodes, to compare a trace with.
 
-    By function: its arguments (K, n) but for the numbers, and what it gives (K, m). The nodes are
-    near the straight way between the boundary conditions, at random.
+    By function: its arguments (K, n) but for the numbers, what it gives by name, and that (K, m).
+    The nodes are near the straight way between the boundary conditions, at random.
     """
     rng, s = np.random.default_rng(0), np.linspace(0.1, 0.9, _SAMPLES)
     duration = stated.duration().guess
@@ -73,19 +73,14 @@ def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], Array]
 
     t = duration * s
     x, u = stated.invert(outputs, integrated)
+    parts = {'y': outputs, 'z': integrated, 't': t, 'x': x, 'u': u}
     y, z = columns(v for jet in outputs.values() for v in jet), columns(integrated.values())
     given = {'y': y, 'z': z, 't': columns([t]), 'x': x.astype(float), 'u': u.astype(float)}
     found = {}
     for function, names in ARGUMENTS.items():
-        if function == 'invert':
-            values = columns([*x.T, *u.T])
-        elif function == 'derivative':
-            values = columns(stated.derivative(x, u).T)
-        elif function == 'margins':
-            values = columns(stated.margins(t, x, u).values())
-        else:
-            values = columns(stated.parts(function, *(t, x, u)[: len(names)]))
-        found[function] = [given[name] for name in names], values
+        values = stated.values(function, *(parts[name] for name in names))
+        wanted = columns(values.values())
+        found[function] = [given[name] for name in names], list(values), wanted
     return found
 
 
@@ -344,7 +339,7 @@ def _depends(values: Any, on: Any) -> Mask:
 def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, Any]) -> None:
     """Raise InvalidProblem where the trace gives other numbers than numpy."""
     p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _SAME
-    for function, (given, wanted) in expected.items():
+    for function, (given, names, wanted) in expected.items():
         (found,) = Call(trace.functions[function], _SAMPLES)(*given, p)
         same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
         if not same.all():
@@ -354,19 +349,9 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             if np.isfinite(number):
                 reason = _suspect(stated.formulation, function)
             raise InvalidProblem(
-                f'{function} of {type(stated.formulation).__name__} gives '
-                f'{_part(stated, function, column)} = {found[node, column]:g} when it is traced, '
-                f'but {number:g} with numpy: {reason}'
+                f'{function} of {type(stated.formulation).__name__} gives {names[column]} = '
+                f'{found[node, column]:g} when it is traced, but {number:g} with numpy: {reason}'
             )
-
-
-def _part(stated: CheckedFormulation, function: str, column: int) -> str:
-    names: Sequence[str] = {
-        'invert': (*stated.state_names, *stated.control_names),
-        'derivative': stated.state_names,
-        'margins': stated.limit_names,
-    }.get(function, ())
-    return f"'{names[column]}'" if names else f'number {column}'
 
 
 def _suspect(formulation: Any, function: str) -> str:
