@@ -102,10 +102,10 @@ class Transcription(NonlinearProgram):
         self.has_end_conditions = first > 1
         # What is kept of every limit at the nodes, (K, nm).
         names, reserve = self.trace.margin_names, reserve or {}
-        self.kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
-        self.kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
-        self.kept[0, ~self.trace.of_controls] = 0.0
-        self.kept[-1, ~self.trace.of_controls] = 0.0
+        self._kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
+        self._kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
+        self._kept[0, ~self.trace.of_controls] = 0.0
+        self._kept[-1, ~self.trace.of_controls] = 0.0
 
     @cached_property
     def _weights(self) -> Array:
@@ -200,7 +200,7 @@ class Transcription(NonlinearProgram):
         cost = (end[0] + self._weights @ rows[:, 0] - self._constant) / self.cost_scale
         nw = self.basis.layout.size
         missed = [(wz[-1, nw + i] - value) / scale for i, value, scale in self._ended]
-        margins = (rows[:, 1:] - self.kept).T.ravel()
+        margins = (rows[:, 1:] - self._kept).T.ravel()
         values = np.concatenate([[cost], missed, end[1:], start, margins])
         ends, rest = self._parts
         cache = values, wz, steps
@@ -208,6 +208,22 @@ class Transcription(NonlinearProgram):
             return Point(xi, np.inf, np.full(2, np.inf), cache)
         violations = [np.abs(values[ends]).max(initial=0.0), (-values[rest]).max(initial=0.0)]
         return Point(xi, float(cost), np.array(violations), cache)
+
+    def violated(self, point: Point) -> str:
+        """Return what a point violates most, reserves counted, and by how much."""
+        ends, rest = (point.cache[0][part] for part in self._parts)
+        missed, margin = np.abs(ends), rest.min(initial=np.inf)
+        if missed.max(initial=0.0) <= max(-margin, 0.0):
+            name = self.trace.margin_names[int(np.argmin(rest)) // self.nodes.size]
+            return f'{name} by {-margin:.2g}'
+        row = int(np.argmax(missed))
+        if row >= len(self._ended):
+            where = 'end' if row < len(self._ended) + self._graphs.ends else 'start'
+            return f'the conditions at the {where} by {missed[row]:.2g}'
+        index, _, scale = self._ended[row]
+        name = list(self.integrated)[index]
+        unit = self.formulation.state_units[self._stated.state_names.index(name)]
+        return f'the condition at the end on {name} by {missed[row] * scale:.2g} {unit}'.rstrip()
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Jacobian of all rows, exact Hessian of the Lagrangian made positive definite."""

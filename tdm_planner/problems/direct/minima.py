@@ -169,31 +169,6 @@ class DirectMinima:
         tolerance = max(self._tolerance, _PROMISING)
         return bool(ends <= tolerance and margins <= _PROMISING)
 
-    def violated(self, program: Transcription, minimum: Minimum) -> str:
-        """Return what a minimum of a program violates most, reserves counted, and by how much."""
-        ends, margins = minimum.point.violations
-        motion = program.motion(minimum.point.xi)
-        if ends > margins:
-            names, integrated = self._stated.state_names, self._stated.integrated()
-            missed = {
-                name: abs(float(motion.states[-1, names.index(name)]) - state.end)
-                for name, state in integrated.items()
-                if state.end is not None
-            }
-            shares = {name: miss / integrated[name].scale for name, miss in missed.items()}
-            name = max(shares, key=lambda key: shares[key], default='')
-            if shares.get(name, 0.0) < 0.5 * ends:
-                first = motion.times[:1], motion.states[:1]
-                given = np.abs(self._stated.parts('start_conditions', *first))
-                where = 'start' if given.max(initial=0.0) > 0.99 * ends else 'end'
-                return f'the conditions at the {where} by {ends:.2g}'
-            unit = self._problem.state_units[names.index(name)]
-            return f'the condition at the end on {name} by {missed[name]:.2g} {unit}'.rstrip()
-        stated = self._stated.margins(motion.times, motion.states, motion.controls)
-        least = (np.array(list(stated.values())) - program.kept.T).min(axis=1)
-        index = int(np.argmin(least))
-        return f'{list(stated)[index]} by {-least[index]:.2g}'
-
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
         Yield changes of the initial guess; if `plain`, what none has been tried of before them.

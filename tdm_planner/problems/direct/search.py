@@ -301,7 +301,7 @@ class DirectSearch(Search[Candidate]):
             self._closest = minimum.point.violation
             self._nearest_miss = (
                 f'no initial guess led to a feasible motion of {self._stated.duration().allowed}; '
-                f'the nearest violated {self._minima.violated(program, minimum)}'
+                f'the nearest violated {program.violated(minimum.point)}'
             )
 
     @cached_property
