@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -86,42 +85,39 @@ class DirectPlant:
         limits = self.stated.control_limits
         return np.array([limits.get(k, (-np.inf, np.inf)) for k in self.control_names]).T
 
-    @cached_property
-    def _slopes(self) -> Any:
-        """Return the Jacobians by states and controls, column by column, as a CasADi function."""
-        rates = self.trace.rates
-
-        def make() -> Any:
-            x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))
-            rounded = Rounded(rates)  # drag such as v sqrt(vx^2 + vy^2) has a slope at rest, too
-            smooth = rounded.value(x, u, p, np.full(rounded.count, _REST))
-            slopes = ca.jacobian(smooth, ca.vertcat(x, u))
-            return ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
-
-        return self.trace.once('slopes', make)
-
-    @cached_property
-    def _one_slope(self) -> Call:
-        return Call(self._slopes)
-
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""
-        nx, nu = state.shape[-1], control.shape[-1]
-        call = self._one_slope if state.ndim == 1 else Call(self._slopes, len(state))
-        flat = call(state, control, self.numbers)[0]
-        slopes = np.swapaxes(flat.reshape(*state.shape[:-1], nx + nu, nx), -1, -2).copy()
+        rates, nx = self.trace.rates, state.shape[-1]
+
+        def smooth() -> Any:
+            rounded, given = Rounded(rates), rates.sx_in()
+            radius = np.full(rounded.count, _REST)
+            return ca.Function('smooth_rates', given, [rounded.value(*given, radius)])
+
+        # Drag such as v sqrt(vx^2 + vy^2) has a slope at rest, too.
+        smooth_rates = self.trace.once('smooth_rates', smooth)
+        slopes = self._with_slopes(smooth_rates, (0, 1), state, control)[1].copy()
         return slopes[..., :nx], slopes[..., nx:]
 
-    def _with_slopes(self, key: str, function: Any, *by: int) -> Any:
-        """Return a traced function with its slopes by those arguments, column by column."""
+    def _with_slopes(
+        self, function: Any, by: tuple[int, ...], *given: Array | float
+    ) -> tuple[Array, Array]:
+        """Return the values (..., m) of a traced function, and slopes (..., m, n) `by` some."""
 
         def make() -> Any:
-            given = [ca.SX.sym('a', function.size1_in(i)) for i in range(function.n_in())]
-            found = ca.densify(function(*given))
-            slopes = ca.densify(ca.jacobian(found, ca.vertcat(*(given[i] for i in by))))
-            return ca.Function('slopes', given, [found, ca.vec(slopes)])
+            arguments = function.sx_in()
+            found = ca.densify(function(*arguments))
+            slopes = ca.densify(ca.jacobian(found, ca.vertcat(*(arguments[i] for i in by))))
+            return ca.Function('slopes', arguments, [found, ca.vec(slopes)])
 
-        return self.trace.once(key, make)
+        last = np.asarray(given[-1])  # one place, or many
+        call = Call(
+            self.trace.once((function.name(), by), make), None if last.ndim == 1 else len(last)
+        )
+        values, slopes = call(*given, self.numbers)
+        size = sum(function.size1_in(i) for i in by)
+        shape = *values.shape[:-1], size, values.shape[-1]
+        return values, np.swapaxes(slopes.reshape(shape), -1, -2)
 
     def control_margins(self, time: float, state: Array, control: Array) -> Array:
         """Return what is left to the limits in which the controls have a part, (nm,)."""
@@ -133,17 +129,14 @@ class DirectPlant:
         self, times: Array, states: Array, controls: Array
     ) -> tuple[Array, Array, Array]:
         """Return what is left to the limits at N instants (N, nm), and its slopes (N, nm, n)."""
-        nx, nu = states.shape[1], controls.shape[1]
-        call = Call(self._with_slopes('linear limits', self.trace.margins, 1, 2), times.size)
-        left, slopes = call(times[:, None], states, controls, self.numbers)
-        slopes = slopes.reshape(times.size, nx + nu, left.shape[1]).swapaxes(1, 2)
+        given, nx = (times[:, None], states, controls), states.shape[1]
+        left, slopes = self._with_slopes(self.trace.margins, (1, 2), *given)
         return left, slopes[..., :nx], slopes[..., nx:]
 
     def end_conditions(self, time: float, state: Array) -> tuple[Array, Array]:
         """Return the conditions at the end (m,); their slopes by state and time (m, nx + 1)."""
-        call = Call(self._with_slopes('linear ends', self.trace.end_conditions, 1, 0))
-        values, slopes = call(time, state, self.numbers)
-        return values, slopes.reshape(state.size + 1, values.size).T.copy()
+        values, slopes = self._with_slopes(self.trace.end_conditions, (1, 0), time, state)
+        return values, slopes.copy()
 
     def limit_tolerances(self, plan: Trajectory | CollocatedMotion) -> Array:
         """
