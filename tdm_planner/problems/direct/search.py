@@ -97,10 +97,10 @@ class DirectSearch(Search[Candidate]):
         self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
         check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
-        self._rounds, self._found, self._warm, self._coarse = 0, False, False, False
+        self._rounds, self._found, self._coarse = 0, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._best: Candidate | None = None  # what the cheapest plan is made of,
-        self._least, self._dear = np.inf, np.inf  # its J, and that above which a replan is dear
+        self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._closest, self._nearest_miss = np.inf, ''
         self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
@@ -129,7 +129,7 @@ class DirectSearch(Search[Candidate]):
         """Take it; after a warm start no other is tried, unless it has become much dearer."""
         if plan.cost < self._least:
             self._best, self._least = self._checked, plan.cost
-        return self._warm and plan.cost <= self._dear
+        return plan.cost <= self._enough
 
     def widen(self) -> bool:
         """Try a few more rounds of the direct method while none leads to a feasible motion."""
@@ -179,12 +179,11 @@ class DirectSearch(Search[Candidate]):
 
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
-        if self._previous is not None:
-            self._warm = True
-            if motion := self._refinement.warm(self._previous.trajectory):
-                self._dear = self._cost_to_go(self._previous, 0.0) + _DEAR * motion.size
-                yield motion
-            self._warm = False
+        earlier = self._previous
+        if earlier is not None and (motion := self._refinement.warm(earlier.trajectory)):
+            self._enough = self._cost_to_go(earlier, 0.0) + _DEAR * motion.size
+            yield motion
+            self._enough = -np.inf
         solved = list[CollocatedMotion]()
         until = self._until_check
         for attempt, guess in enumerate(self._guesses()):
