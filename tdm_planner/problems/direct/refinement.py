@@ -118,20 +118,15 @@ class Refinement:
         kept[[0, -1]] = self._reserve * self.trace.of_controls
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._durations, kept, until
-
-        def solved(roughly: bool) -> CollocatedMotion | None:
+        kinked = settings is WARM and program.has_kinks
+        for roughly in (self._roughly, not self._roughly) if kinked else (False,):
             began = self._budget.elapsed
             found = program.solve(*given, roughly=roughly, **how)
             self._took = (self._budget.elapsed - began) / intervals
-            return found
-
-        kinked = settings is WARM and program.has_kinks
-        roughly = kinked and self._roughly
-        found = solved(roughly)
-        if found is None and kinked and not until.spent:
-            found = solved(not roughly)
-            if found is not None:
-                self._roughly = not roughly
+            if found is not None and kinked:
+                self._roughly = roughly
+            if found is not None or until.spent:
+                break
         return found
 
     def first(
