@@ -26,8 +26,9 @@ from tdm_planner.problems.pendulum.candidates import (
     COARSE_STEPS,
     distinct,
     FINE_STEPS,
+    ONE_ROUND,
     polish,
-    shot,
+    shoot_upright,
     starts,
     trajectory,
     without_short_arcs,
@@ -44,9 +45,10 @@ IPOPT = {'max_iter': 400, 'max_cpu_time': 12.0}
 def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     """Return the quickest of many polished candidates."""
     budget = Budget(math.inf)
-    batch = starts(task, np.random.default_rng([seed, 1]), STARTS, 10)
+    guesses = starts(task, np.random.default_rng([seed, 1]), STARTS, 10)
+    arrived = shoot_upright(task, guesses, Steps(COARSE_STEPS), budget, rounds=ONE_ROUND)
     best: Candidate | None = None
-    for candidate in distinct(shot(task, batch, Steps(COARSE_STEPS), budget))[:POLISHED]:
+    for candidate in distinct(arrived)[:POLISHED]:
         better, violation = polish(task, candidate, COARSE_STEPS, 1e-8, budget)
         if violation < 1e-6 and (best is None or better.total < best.total):
             fine, violation = polish(

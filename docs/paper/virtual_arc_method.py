@@ -13,7 +13,7 @@ anything, and the plan counts only if theta is monotone still.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -22,8 +22,14 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.problems import Solution
-from tdm_planner.problems.pendulum.candidates import FINE_STEPS, shot, trajectory
-from tdm_planner.problems.pendulum.shooting import ArcBatch, Steps
+from tdm_planner.problems.pendulum.candidates import (
+    Candidate,
+    FINE_STEPS,
+    ONE_ROUND,
+    shoot_upright,
+    trajectory,
+)
+from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.problem import Search
 from tdm_planner.trajectory import Trajectory
@@ -189,14 +195,9 @@ class VirtualArcMethod(Search[ArcCandidate]):
     def _landed(self, program: VirtualArcProgram, xi: Array) -> Trajectory | None:
         """Return the plant's motion under the switching times, corrected until it ends upright."""
         durations = np.maximum(program.durations(xi), 0.0)
-        batch = ArcBatch(
-            durations[None],
-            np.array([durations.size]),
-            program.torques[None].copy(),
-            np.array([float(program.turns)]),
-            np.full(1, np.inf),
-        )
-        arrived = shot(self._task, batch, Steps(FINE_STEPS), self.budget.part(math.inf))
+        arcs = Candidate(durations, program.torques, program.turns)
+        task, until = replace(self._task, turns=program.turns), self.budget.part(math.inf)
+        arrived = shoot_upright(task, [arcs], Steps(FINE_STEPS), until, rounds=ONE_ROUND)
         return trajectory(self._task, arrived[0]) if arrived else None
 
     def _monotone(self, motion: Trajectory) -> bool:

@@ -6,13 +6,14 @@ Candidates of the search for switching times, and what happens to them in turn.
 
 1. Initial guesses: `starts` at random, `warm_starts` from an earlier plan, or
    `pumping.pumped_candidates`.
-2. `shot` brings random ones upright; `shoot_tails` does so where the first arcs stay as they are.
+2. `shoot_upright` varies their arcs, but for first ones that stay as they are, until they arrive.
 3. `polish` minimises the time, `with_new_arcs` adds arcs, `corrected` integrates more finely.
 4. `trajectory` writes the motion out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -50,10 +51,10 @@ _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by 
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _MOST_VARIED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
-# Tails are shot in rounds of 12 iterations. After each, a candidate is dropped whose sum of
-# squares is not below that round's number in _GIVEN_UP.
+# Rounds of shooting: the effort, and the sum of squares from which on a candidate is dropped then.
 _TAIL_EFFORT = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
-_GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
+_TAIL_ROUNDS = tuple((_TAIL_EFFORT, most) for most in (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0))
+ONE_ROUND = ((Effort(), 0.0),)
 _POLISHED = 16  # last arcs whose time is minimised
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small,
 _STIFF_DRIVE = 0.25  # as it always is below that drive
@@ -104,7 +105,7 @@ class Candidate:
         return replace(self, durations=np.append(self.head[0], durations))
 
 
-def starts(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> ArcBatch:
+def starts(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> list[Candidate]:
     """Return `count` sequences of up to `most` arcs: log-uniform totals split by Dirichlet(2)."""
     most = min(most, _MOST_RANDOM_ARCS)
     w0 = task.plant.natural_frequency
@@ -116,8 +117,7 @@ def starts(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -
     durations = shares * (totals / shares.sum(axis=1))[:, None]
     first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
     torques = task.planned_torque * first[:, None] * (-1.0) ** np.arange(most)
-    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
+    return [Candidate(durations[i, :n], torques[i, :n], 0) for i, n in enumerate(arcs)]
 
 
 def arcs_of(motion: Trajectory) -> Candidate | None:
@@ -161,26 +161,15 @@ def warm_starts(
     return found
 
 
-def shot(task: SwingUpTask, batch: ArcBatch, steps: Steps, until: Budget) -> list[Candidate]:
-    """Shoot upright in time; return those that arrived."""
-    shoot(task.plant, task.start, batch, task.planned_disk_angle, steps, until)
-    found: list[Candidate] = []
-    for index in np.flatnonzero(batch.costs < ARRIVED):
-        n = batch.arcs[index]
-        durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        end = roll_states(task.plant, task.start, durations, torques)[-1]
-        found.append(Candidate(durations, torques, task.turns_nearest(end)))
-    return found
-
-
-def shoot_tails(
+def shoot_upright(
     task: SwingUpTask,
     candidates: list[Candidate],
     steps: Steps,
     until: Budget,
     enough: float = math.inf,
+    rounds: Sequence[tuple[Effort, float]] = _TAIL_ROUNDS,
 ) -> list[Candidate]:
-    """Shoot upright with the arcs that are not fixed, in time, until `enough` have arrived."""
+    """Vary the arcs that are not fixed, in time, until `enough` arrive; those that do."""
     if until.spent:  # of very many arcs even the roll below takes long
         return []
     # The arcs that stay as they are, as finely as those that do not.
@@ -193,11 +182,11 @@ def shoot_tails(
     turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
     batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
     rows, found = np.arange(len(left)), []
-    for most in _GIVEN_UP:
+    for effort, most in rounds:
         if until.spent or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
             break
         part = batch.rows(rows)
-        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, _TAIL_EFFORT)
+        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, effort)
         batch.durations[rows], batch.costs[rows] = part.durations, part.costs
         rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
@@ -207,14 +196,12 @@ def shoot_tails(
     return found
 
 
-def shoot_tails_finely(
-    task: SwingUpTask, landed: list[Candidate], until: Budget
-) -> list[Candidate]:
+def shoot_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
     """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
     given = _FINE_TAIL_STEPS, until
-    found = shoot_tails(task, list(map(_with_last_varied, quickest)), *given)
-    return found or list(map(_with_last_varied, shoot_tails(task, quickest, *given)))
+    found = shoot_upright(task, list(map(_with_last_varied, quickest)), *given)
+    return found or list(map(_with_last_varied, shoot_upright(task, quickest, *given)))
 
 
 def _with_last_varied(candidate: Candidate) -> Candidate:

@@ -39,8 +39,8 @@ from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     FEWEST_ARCS,
-    shoot_tails,
-    shoot_tails_finely,
+    shoot_finely,
+    shoot_upright,
     TAIL_STEPS,
 )
 from tdm_planner.problems.pendulum.shooting import roll_to_ends, stacked
@@ -334,8 +334,8 @@ def pumped_candidates(
         if until.spent or len(landed) >= (1 if late else _ENOUGH):
             break
         some = slice(first, first + _AT_ONCE)
-        landed += shoot_tails(task, swings[some], TAIL_STEPS, until, _ENOUGH)
-    return shoot_tails_finely(task, landed, until), tried
+        landed += shoot_upright(task, swings[some], TAIL_STEPS, until, _ENOUGH)
+    return shoot_finely(task, landed, until), tried
 
 
 def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:

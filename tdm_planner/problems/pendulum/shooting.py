@@ -62,9 +62,6 @@ class Effort(NamedTuple):
     reach: float = math.inf
 
 
-THOROUGH = Effort()
-
-
 class ArcBatch(NamedTuple):
     """
     Many sequences of arcs.
@@ -321,7 +318,7 @@ def shoot(
     psi_max: float,
     steps: Steps,
     until: Budget,
-    effort: Effort = THOROUGH,
+    effort: Effort,
 ) -> None:
     """
     Vary all durations until the motions end upright at rest; the batch changes in place.

@@ -30,10 +30,10 @@ from tdm_planner.problems.pendulum.candidates import (
     corrected,
     distinct,
     FINE_STEPS,
+    ONE_ROUND,
     polish,
-    shoot_tails,
-    shoot_tails_finely,
-    shot,
+    shoot_finely,
+    shoot_upright,
     starts,
     TAIL_STEPS,
     trajectory,
@@ -42,7 +42,7 @@ from tdm_planner.problems.pendulum.candidates import (
     without_short_arcs,
 )
 from tdm_planner.problems.pendulum.pumping import pumped_candidates
-from tdm_planner.problems.pendulum.shooting import ARRIVED, Steps
+from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.smooth import collocated, INTERVALS
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
@@ -183,7 +183,7 @@ class SwitchingSearch(Search[Candidate]):
         until = self._part(_WARM_UNTIL)
         found = self._shot_again(previous, until)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
-            found = shoot_tails_finely(self._task, found, until) or found
+            found = shoot_finely(self._task, found, until) or found
         yield from distinct(found)[:_WARM_TRIED]
 
     def _shot_again(self, arcs: Candidate, until: Budget) -> list[Candidate]:
@@ -193,7 +193,7 @@ class SwitchingSearch(Search[Candidate]):
             for change in _CHANGES
             for guess in warm_starts(self._task, self._rng, arcs, self._arcs, change)
         ]
-        found = shoot_tails(self._task, guesses, TAIL_STEPS, until, _ARRIVED)
+        found = shoot_upright(self._task, guesses, TAIL_STEPS, until, _ARRIVED)
         self._starts += len(guesses)
         self._arrived += len(found)
         return found
@@ -277,11 +277,12 @@ class SwitchingSearch(Search[Candidate]):
         for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
             if self.budget.past(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
-            batch = starts(self._task, self._rng, size, self._arcs)
-            found += shot(self._task, batch, steps, self._part(latest))
+            guesses = starts(self._task, self._rng, size, self._arcs)
+            until = self._part(latest)
+            found += shoot_upright(self._task, guesses, steps, until, rounds=ONE_ROUND)
             self._starts += size
-            self._arrived += int((batch.costs < ARRIVED).sum())
             self._rounds += 1
+        self._arrived += len(found)
         return found
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:

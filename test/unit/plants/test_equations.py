@@ -29,7 +29,7 @@ from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, rol
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.problems.pendulum import shooting
-from tdm_planner.problems.pendulum.shooting import ArcBatch, roll_to_ends, shoot, Steps
+from tdm_planner.problems.pendulum.shooting import ArcBatch, Effort, roll_to_ends, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.pendulum_tracking import EstimatedPendulum
@@ -161,7 +161,7 @@ def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, thr
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0})
     alone, together = Budget(math.inf), Budget(math.inf)
-    shoot(PLANT, START, one, 2.0, Steps(12), alone)
+    shoot(PLANT, START, one, 2.0, Steps(12), alone, Effort())
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(cores))
     shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
@@ -172,7 +172,7 @@ def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, thr
         return shoot_arcs(*arguments)
 
     monkeypatch.setattr(shooting, 'shoot_arcs', noted)
-    shoot(PLANT, START, many, 2.0, Steps(12), together)
+    shoot(PLANT, START, many, 2.0, Steps(12), together, Effort())
     assert together.evaluations == alone.evaluations
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)

@@ -26,7 +26,7 @@ from tdm_planner.plants.rotary_pendulum import mechanics, PendulumInertia, Rotar
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, switching_program
 from tdm_planner.problems.pendulum.candidates import Candidate, polish, with_new_arcs
-from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot, Steps
+from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.switching_program import evaluate_arcs, SwitchingData
 from tdm_planner.problems.pendulum.task import SwingUpTask
@@ -318,14 +318,11 @@ def test_derivatives_of_arcs_match_finite_differences(durations, seed):
 def arrivals(disk_angle: float) -> Iterator[tuple[SwitchingData, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
-    batch = candidates.starts(task, np.random.default_rng(0), 200, 6)
-    shoot(PLANT, START, batch, disk_angle, Steps(12), Budget(ENOUGH))
-    totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
-    for index in np.argsort(totals)[:5]:
-        assert batch.costs[index] < ARRIVED
-        n = batch.arcs[index]
-        torques = batch.torques[index, :n].copy()
-        yield program(n, disk_angle, torques), batch.durations[index, :n] * W0
+    guesses = candidates.starts(task, np.random.default_rng(0), 200, 6)
+    given = Steps(12), Budget(ENOUGH)
+    found = candidates.shoot_upright(task, guesses, *given, rounds=candidates.ONE_ROUND)
+    for arcs in sorted(found, key=lambda each: each.total)[:5]:
+        yield program(arcs.durations.size, disk_angle, arcs.torques), arcs.durations * W0
 
 
 def local_minimum(program: SwitchingData, xi: np.ndarray) -> float:
