@@ -29,7 +29,6 @@ from tdm_planner.problems.pendulum.shooting import (
     Effort,
     roll_to_ends,
     shoot,
-    stacked,
     Steps,
 )
 from tdm_planner.problems.pendulum.switching_program import (
@@ -174,23 +173,21 @@ def shoot_upright(
         return []
     # The arcs that stay as they are, as finely as those that do not.
     limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
-    heads = stacked([each.head for each in candidates])
-    ends, peaks = roll_to_ends(task.plant, task.start, heads, _KEPT, limit)
+    heads = ArcBatch.of([each.head for each in candidates])
+    ends, peaks = roll_to_ends(task, heads, _KEPT, limit)
     inside = peaks <= limit
     left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
-    durations, torques, counts = stacked([each.tail for each in left])
-    turns = np.full(len(left), math.nan if task.turns is None else float(task.turns))
-    batch = ArcBatch(durations, counts, torques, turns, np.full(len(left), np.inf))
+    tails, costs = ArcBatch.of([each.tail for each in left]), np.full(len(left), np.inf)
     rows, found = np.arange(len(left)), []
     for effort, most in rounds:
-        if until.spent or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
+        if until.spent or not rows.size or np.count_nonzero(costs < ARRIVED) >= enough:
             break
-        part = batch.rows(rows)
-        shoot(task.plant, begins[rows], part, task.planned_disk_angle, steps, until, effort)
-        batch.durations[rows], batch.costs[rows] = part.durations, part.costs
-        rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
-    for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
-        each, varied = left[row], batch.durations[row, : counts[row]]
+        part = tails.rows(rows)
+        costs[rows] = shoot(task, begins[rows], part, steps, until, effort)
+        tails.durations[rows] = part.durations
+        rows = rows[(costs[rows] >= ARRIVED) & (costs[rows] < most)]
+    for row in np.flatnonzero(costs < ARRIVED).tolist():
+        each, varied = left[row], tails.durations[row, : tails.arcs[row]]
         end = roll_states(task.plant, begins[row], varied, each.tail[1])[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found

@@ -43,7 +43,7 @@ from tdm_planner.problems.pendulum.candidates import (
     shoot_upright,
     TAIL_STEPS,
 )
-from tdm_planner.problems.pendulum.shooting import roll_to_ends, stacked
+from tdm_planner.problems.pendulum.shooting import ArcBatch, roll_to_ends
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
 _SHARE = 0.15  # of `quick_time`
@@ -341,9 +341,9 @@ def pumped_candidates(
 def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
     """Sort by what they promise, integrated again: near upright an error grows quickly."""
     w0 = task.plant.natural_frequency
-    arcs = stacked([(each.durations, each.torques) for each in swings])
+    arcs = ArcBatch.of([(each.durations, each.torques) for each in swings])
     limit = _FAR * max(task.planned_disk_angle, abs(task.start[1]))
-    ends, _ = roll_to_ends(task.plant, task.start, arcs, TAIL_STEPS.share, limit)
+    ends, _ = roll_to_ends(task, arcs, TAIL_STEPS.share, limit)
     goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
     distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
     weight = _RANK * _over_drive(task, _WORK, _WEIGHT)

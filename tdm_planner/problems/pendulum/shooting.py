@@ -26,7 +26,8 @@ from tdm_planner.plants.pendulum_kernels import (
     STATE,
     THETA_DOT,
 )
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import Coefficients
+from tdm_planner.problems.pendulum.task import SwingUpTask
 
 # Sum of squares at which a start has arrived, and the effort spent on one.
 ARRIVED = 1e-12
@@ -63,19 +64,20 @@ class Effort(NamedTuple):
 
 
 class ArcBatch(NamedTuple):
-    """
-    Many sequences of arcs.
-
-    `durations` (B, K) [s], zero from `arcs` (B,) on; `torques` (B, K) [N m]; `turns` (B,) the
-    number of turns of the goal, NaN for the nearest; `costs` (B,) the sum of squared distances
-    from the goal, infinite where not yet computed.
-    """
+    """Many sequences of `arcs` (B,) arcs: `durations` [s], `torques` [N m] (B, K), else zero."""
 
     durations: Array
-    arcs: Integers
     torques: Array
-    turns: Array
-    costs: Array
+    arcs: Integers
+
+    @classmethod
+    def of(cls, sequences: list[tuple[Array, Array]]) -> ArcBatch:
+        """Return durations and torques (n,) of sequences, one below the other."""
+        arcs = np.array([durations.size for durations, _ in sequences], dtype=np.intp)
+        both = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
+        for row, n in enumerate(arcs):
+            both[:, row, :n] = sequences[row]
+        return cls(both[0], both[1], arcs)
 
     def rows(self, chosen: slice | Integers) -> ArcBatch:
         """Return some of the sequences: of a slice views, of indices copies."""
@@ -223,6 +225,8 @@ def shoot_arcs(
     k: Coefficients,
     starts: Array,
     batch: ArcBatch,
+    costs: Array,
+    turn: float,
     psi_max: float,
     w0: float,
     steps: Steps,
@@ -231,11 +235,11 @@ def shoot_arcs(
     """
     Vary the durations of many motions from `starts` (B, 4) until each ends upright at rest.
 
-    The batch changes in place. Its `costs` are the sums of squares of (theta - 2 pi n, psi,
-    theta'/w0, psi'/w0, excess of |psi| over psi_max in every arc). Returns the number of
-    integrations. What becomes of a start does not depend on the others.
+    The durations change in place. Filled are the `costs` (B,), the sums of squares of
+    (theta - 2 pi turn, psi, theta'/w0, psi'/w0, excess of |psi| over psi_max in every arc).
+    Returns the number of integrations. What becomes of a start does not depend on the others.
     """
-    durations, arcs, torques, turns, costs = batch
+    durations, torques, arcs = batch
     most = durations.shape[1]
     state, derivatives = np.empty(STATE), np.empty((most, STATE))
     peaks, peak_slopes = np.empty((most, LANES)), np.empty((most, most, LANES))
@@ -277,7 +281,7 @@ def shoot_arcs(
             if b < 0:
                 continue
             n = arcs[b]
-            cost = _residual(lane, state, peaks, turns[b], psi_max, w0, residual[: 4 + n])
+            cost = _residual(lane, state, peaks, turn, psi_max, w0, residual[: 4 + n])
             if cost < costs[b]:
                 costs[b] = cost
                 for p in range(n):
@@ -312,61 +316,46 @@ def shoot_arcs(
 
 
 def shoot(
-    plant: RotaryPendulum,
-    start: Array,
+    task: SwingUpTask,
+    starts: Array,
     batch: ArcBatch,
-    psi_max: float,
     steps: Steps,
     until: Budget,
     effort: Effort,
-) -> None:
+) -> Array:
     """
-    Vary all durations until the motions end upright at rest; the batch changes in place.
+    Vary all durations, in place, until the motions from `starts` (B, 4) end upright at rest.
 
-    `start` is (4,), or (B, 4) where every sequence has its own. Chunks of sequences are shared out
-    among threads on all cores, none after `until`. The result does not depend on the number of
-    cores.
+    Returns the sum of squares (B,) of what each is off by, infinite where the time was up. Chunks
+    of sequences are shared out among threads on all cores, none after `until`. The result does not
+    depend on the number of cores.
     """
+    plant, costs = task.plant, np.full(batch.arcs.size, np.inf)
     size = max(LANES, min(round(_CHUNK / plant.quickness), batch.arcs.size // 2))
-    starts = np.empty((batch.arcs.size, 4))
-    starts[:] = start
+    turn = math.nan if task.turns is None else float(task.turns)
+    scales = turn, task.planned_disk_angle, plant.natural_frequency
 
     def work(first: int) -> int:
         if until.spent:
             return 0
         rows = slice(first, first + size)
-        return shoot_arcs(
-            plant.coefficients, starts[rows], batch.rows(rows), psi_max, plant.natural_frequency,
-            steps, effort,
-        )  # fmt: skip
+        some = starts[rows], batch.rows(rows), costs[rows]
+        return shoot_arcs(plant.coefficients, *some, *scales, steps, effort)
 
     until.evaluations += shared_out(work, range(0, batch.arcs.size, size))
-
-
-def stacked(arcs: list[tuple[Array, Array]]) -> tuple[Array, Array, Integers]:
-    """Durations and torques (n, K) of sequences, zero behind their ends, and their numbers."""
-    counts = np.array([durations.size for durations, _ in arcs], dtype=np.intp)
-    both = np.zeros((2, counts.size, int(counts.max(initial=0))))
-    for row, n in enumerate(counts):
-        both[:, row, :n] = arcs[row]
-    return both[0], both[1], counts
+    return costs
 
 
 def roll_to_ends(
-    plant: RotaryPendulum,
-    start: Array,
-    arcs: tuple[Array, Array, Integers],
-    share: float,
-    limit: float,
+    task: SwingUpTask, batch: ArcBatch, share: float, limit: float
 ) -> tuple[Array, Array]:
-    """Return the same as `roll_ends` for `stacked` arcs, on all cores."""
-    count = arcs[2].size
+    """Return the same as `roll_ends` from the start of a task, on all cores."""
+    k, start, count = task.plant.coefficients, task.start, batch.arcs.size
     ends, peaks = np.empty((count, 4)), np.empty(count)
 
     def work(first: int) -> int:
         rows = slice(first, first + LANES)
-        some = arcs[0][rows], arcs[1][rows], arcs[2][rows]
-        ends[rows], peaks[rows] = roll_ends(plant.coefficients, start, *some, share, limit)
+        ends[rows], peaks[rows] = roll_ends(k, start, *batch.rows(rows), share, limit)
         return 0
 
     shared_out(work, range(0, count, LANES))

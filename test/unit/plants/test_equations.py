@@ -42,6 +42,7 @@ STATES = st.tuples(*(st.floats(-most, most) for most in (4.0, 2.0, 8.0, 8.0))).m
 # Unequal across the rod, to tell the axes apart.
 INERTIA = PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3)
 OTHER = RotaryPendulum(mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA)
+TASK = SwingUpTask(PLANT, START, 0.09, 0.09, 2.0, None)
 ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
 
@@ -77,8 +78,7 @@ def random_batch(count):
     rng = np.random.default_rng(3)
     durations = rng.dirichlet(np.full(5, 2.0), size=count) * rng.uniform(0.2, 1.0, (count, 1))
     torques = np.tile(alternating(5, 0.09), (count, 1))
-    unknown = np.full(count, np.nan), np.full(count, np.inf)
-    return ArcBatch(durations, np.full(count, 5), torques, *unknown)
+    return ArcBatch(durations, torques, np.full(count, 5))
 
 
 @pytest.mark.parametrize('across', [5.0, 10.0, 20.0])
@@ -139,12 +139,12 @@ def test_ends_of_many_motions_are_those_one_by_one(seed):
     durations = rng.uniform(0.0, 0.2, size=(20, 12))
     torques = np.tile(alternating(12), (20, 1))
     arcs = rng.integers(0, 13, size=20).astype(np.intp)
-    ends, peaks = roll_to_ends(PLANT, START, (durations, torques, arcs), 0.02, np.inf)
+    ends, peaks = roll_to_ends(TASK, ArcBatch(durations, torques, arcs), 0.02, np.inf)
     for row, n in enumerate(arcs):
         states = roll_states(PLANT, START, durations[row, :n], torques[row, :n])
         np.testing.assert_allclose(ends[row], states[-1], rtol=0, atol=1e-4)
         assert peaks[row] >= np.abs(states[:, 1]).max() - 1e-4
-    _, cut = roll_to_ends(PLANT, START, (durations, torques, arcs), 0.02, 0.3)
+    _, cut = roll_to_ends(TASK, ArcBatch(durations, torques, arcs), 0.02, 0.3)
     np.testing.assert_array_equal(cut > 0.3, peaks > 0.3)
 
 
@@ -161,7 +161,8 @@ def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, thr
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0})
     alone, together = Budget(math.inf), Budget(math.inf)
-    shoot(PLANT, START, one, 2.0, Steps(12), alone, Effort())
+    starts = np.tile(START, (170, 1))
+    costs = shoot(TASK, starts, one, Steps(12), alone, Effort())
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(cores))
     shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
@@ -172,11 +173,11 @@ def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, thr
         return shoot_arcs(*arguments)
 
     monkeypatch.setattr(shooting, 'shoot_arcs', noted)
-    shoot(PLANT, START, many, 2.0, Steps(12), together, Effort())
+    again = shoot(TASK, starts, many, Steps(12), together, Effort())
     assert together.evaluations == alone.evaluations
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
-    np.testing.assert_array_equal(one.costs, many.costs)
+    np.testing.assert_array_equal(costs, again)
 
 
 @given(psi=st.floats(-1.9, 1.9), speed=st.floats(0.0, 40.0))
