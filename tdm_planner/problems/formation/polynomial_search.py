@@ -16,10 +16,8 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.formation import polynomial_kernels as kernels
-from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.polynomial_plan import trajectory
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.reference_motion import (
@@ -198,15 +196,9 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     order where those of the form do not do, and then one new guess after the other.
     """
 
-    def __init__(
-        self,
-        task: FormationTask,
-        settings: FormationParameters,
-        rng: np.random.Generator,
-        budget: Budget,
-        previous: Solution | None,
-    ) -> None:
-        super().__init__(task, settings, rng, budget, previous)
+    def prepared(self) -> list[Callable[[], Iterable[Polynomials]]]:
+        """Return what makes the candidates of each round."""
+        settings = self.settings
         self.form = form = MotionForm(
             settings.polynomial_order,
             settings.yaw_order,
@@ -225,10 +217,9 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         self._refining = self._options._replace(radius=_REFINING_RADIUS)
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = _NEARLY if self.rest else 1.0
-        if self.rest:
-            self.starts = 1
-            self.rounds = [partial(self._resumed, each) for each in (form, higher)]
-        self.rounds += [self._minima] * _ROUNDS
+        resumed = [partial(self._resumed, each) for each in (form, higher)] if self.rest else []
+        self.starts = 1 if self.rest else self.starts
+        return [*resumed, *[self._minima] * _ROUNDS]
 
     def _begun(self, task: FormationTask) -> tuple[PolynomialProgram, Iterator[Array]]:
         program = PolynomialProgram(task, self.form)

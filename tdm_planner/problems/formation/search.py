@@ -16,6 +16,7 @@ removes, and the others plan round it.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import itertools
@@ -72,9 +73,9 @@ class FormationSearch(Search[C]):
     """
     What the searches for a plan of a problem share.
 
-    They make candidates in `rounds`, one after the other until there is a plan: first from what is
-    left of the `previous` plan, then from `starts` initial guesses. `closest` is the point of the
-    least violation seen, for the reason of a failure.
+    They make candidates in `rounds`, one after the other until there is a plan: first from the
+    `rest` of the `previous` plan, then from `starts` initial guesses. `closest` is the point of
+    the least violation seen, for the reason of a failure.
     """
 
     def __init__(
@@ -87,15 +88,19 @@ class FormationSearch(Search[C]):
     ) -> None:
         super().__init__(budget)
         self.task = self._stated = task
-        self.settings, self.rng = settings, rng
+        self.settings, self.rng, self.previous = settings, rng, previous
         self.starts, self.tried = settings.solver.starts, 0
         self.closest: Candidate[Any] | None = None
         left = {} if previous is None else previous.trajectories
         self.rest = dict(left) if set(left) == set(task.names) else {}
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
-        self.rounds: list[Callable[[], Iterable[C]]] = []
         # The violation, relative to a limit, whose square is worth that penalty.
         self.feasible = math.sqrt(settings.solver.tolerance / np.max(settings.weights.penalty))
+        self.rounds = self.prepared()
+
+    @abstractmethod
+    def prepared(self) -> list[Callable[[], Iterable[C]]]:
+        """Return what makes the candidates of each round."""
 
     def candidates(self) -> Iterable[C]:
         """Minima of one round, cheapest first."""

@@ -9,17 +9,15 @@ Initial guesses have one corner each, bowed to either side, and are screened tog
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.problems.formation.parameters import FormationParameters
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
 from tdm_planner.problems.formation.search import (
     Candidate,
@@ -28,7 +26,6 @@ from tdm_planner.problems.formation.search import (
     kept_motions,
     screened,
 )
-from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
     CENTRE,
     Fleet,
@@ -151,18 +148,11 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
     keep theirs.
     """
 
-    def __init__(
-        self,
-        task: FormationTask,
-        settings: FormationParameters,
-        rng: np.random.Generator,
-        budget: Budget,
-        previous: Solution | None,
-    ) -> None:
-        super().__init__(task, settings, rng, budget, previous)
-        self.task = replace(task, thrust=(1.0 - settings.thrust_reserve) * task.thrust)
+    def prepared(self) -> list[Callable[[], Iterable[Arcs | Solution]]]:
+        """Return what makes the candidates of each round."""
+        task = self.task
+        self.task = replace(task, thrust=(1.0 - self.settings.thrust_reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
-        self._polynomials = cache(partial(PolynomialSearch, task, settings, rng, budget, previous))
         self._options = TrustRegionOptions(
             penalties=(_PENALTY if task.n < MANY else _PENALTY_MANY,),
             feasibility=(self.feasible,),
@@ -176,12 +166,16 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             self.starts *= _MORE_STARTS
         resumed = [self._resumed] if self.rest else []
         directly = [self._minima] if task.n <= FEW else []
-        last = [self._near_polynomials, lambda: [self._polynomials().run()]]
-        self.rounds = [*resumed, *directly, *last]
+        return [*resumed, *directly, self._near_polynomials, lambda: [self._polynomials.run()]]
+
+    @cached_property
+    def _polynomials(self) -> PolynomialSearch:
+        given = self._stated, self.settings, self.rng, self.budget, self.previous
+        return PolynomialSearch(*given)
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minima with four burns a robot near those of polynomials, each before it."""
-        program, search = ThrustArcProgram(self.task, 4), self._polynomials()
+        program, search = ThrustArcProgram(self.task, 4), self._polynomials
         for polynomials in search.candidates():
             motions = search.motions(polynomials)
             near = fitted(program, {**motions, **search.kept})
