@@ -17,7 +17,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.problems.formation import polynomial_kernels as kernels
+from tdm_planner.problems.formation import polynomial_kernels
 from tdm_planner.problems.formation.polynomial_plan import trajectory
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.reference_motion import (
@@ -70,6 +70,7 @@ class PolynomialProgram(FormationProgram):
     the others.
     """
 
+    kernels = polynomial_kernels
     curvature = 1e-6, 1e-3
 
     def __init__(self, task: FormationTask, form: MotionForm, held: Array | None = None) -> None:
@@ -98,7 +99,7 @@ class PolynomialProgram(FormationProgram):
         fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
         fixed[:, :2, (form.order + 1) // 2] = task.goal
         fixed[:, 2, (form.yaw_order + 1) // 2] = task.goal_yaw
-        self.manoeuvre = kernels.Manoeuvre(
+        self.manoeuvre = polynomial_kernels.Manoeuvre(
             grid=grid,
             fixed=fixed,
             velocity=np.column_stack([task.velocity, task.yaw_rate]),
@@ -125,15 +126,7 @@ class PolynomialProgram(FormationProgram):
         """Return the program of another manoeuvre by the same reference functions."""
         return PolynomialProgram(task, self.form, self.held)
 
-    def fly(self, x: Array, found: Array) -> kernels.Values:
-        """Return gas and margins."""
-        return kernels.evaluate(self.manoeuvre, x, found)
-
-    def derive(self, flown: kernels.Values) -> tuple[Array, Array, Array, Array]:
-        """Differentiate gas and margins; second derivatives are those of the gas."""
-        return kernels.derivatives(self.manoeuvre, flown, self.weights[2])
-
-    def own_margins(self, flown: kernels.Values) -> dict[str, Array]:
+    def own_margins(self, flown: polynomial_kernels.Values) -> dict[str, Array]:
         """Margins of thrust, torque and walls."""
         count = self.manoeuvre.grid.weights.size
         thrust, torque, walls = np.split(flown.own, [count, 2 * count], axis=1)
@@ -161,7 +154,7 @@ class PolynomialProgram(FormationProgram):
 
     def positions(self, x: Array) -> Array:
         """End derivatives (n, 2, order + 1) of x and y."""
-        return kernels.unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
+        return polynomial_kernels.unpacked(self.manoeuvre, x)[:, :2, : self.form.order + 1]
 
     def warm_guess(self, rest: Mapping[str, Trajectory]) -> Array:
         """

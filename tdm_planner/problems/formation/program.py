@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 import math
+from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -174,8 +175,15 @@ class FormationProgram(NonlinearProgram):
     (n, P) holds their x; robots that stay vary what `turning` (P,) marks. Violations count
     relative to their limits. `first` [s] is when the first robot may well arrive, `scale` a
     typical J, by which the cost is divided.
+
+    Two functions of `kernels` take the `manoeuvre` as that form of motion has it. `evaluate`
+    returns the motions at x: `x`, all `gas` [m/s], the `worst` margin, `approaches` (r, 6) in the
+    rows that it is given. `derivatives` returns the slopes (n, P) and curvature (n, P, P) of a
+    weight times the gas, margins near active (r,) and their slopes (r, n, P).
     """
 
+    kernels: ModuleType
+    manoeuvre: Any
     curvature: ClassVar[tuple[float, float]]  # least eigenvalue of a robot's Hessian, and share
 
     def __init__(
@@ -246,19 +254,6 @@ class FormationProgram(NonlinearProgram):
         return np.where(task.staying, least, found)
 
     @abstractmethod
-    def fly(self, x: Array, found: Array) -> Any:
-        """
-        Return the motions at x (n, P).
-
-        Of them `x`, all `gas` [m/s], the `worst` margin and `approaches` (r, 6), a part of
-        `found`, are known to this class.
-        """
-
-    @abstractmethod
-    def derive(self, flown: Any) -> tuple[Array, Array, Array, Array]:
-        """Differentiate by x: weighted gas (n, P), (n, P, P); near margins (r,), (r, n, P)."""
-
-    @abstractmethod
     def own_margins(self, flown: Any) -> dict[str, Array]:
         """Margins (n, ...) of every robot's own limits, by what violates them in words."""
 
@@ -266,7 +261,7 @@ class FormationProgram(NonlinearProgram):
         """Return the performance index, relative to a typical one, and the worst violation."""
         self.evaluations += 1
         found = np.zeros((16 + self.task.n * len(self.clearances), COLUMNS))
-        flown = self.fly(self.full(xi), found)
+        flown = self.kernels.evaluate(self.manoeuvre, self.full(xi), found)
         first, late = self._late(flown.x)
         time, sequence, gas_weight = self.weights
         cost = time * first + sequence * np.abs(late).sum() + gas_weight * flown.gas
@@ -279,7 +274,8 @@ class FormationProgram(NonlinearProgram):
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of the gas, made positive definite."""
-        gradient, blocks, margins, rows = self.derive(point.cache)
+        given = self.manoeuvre, point.cache, self.weights[2]
+        gradient, blocks, margins, rows = self.kernels.derivatives(*given)
         curvature = scaled(self._scales, blocks, *self.curvature, rows)
         jacobian = rows.reshape(margins.size, gradient.size)
         gradient = (self._scales * gradient).ravel()

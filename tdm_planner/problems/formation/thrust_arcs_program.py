@@ -20,7 +20,7 @@ import math
 import numpy as np
 from scipy.optimize import least_squares
 from tdm_planner.arrays import Array
-from tdm_planner.problems.formation import thrust_arcs_kernels as kernels
+from tdm_planner.problems.formation import thrust_arcs_kernels
 from tdm_planner.problems.formation.polynomial_plan import follow
 from tdm_planner.problems.formation.program import FormationProgram
 from tdm_planner.problems.formation.task import first_arrival, FormationTask, least_time
@@ -53,6 +53,7 @@ class ThrustArcProgram(FormationProgram):
     Robots that stay vary their arrival only, and those with `kept` motions, by name, nothing.
     """
 
+    kernels = thrust_arcs_kernels
     curvature = 2e-3, 0.0
 
     def __init__(
@@ -78,7 +79,7 @@ class ThrustArcProgram(FormationProgram):
             motion = kept[task.names[robot]]
             burns = remaining(motion)
             held[robot, : len(burns)], fixed[robot, -1] = burns, motion.duration
-        self.fleet = kernels.Fleet(
+        self.manoeuvre = thrust_arcs_kernels.Fleet(
             start=np.concatenate([task.start, self.centres]),
             velocity=np.concatenate([task.velocity, np.zeros_like(self.centres)]),
             clearances=self.clearances,
@@ -101,15 +102,7 @@ class ThrustArcProgram(FormationProgram):
         upper[waiting, -1] = lower[waiting, -1]
         self.bound(lower, upper, fixed)
 
-    def fly(self, x: Array, found: Array) -> kernels.ArcValues:
-        """Return burns, approaches, gas and the worst margin."""
-        return kernels.evaluate(self.fleet, x, found)
-
-    def derive(self, flown: kernels.ArcValues) -> tuple[Array, Array, Array, Array]:
-        """Differentiate gas, the distances of approaches, and own margins near active."""
-        return kernels.derivatives(self.fleet, flown, self.weights[2])
-
-    def own_margins(self, flown: kernels.ArcValues) -> dict[str, Array]:
+    def own_margins(self, flown: thrust_arcs_kernels.ArcValues) -> dict[str, Array]:
         """Margins of what the thruster needs."""
         return {"the time that the thruster of '{}' needs between burns": flown.margins}
 
@@ -159,7 +152,7 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     """Return the held controls of a robot's burns (k, 4), and the states that follow."""
     plant = task.plant
     yaw, rate, goal = task.yaw[robot], task.yaw_rate[robot], task.goal_yaw[robot]
-    a, switch = kernels.turning(duration, goal - yaw, rate)
+    a, switch = thrust_arcs_kernels.turning(duration, goal - yaw, rate)
     spin = duration, a, switch, yaw, rate, goal
     on = np.stack([burns[:, 2] - burns[:, 3], burns[:, 2] + burns[:, 3]], axis=1)
     on = np.clip(on, 0.0, duration)
@@ -193,7 +186,7 @@ def _thruster_path(
     for burn, (begin, end) in zip(burns, on, strict=True):
         count = 1 + max(1, math.ceil((end - begin) / step))
         instants = np.linspace(begin, end, count)
-        yaw = np.array([kernels.attitude(t, *spin) for t in instants])
+        yaw = np.array([thrust_arcs_kernels.attitude(t, *spin) for t in instants])
         held = math.atan2(burn[1], burn[0]) - yaw
         if math.isnan(angle):
             angle = held[0]
@@ -231,15 +224,17 @@ def _nearest(
         return np.append(np.zeros(program.size - 1), duration)
     times = np.linspace(0.0, duration, _INSTANTS)
     wanted = plan.sample(times).state[:, :2]
-    every = program.fleet.held.copy()
+    every = program.manoeuvre.held.copy()
     burns, slopes = every[i], np.zeros((*every.shape[1:], program.size))
 
     def missed(z: Array) -> Array:
-        kernels.round_off(np.append(z, duration), program.fleet, i, burns, slopes)
-        return np.asarray((kernels.positions(times, program.fleet, i, every) - wanted).ravel())
+        thrust_arcs_kernels.round_off(np.append(z, duration), program.manoeuvre, i, burns, slopes)
+        return np.asarray(
+            (thrust_arcs_kernels.positions(times, program.manoeuvre, i, every) - wanted).ravel()
+        )
 
     def missed_slope(z: Array) -> Array:
-        kernels.round_off(np.append(z, duration), program.fleet, i, burns, slopes)
+        thrust_arcs_kernels.round_off(np.append(z, duration), program.manoeuvre, i, burns, slopes)
         change, (centre, half) = burns[:, :2], burns[:, 2:].T
         twice = np.maximum(2.0 * half, 1e-300)
         burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)

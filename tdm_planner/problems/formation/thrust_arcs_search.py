@@ -110,7 +110,7 @@ def guesses(
     `most` screened ones at most, each the best of its set of sides, the best set first; then
     `drawn` ones with random corners.
     """
-    task, fleet, n = program.task, program.fleet, program.task.n
+    task, fleet, n = program.task, program.manoeuvre, program.task.n
     durations, way = program.usual_durations(), task.goal - task.start
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
     size = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
@@ -209,7 +209,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
             yield candidate
             return
         program, values, motions = candidate.program, candidate.point.cache, {}
-        weakest = WEAKEST * program.fleet.speed
+        weakest = WEAKEST * program.manoeuvre.speed
         for i, name in enumerate(self.task.names):
             if program.kept[i]:
                 continue
