@@ -70,7 +70,7 @@ def robot_cases() -> Cases:
     for seed in range(CROSSINGS):
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
         plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
-        executions.append(FormationExecution(problem))
+        executions.append(FormationExecution(plans[-1]))
 
     def case(seed: int) -> tuple[Problem, Solution | None]:
         rng = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ def robot_cases() -> Cases:
             )
             for name, motion in plan.solution.trajectories.items()
         }
-        predicted = execution.predict(plan, seen, elapsed)
+        predicted = execution.predict(seen, elapsed)
         assert isinstance(plan.problem, RobotFormation)
         return execution.problem_from(plan.problem, predicted), plan.remainder(elapsed)
 

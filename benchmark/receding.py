@@ -10,7 +10,7 @@ and starts at t + replan.delay; plants are known by their sensors only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from tdm_planner.problems.problem import Problem
@@ -29,14 +29,14 @@ class RecedingHorizon:
     Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
 
     `plans` are those that became active, `reviews` what the replanner made of it (at most once
-    an interval of 1 / replan.rate), `rejections` what the trackers did not accept. Without a
-    replanner the first plan is all there is.
+    an interval of 1 / replan.rate), `rejections` what the trackers did not accept. `replanner`
+    makes that of a plan; without it the first plan is all there is.
     """
 
     vehicles: Mapping[str, CommandedPlant]
     problem: Problem
     interval: float
-    replanner: Replanner | None = None
+    replanner: Callable[[ActivePlan], Replanner] | None = None
     plans: list[ActivePlan] = field(default_factory=list)
     reviews: list[Review] = field(default_factory=list)
     rejections: list[str] = field(default_factory=list)
@@ -44,6 +44,7 @@ class RecedingHorizon:
     _active: ActivePlans = field(default_factory=ActivePlans)
     _coming: tuple[float, ActivePlan] | None = None
     _next_review: float = 0.0
+    _replanner: Replanner | None = None
 
     def begin(self, plan: ActivePlan) -> None:
         """Execute a plan that starts now."""
@@ -84,14 +85,16 @@ class RecedingHorizon:
         return motion.start if followed and motion is not None else None
 
     def _review(self, seen: Mapping[str, Observation], now: float) -> None:
-        replanner = self.replanner
+        replanner, make = self._replanner, self.replanner
         if replanner is None or self._coming is not None or now < self._next_review - 1e-9:
             return
         self._next_review = now + 1.0 / replanner.parameters.rate
         plan, told = self._active.reviewed(seen, now)
         if plan is None:
             return
-        review = replanner.review(plan, self.problem, seen, now, told)
+        if make is not None and plan is not replanner.execution.plan:
+            self._replanner = replanner = make(plan)
+        review = replanner.review(self.problem, seen, now, told)
         self.reviews.append(review)
         if review.plan is not None:
             self._coming = now + _ARRIVAL * replanner.parameters.delay, review.plan
@@ -104,8 +107,7 @@ class RecedingHorizon:
                 self.rejections.append(str(rejection))
         self.plans.append(plan)
         self._active.add(plan)
-        if self.replanner is not None:
-            self.replanner = Replanner(self.replanner.execution, self.replanner.parameters)
+        self._replanner = None if self.replanner is None else self.replanner(plan)
 
 
 def tracker_mode(command: Command) -> Mode:

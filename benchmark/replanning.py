@@ -23,6 +23,7 @@ expected, plans must leave room for them: arena.tracking_margin is .1 m there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 import math
@@ -65,7 +66,11 @@ SETTLING, AT_GOAL = 5.0, 3.0  # s
 
 
 def loop_of(
-    problem: Problem, solution: Solution, interval: float, seed: int, replanner: Replanner
+    problem: Problem,
+    solution: Solution,
+    interval: float,
+    seed: int,
+    replanner: Callable[[ActivePlan], Replanner],
 ) -> RecedingHorizon:
     """Return vehicles about to execute their plans, commanded every `interval` s."""
     recovers = ReplanOnDeviation(on_deviation=True)
@@ -98,7 +103,11 @@ def swing_up(
     """One swing-up, pushed half-way by `push` N m s; returns what was reached."""
     tracker = tracker_of(problem, rate=1.0 / PENDULUM_INTERVAL)
     assert isinstance(tracker, PendulumTracker)
-    replanner = Replanner(SwingUpExecution(problem, tracker.parameters), REVIEWS)
+    given = tracker.parameters
+
+    def replanner(plan: ActivePlan) -> Replanner:
+        return Replanner(SwingUpExecution(plan, given), REVIEWS)
+
     loop = loop_of(problem, solution, PENDULUM_INTERVAL, seed, replanner)
     tracker, plant = loop.vehicles[PENDULUM_NAME]
     true_plant = mismatched(problem.plant, MISMATCH, seed)
@@ -173,7 +182,10 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
     changes = {'arena.tracking_margin': PUSH_MARGIN} if pushed else {}
     problem = crossing_of('quick robots', seed, **changes)
     solution = problem.solve(deadline=2.0)
-    replanner = Replanner(FormationExecution(problem), REVIEWS)
+
+    def replanner(plan: ActivePlan) -> Replanner:
+        return Replanner(FormationExecution(plan), REVIEWS)
+
     loop = loop_of(problem, solution, ROBOT_INTERVAL, seed, replanner)
     rng = np.random.default_rng([seed, 7])
     ways, half_way = [], 0.5 * solution.duration

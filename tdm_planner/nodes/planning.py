@@ -323,7 +323,7 @@ class Replanning:
             if any(asked.get(name) != value for name, value in own.items()):
                 problem = type(problem).from_parameters(asked)
             replanner = self._replanner_of(plan, values)
-            return replanner.review(plan, problem, observations, now, told)
+            return replanner.review(problem, observations, now, told)
 
         values = {**self._node.parameter_values, **plan.request_parameters}
         self._queue.review(review, self._on_review)
@@ -334,7 +334,7 @@ class Replanning:
         trackers = {name: vehicle.tracker.parameters for name, vehicle in adapter.vehicles.items()}
         made_for = plan, trackers, parameters
         if self._replanner is None or made_for != self._made_for:
-            execution = adapter.plant.execution(plan.problem, trackers, values)
+            execution = adapter.plant.execution(plan, trackers, values)
             self._replanner, self._made_for = Replanner(execution, parameters), made_for
         return self._replanner
 

@@ -132,7 +132,7 @@ class Predicted:
 
 class Execution(ABC):
     """
-    What the trackers of one kind of problem make of a plan, by the same laws as theirs.
+    What the trackers of one kind of problem make of a `plan`, by the same laws as theirs.
 
     `holds_goal` says that the goal is held after a plan's end, so that it is active until the
     next.
@@ -140,15 +140,16 @@ class Execution(ABC):
 
     holds_goal: ClassVar[bool] = True
 
+    def __init__(self, plan: ActivePlan) -> None:
+        self.plan = plan
+
     @abstractmethod
-    def predict(
-        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Predicted]:
+    def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """States at the instant `at` [s], by vehicle: measured, then moved under the feedback."""
 
     @abstractmethod
-    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
-        """Return what becomes of the active plan if it is carried on from the instant `at`."""
+    def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
+        """Return what becomes of the plan if it is carried on from the instant `at`."""
 
     @abstractmethod
     def problem_from(self, problem: Any, predicted: Mapping[str, Predicted]) -> Problem:
@@ -171,29 +172,30 @@ class GenericExecution(Execution):
 
     holds_goal: ClassVar[bool] = False
 
-    def __init__(self, names: Sequence[str], tolerance: float) -> None:
-        self._names = tuple(names)
-        self.tolerance = tolerance
+    def __init__(self, plan: ActivePlan, names: Sequence[str], tolerance: float) -> None:
+        super().__init__(plan)
+        self._names, self._tolerance = tuple(names), tolerance
+        self._motion = motion = plan.solution.trajectory
+        states = motion.state_names
+        # Where a measured number is, and which state of the plan it is.
+        self._compared = [(i, states.index(n)) for i, n in enumerate(self._names) if n in states]
 
-    def predict(
-        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Predicted]:
+    def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """Fly on under the planned controls, or carry the deviation from the plan along."""
-        seen = observations[PLANT_NAME]
-        motion = plan.solution.trajectory
-        flown = self._flown(plan, seen, at)
+        seen, motion, elapsed = observations[PLANT_NAME], self._motion, self.plan.elapsed
+        flown = self._flown(seen, at)
         if flown is None:
             flown = seen.state.copy()
-            now, then = (motion.sample(plan.elapsed(t)).state for t in (seen.stamp, at))
-            for number, state in self._compared(motion):
+            now, then = (motion.sample(elapsed(t)).state for t in (seen.stamp, at))
+            for number, state in self._compared:
                 flown[number] += then[state] - now[state]
-        control = motion.sample(plan.elapsed(at)).control
+        control = motion.sample(elapsed(at)).control
         return {PLANT_NAME: Predicted(flown, control, seen.mode)}
 
-    def _flown(self, plan: ActivePlan, seen: Observation, at: float) -> Array | None:
+    def _flown(self, seen: Observation, at: float) -> Array | None:
         """Measured numbers at the instant `at` by the equations of motion, where all are known."""
-        motion, problem = plan.solution.trajectory, plan.problem
-        since, wait = plan.elapsed(seen.stamp), at - seen.stamp
+        motion, problem = self._motion, self.plan.problem
+        since, wait = self.plan.elapsed(seen.stamp), at - seen.stamp
         order = [self._names.index(name) for name in motion.state_names if name in self._names]
         complete = len(order) == len(motion.state_names) == len(self._names)
         inside = since >= 0.0 and since + wait < motion.duration and wait > 0.0
@@ -210,26 +212,21 @@ class GenericExecution(Execution):
             return found
         return None
 
-    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
+    def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Compare the state with the plan; its cost to go is the problem's to say."""
-        motion, now = plan.solution.trajectory, predicted[PLANT_NAME]
+        plan, motion, now = self.plan, self._motion, predicted[PLANT_NAME]
         elapsed = plan.elapsed(at)
         cost = plan.problem.cost_to_go(plan.solution, elapsed)
         # Where it is not known, no plan can be said to be cheaper.
         outlook = Outlook(0.0 if cost is None else cost, settled=elapsed >= motion.duration)
         reference, ranges = motion.sample(elapsed).state, ranges_of(motion)
-        for number, state in self._compared(motion):
+        for number, state in self._compared:
             away = float(now.state[number] - reference[state])
-            if abs(away) > self.tolerance * ranges[state] > 0.0:
+            if abs(away) > self._tolerance * ranges[state] > 0.0:
                 name = motion.state_names[state]
                 size = f'{abs(away):.3g} {motion.units.get(name, "")}'.rstrip()
                 return replace(outlook, failure=f"'{name}' is {size} away from the active plan")
         return outlook
-
-    def _compared(self, motion: Trajectory) -> list[tuple[int, int]]:
-        """Where a measured number is, and which state of the plan it is."""
-        states = motion.state_names
-        return [(i, states.index(name)) for i, name in enumerate(self._names) if name in states]
 
     def problem_from(self, problem: Problem, predicted: Mapping[str, Predicted]) -> Problem:
         """Return the same problem, with the predicted state as its start."""

@@ -58,61 +58,50 @@ class FormationExecution(Execution):
 
     def __init__(
         self,
-        problem: RobotFormation,
+        plan: ActivePlan,
         parameters: Mapping[str, RobotTrackerParameters | None] = MappingProxyType({}),
     ) -> None:
-        self._plant = problem.plant
+        super().__init__(plan)
+        assert isinstance(plan.problem, RobotFormation)
+        self._problem = problem = plan.problem
         default = RobotTrackerParameters(plant=problem.plant, limits=problem.limits)
-        self._parameters = {
-            name: replace(parameters.get(name) or default, rate=1.0 / _STEP)
-            for name in problem.task.names
-        }
-        self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
-        self._adopted: ActivePlan | None = None
-
-    def _adopt(self, plan: ActivePlan) -> None:
-        """Prepare every robot's feedback along its motion."""
-        self._motions = {}
+        self._trackers: dict[str, RobotTracker] = {}
+        self._motions: dict[str, Motion] = {}
         for name, trajectory in plan.solution.trajectories.items():
+            own = replace(parameters.get(name) or default, rate=1.0 / _STEP)
             # At so low a rate the servo must take all of its error away at once.
-            tracker = RobotTracker(self._parameters[name], servo_share=1.0)
-            law = tracker.prepare(trajectory)
-            self._motions[name] = tracker, Motion(trajectory, plan.start, law)
-        self._adopted = plan
+            self._trackers[name] = tracker = RobotTracker(own, servo_share=1.0)
+            self._motions[name] = Motion(trajectory, plan.start, tracker.prepare(trajectory))
 
-    def predict(
-        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Predicted]:
+    def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """Step every robot under its feedback from the measured state to the instant `at`."""
-        if self._adopted is not plan:
-            self._adopt(plan)
-        task = self._problem(plan).task
+        task = self._problem.task
         found = {}
         for i, name in enumerate(task.names):
             arrived = float(task.arrived[i]) if task.staying[i] else 0.0
-            duration = 0.0 if arrived else plan.solution.trajectories[name].duration
-            arrived = max(arrived + plan.elapsed(at) - duration, 0.0)
+            duration = 0.0 if arrived else self._motions[name].trajectory.duration
+            arrived = max(arrived + self.plan.elapsed(at) - duration, 0.0)
             state, control = self._moved(name, observations[name], at)
             mode = observations[name].mode
-            planned = self._planned(plan, name, state, at) if mode is Mode.FOLLOWING else None
+            planned = self._planned(name, state, at) if mode is Mode.FOLLOWING else None
             found[name] = Predicted(state, control, mode, arrived, planned)
         return found
 
-    def _planned(self, plan: ActivePlan, name: str, state: Array, at: float) -> Sample | None:
+    def _planned(self, name: str, state: Array, at: float) -> Sample | None:
         """
         Return what the plan has for a robot late on its way and well on it, else None.
 
         The feedback takes its deviation away; planned from that it would only be later.
         """
-        motion = plan.motion(name)
+        motion = self._motions[name]
         left = motion.end - at
-        late = LATE * math.pi / self._problem(plan).limits.thruster_rate
+        late = LATE * math.pi / self._problem.limits.thruster_rate
         planned = motion.sample(at)
         return planned if 0.0 < left < late and _near(planned.state, state, _ON_PLAN) else None
 
     def _moved(self, name: str, seen: Observation, at: float) -> tuple[Array, Array]:
         """Return a robot's state (7,) at the instant `at`, and the controls (3,) there."""
-        tracker, motion = self._motions[name]
+        tracker, motion = self._trackers[name], self._motions[name]
         state, time = np.concatenate([seen.state, np.ones(2)]), seen.stamp
         control = np.zeros(3)
         while time < at - 1e-9:
@@ -122,41 +111,38 @@ class FormationExecution(Execution):
                 control = act(motion, time, state).control
             elif seen.mode is Mode.RECOVERING:
                 control = tracker.recover(state)
-            state[:7] = integrate(self._plant, state[:7], control, step, PREDICTION_STEP)
+            state[:7] = integrate(self._problem.plant, state[:7], control, step, PREDICTION_STEP)
             time += step
         return state[:7], control
 
-    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
+    def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Carry the deviations on and look at the distances they leave."""
-        problem = self._problem(plan)
         lost = [name for name, robot in predicted.items() if robot.mode is not Mode.FOLLOWING]
         if lost:
             return Outlook(failure=f"'{lost[0]}' does not follow the active plan any more")
-        end = max(plan.end, at + _GRID)
+        end = max(self.plan.end, at + _GRID)
         times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
         places = {}
         for name, robot in predicted.items():
-            away = self._deviation(plan, name, robot, at, times - at)
+            away = self._deviation(name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
-            if peak > _TRACKED * self._parameters[name].tolerance.path:
+            if peak > _TRACKED * self._trackers[name].parameters.tolerance.path:
                 return Outlook(failure=f"'{name}' would come {peak:.2g} m off the active plan")
-            places[name] = plan.motion(name).sample(times).state[:, :2] + away
-        failure = self._nearness(problem, places)
+            places[name] = self._motions[name].sample(times).state[:, :2] + away
+        failure = self._nearness(places)
         settled = not failure and all(
-            _near(plan.solution.trajectories[name].states[-1], robot.state, _AT_GOAL)
+            _near(self._motions[name].trajectory.states[-1], robot.state, _AT_GOAL)
             for name, robot in predicted.items()
         )
-        return Outlook(self._cost(plan, predicted, at), failure, settled)
+        return Outlook(self._cost(predicted, at), failure, settled)
 
-    def _deviation(
-        self, plan: ActivePlan, name: str, robot: Predicted, at: float, since: Array
-    ) -> Array:
+    def _deviation(self, name: str, robot: Predicted, at: float, since: Array) -> Array:
         """Deviations (n, 2) m from the plan, `since` (n,) s after the instant `at`."""
-        reference = plan.motion(name).reference(at)
+        reference = self._motions[name].reference(at)
         offset, drift = robot.state[:2] - reference[:2], robot.state[2:4] - reference[2:4]
         speed = float(np.hypot(*drift))
-        limits = self._parameters[name].limits
-        largest = limits.thrust / self._plant.mass
+        limits = self._trackers[name].parameters.limits
+        largest = limits.thrust / self._problem.plant.mass
         heading = math.atan2(-drift[1], -drift[0]) - robot.state[4] - robot.state[6]
         turn = abs(math.remainder(heading, math.tau)) / limits.thruster_rate
         braking = speed / (_BRAKING * largest)
@@ -166,8 +152,8 @@ class FormationExecution(Execution):
         back = np.exp(-np.maximum(since - turn - braking, 0.0) / _RETURN)
         return np.asarray((offset + drift * path[:, None]) * back[:, None])
 
-    def _nearness(self, problem: RobotFormation, places: Mapping[str, Array]) -> str:
-        arena = problem.arena
+    def _nearness(self, places: Mapping[str, Array]) -> str:
+        arena = self._problem.arena
         reserve = _RESERVE * arena.tracking_margin
         for name, place in places.items():
             edge = np.minimum(place, np.array([arena.length, arena.width]) - place).min()
@@ -181,25 +167,21 @@ class FormationExecution(Execution):
                 return f"'{one}' and '{other}' would come within {apart.min():.3g} m"
         return ''
 
-    def _cost(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> float:
+    def _cost(self, predicted: Mapping[str, Predicted], at: float) -> float:
         """J of what is left of the plan, and the gas that taking the deviations away costs."""
-        rest = plan.remainder(at)
+        rest = self.plan.remainder(at)
         if rest is None:
             return 0.0
-        task = replace(self._problem(plan).task, arrived=np.zeros(len(predicted)))
+        task = replace(self._problem.task, arrived=np.zeros(len(predicted)))
         arrivals, gas = [], []
         for name in task.names:
-            motion = plan.motion(name)
+            motion = self._motions[name]
             left = motion.end - at
             arrivals.append(-predicted[name].arrived if predicted[name].arrived else left)
             used = gas_used(task.plant, rest.trajectories[name])
             drift = predicted[name].state[2:4] - motion.reference(at)[2:4]
             gas.append((used if left > 0.0 else 0.0) + float(np.hypot(*drift)))
         return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
-
-    def _problem(self, plan: ActivePlan) -> RobotFormation:
-        assert isinstance(plan.problem, RobotFormation)
-        return plan.problem
 
     def problem_from(
         self, problem: RobotFormation, predicted: Mapping[str, Predicted]
@@ -211,7 +193,7 @@ class FormationExecution(Execution):
             robot = predicted[name]
             goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
             state, control = robot.state, robot.control
-            planned_end = self._motions[name][1].trajectory.states[-1]
+            planned_end = self._motions[name].trajectory.states[-1]
             if robot.planned is not None and _near(goal, planned_end, _AT_GOAL):
                 state, control = robot.planned
             if _near(goal, robot.state, _AT_GOAL):

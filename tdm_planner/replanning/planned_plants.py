@@ -38,6 +38,7 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.execution import (
+    ActivePlan,
     Execution,
     GenericExecution,
     PLANT_NAME,
@@ -99,9 +100,11 @@ class PlannedPlant:
         """Return the rest of a deviation (nx,) after `duration` s under feedback."""
         return away
 
-    def execution(self, problem: Any, trackers: Mapping[str, Any], values: Values) -> Execution:
-        """Return the model of how trackers execute plans. In the worker's thread."""
-        return GenericExecution(self.kind.state_names, values['replan.deviation'])
+    def execution(
+        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
+    ) -> Execution:
+        """Return the model of how trackers execute a plan. In the worker's thread."""
+        return GenericExecution(plan, self.kind.state_names, values['replan.deviation'])
 
     def besides(self, problem: Any, trajectory: Trajectory) -> Mapping[str, Array]:
         """Return histories (N,) of joints beside the states and controls, by name."""
@@ -144,10 +147,10 @@ class PlannedPendulum(PlannedPlant):
         return np.zeros_like(away)
 
     def execution(
-        self, problem: PendulumSwingUp, trackers: Mapping[str, Any], values: Values
+        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
     ) -> Execution:
         """Return the tracker's feedback as a model."""
-        return SwingUpExecution(problem, trackers.get(PENDULUM_NAME))
+        return SwingUpExecution(plan, trackers.get(PENDULUM_NAME))
 
     def drawn(self, values: Values) -> Drawn:
         """Return the rig with these parameters."""
@@ -172,10 +175,10 @@ class PlannedRobots(PlannedPlant):
         return self.coasted(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
 
     def execution(
-        self, problem: RobotFormation, trackers: Mapping[str, Any], values: Values
+        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
     ) -> Execution:
         """Return the trackers' feedback as a model."""
-        return FormationExecution(problem, trackers)
+        return FormationExecution(plan, trackers)
 
     def besides(self, problem: RobotFormation, trajectory: Trajectory) -> Mapping[str, Array]:
         """Return the change of the wheel's speed since the start."""

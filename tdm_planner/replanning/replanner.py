@@ -146,7 +146,7 @@ class Review:
 
 
 class Replanner:
-    """Reviews the active plan again and again."""
+    """Reviews a plan under way again and again: that of `execution`."""
 
     def __init__(self, execution: Execution, parameters: ReplanParameters) -> None:
         self.execution = execution
@@ -156,36 +156,36 @@ class Replanner:
 
     def review(
         self,
-        plan: ActivePlan,
         problem: Problem,
         observations: Mapping[str, Observation],
         now: float,
         failure: str = '',
     ) -> Review:
         """
-        Review a plan under way at the instant `now` [s] for the `problem` asked at present.
+        Review the plan at the instant `now` [s] for the `problem` asked at present.
 
         `failure` says what is known to be wrong with the plan, '' if nothing is. Only the start of
         the problem is replaced. A plan returned is verified; its motion starts `delay` after
         `now`.
         """
+        plan = self.execution.plan
         if not self.execution.holds_goal and now >= plan.end:
             return Review(None, 'the plan has come to its end')
         began = time.perf_counter()
         at = now + self.parameters.delay
-        predicted = self.execution.predict(plan, observations, at)
-        outlook = self.execution.outlook(plan, predicted, at)
+        predicted = self.execution.predict(observations, at)
+        outlook = self.execution.outlook(predicted, at)
         if failure:
             outlook = replace(outlook, failure=failure, settled=False)
         changed = not same_question(problem, plan.problem)
         necessary = changed or bool(outlook.failure)
-        if not (necessary or self._may_improve(plan, outlook, now)):
+        if not (necessary or self._may_improve(outlook, now)):
             return Review(None, 'the active plan does')
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
         allowed -= time.perf_counter() - began
         try:
             new_problem = self.execution.problem_from(problem, predicted)
-            new = self._solve(new_problem, plan, predicted, at, allowed)
+            new = self._solve(new_problem, predicted, at, allowed)
         except TdmError as error:
             spent = time.perf_counter() - began
             return Review(None, f'{error.code}: {error}', necessary, spent)
@@ -197,8 +197,9 @@ class Replanner:
             taking_over = ActivePlan(new_problem, new, at, whole, plan.request_parameters)
         return Review(taking_over, reason, necessary, time.perf_counter() - began)
 
-    def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:
+    def _may_improve(self, outlook: Outlook, now: float) -> bool:
         """Whether to look for a better plan though the old one does: not often, it costs time."""
+        plan = self.execution.plan
         if not worth_improving(outlook, plan.whole_cost, self.parameters.improvement):
             return False
         if now - self._improved_at < _SELDOM * plan.solution.duration:
@@ -209,7 +210,6 @@ class Replanner:
     def _solve(
         self,
         problem: Problem,
-        plan: ActivePlan,
         predicted: Mapping[str, Predicted],
         at: float,
         allowed: float,
@@ -220,5 +220,5 @@ class Replanner:
         return problem.solve(
             deadline=max(allowed, 1e-3),
             seed=problem.solver.seed + self._reviews,
-            warm_start=plan.remainder(at) if followed else None,
+            warm_start=self.execution.plan.remainder(at) if followed else None,
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 import math
 
 import numpy as np
@@ -39,34 +40,40 @@ class SwingUpExecution(Execution):
     """
 
     def __init__(
-        self, problem: PendulumSwingUp, parameters: PendulumTrackerParameters | None = None
+        self, plan: ActivePlan, parameters: PendulumTrackerParameters | None = None
     ) -> None:
+        super().__init__(plan)
+        problem = plan.problem
+        assert isinstance(problem, PendulumSwingUp)
         if parameters is None:
             parameters = PendulumTrackerParameters(plant=problem.plant, limits=problem.limits)
-        self._plant = problem.plant
+        self._plant, self._largest_angle = problem.plant, problem.limits.disk_angle
         self._tracker = PendulumTracker(parameters)
-        self._law: tuple[ActivePlan, PlanLaw] | None = None
-        self._late = self._seen = 0.0  # of the plan [s], and the instant at which that was seen
+        self._late, self._seen = 0.0, plan.start  # of the plan [s], and when that was seen
 
-    def predict(
-        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Predicted]:
+    @cached_property
+    def _law(self) -> PlanLaw:
+        """Feedback along the plan."""
+        law: PlanLaw = self._tracker.prepare(self.plan.solution.trajectory)
+        return law
+
+    def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """Roll the feedback law from the measured state to the instant `at`."""
         seen = observations[PENDULUM_NAME]
         if at <= seen.stamp:
             return {PENDULUM_NAME: Predicted(seen.state, np.zeros(1), seen.mode)}
         if seen.mode is Mode.FOLLOWING:
-            self._look(plan, seen.state, seen.stamp)
-        table = self._table(plan, seen.mode, seen.stamp, at)
+            self._look(seen.state, seen.stamp)
+        table = self._table(seen.mode, seen.stamp, at)
         state = roll_feedback(self._plant, seen.state, table)[-1]
         control = np.zeros(1)
         if seen.mode is Mode.FOLLOWING:
-            control = plan.solution.trajectory.sample(plan.elapsed(at)).control
+            control = self.plan.solution.trajectory.sample(self.plan.elapsed(at)).control
         return {PENDULUM_NAME: Predicted(state, control, seen.mode)}
 
-    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
+    def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
-        plant, now = self._plant, predicted[PENDULUM_NAME]
+        plan, plant, now = self.plan, self._plant, predicted[PENDULUM_NAME]
         if now.mode is not Mode.FOLLOWING:
             return Outlook(failure='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
@@ -74,11 +81,10 @@ class SwingUpExecution(Execution):
         if self._tracker.level(now.state, goal) < 1.0:
             return Outlook(left, settled=True)
         until = at + left + _SETTLING / plant.natural_frequency
-        states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
+        states = roll_feedback(plant, now.state, self._table(now.mode, at, until))
         if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
             return Outlook(left, failure='the feedback cannot bring it back to the active plan')
-        assert isinstance(plan.problem, PendulumSwingUp)
-        limit = _DISK_SLACK * plan.problem.limits.disk_angle
+        limit = _DISK_SLACK * self._largest_angle
         furthest = float(np.abs(states[:, 1]).max())
         if furthest > max(limit, abs(float(now.state[1]))):
             return Outlook(left, failure=f'the disk would turn to {furthest:.3g} rad')
@@ -93,9 +99,10 @@ class SwingUpExecution(Execution):
         theta, psi, theta_dot, psi_dot = now.state.tolist()
         return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))
 
-    def _look(self, plan: ActivePlan, state: Array, at: float) -> None:
+    def _look(self, state: Array, at: float) -> None:
         """Look how late the plan is for its tracker, which lets it wait for the pendulum."""
-        law, elapsed = self._law_of(plan), plan.elapsed(at) - self._late
+        plan, law = self.plan, self._law
+        elapsed = plan.elapsed(at) - self._late
         slip = _SLIP * (at - self._seen)
         if not 0.0 < slip < elapsed < plan.solution.duration - slip:
             return  # also where the state is older than the last: messages may overtake others
@@ -111,13 +118,7 @@ class SwingUpExecution(Execution):
             ahead = law.ahead(times[nearest], rates, errors[nearest])
             self._late, self._seen = plan.elapsed(at) - float(times[nearest]) - ahead, at
 
-    def _law_of(self, plan: ActivePlan) -> PlanLaw:
-        if self._law is None or self._law[0] is not plan:
-            self._law = plan, self._tracker.prepare(plan.solution.trajectory)
-            self._late, self._seen = 0.0, plan.start
-        return self._law[1]
-
-    def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
+    def _table(self, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._tracker.parameters.interval * (1.0 - 1e-9)))
         step = (end - start) / count
@@ -126,10 +127,10 @@ class SwingUpExecution(Execution):
         if mode is Mode.RECOVERING:
             gains[:] = self._tracker.recovery_gain
         elif mode is Mode.FOLLOWING:
-            law, begin = self._law_of(plan), plan.elapsed(start) - self._late
+            law, begin = self._law, self.plan.elapsed(start) - self._late
             edges = np.asarray(begin + step * np.arange(count + 1), dtype=float)
             elapsed = edges[:-1]
-            after = elapsed >= plan.solution.duration
+            after = elapsed >= self.plan.solution.duration
             references = law.trajectory.sample(elapsed).state
             references[after, 2:] = 0.0
             torques = mean_controls(law.trajectory, edges)[:, 0]

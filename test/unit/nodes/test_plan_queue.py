@@ -132,7 +132,7 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
     it.of_all.return_value = {}
     replanning._on_timer()
     ((review, done), _) = it.review.call_args
-    monkeypatch.setattr(Replanner, 'review', lambda self, plan, asked, *_: asked)
+    monkeypatch.setattr(Replanner, 'review', lambda self, asked, *_: asked)
     assert review() == {**it.parameter_values, 'wide': 2.0}
     for _ in range(2):
         done(Review(plan(0.5), 'the problem has changed', True))

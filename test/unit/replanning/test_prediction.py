@@ -38,8 +38,8 @@ swing = pytest.fixture(closed_loop.swing_up, scope='module', name='swing')
 flight = pytest.fixture(closed_loop.crossing, scope='module', name='flight')
 
 
-def outlook(execution, plan, at, states):
-    return execution.outlook(plan, execution.predict(plan, seen(states, at), at), at)
+def outlook(execution, at, states):
+    return execution.outlook(execution.predict(seen(states, at), at), at)
 
 
 def states_then(loop, until):
@@ -65,8 +65,8 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
         replan = replace(tracker.parameters.replan, on_deviation=True)
         tracker.parameters = replace(tracker.parameters, replan=replan)
         tracker.give_up('test')
-    execution = SwingUpExecution(SWING, tracker.parameters if tuned and known else None)
-    predicted = execution.predict(swing, now, loop.time + 0.2)[PENDULUM_NAME]
+    execution = SwingUpExecution(swing, tracker.parameters if tuned and known else None)
+    predicted = execution.predict(now, loop.time + 0.2)[PENDULUM_NAME]
     missed = np.abs(predicted.state - states_then(loop, loop.time + 0.1975)[PENDULUM_NAME])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
@@ -74,16 +74,16 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
 def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
     at, late = 0.5 * swing.solution.duration, 0.04
     now = seen(states_on(swing, at - late), at)
-    predicted = SwingUpExecution(SWING).predict(swing, now, at + 0.1)[PENDULUM_NAME]
+    predicted = SwingUpExecution(swing).predict(now, at + 0.1)[PENDULUM_NAME]
     missed = np.abs(predicted.state - states_on(swing, at + 0.1 - late)[PENDULUM_NAME])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
 def test_states_that_come_in_the_wrong_order_are_predicted_from(swing):
-    execution, at = SwingUpExecution(SWING), 0.5 * swing.solution.duration
+    execution, at = SwingUpExecution(swing), 0.5 * swing.solution.duration
     for stamp in (at, at - 0.3):
         now = seen(states_on(swing, stamp), stamp)
-        predicted = execution.predict(swing, now, at + 0.1)[PENDULUM_NAME]
+        predicted = execution.predict(now, at + 0.1)[PENDULUM_NAME]
         missed = np.abs(predicted.state - states_on(swing, at + 0.1)[PENDULUM_NAME])
         assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
@@ -94,7 +94,7 @@ def test_robots_are_predicted_where_their_trackers_take_them(flight):
     loop = RecedingHorizon(vehicles, FORMATION, 0.02)
     loop.begin(flight)
     now = seen(states_then(loop, 3.0), loop.time)
-    predicted = FormationExecution(FORMATION).predict(flight, now, loop.time + 0.3)
+    predicted = FormationExecution(flight).predict(now, loop.time + 0.3)
     for name, state in states_then(loop, loop.time + 0.29).items():
         missed = np.abs(predicted[name].state - state)[:6]
         assert (missed < [2e-3, 2e-3, 5e-3, 5e-3, 2e-2, 2e-2]).all(), missed
@@ -105,7 +105,7 @@ def test_only_what_the_feedback_cannot_mend_is_a_failure(swing):
     for share, away in ((0.1, little), (0.4, little), (0.7, little), (0.5, much)):
         at = share * swing.solution.duration
         state = states_on(swing, at)[PENDULUM_NAME] + away
-        found = outlook(SwingUpExecution(SWING), swing, at, {PENDULUM_NAME: state})
+        found = outlook(SwingUpExecution(swing), at, {PENDULUM_NAME: state})
         assert ('cannot bring it back' in found.failure) == (away is much), share
         assert (found.failure == '') == (away is little), share
         assert found.cost == pytest.approx(swing.solution.duration - at)
@@ -121,7 +121,7 @@ def test_a_push_towards_another_robot_is_seen(flight):
         states = states_on(flight, at)
         towards = states['robot2'][:2] - states['robot1'][:2]
         states['robot1'][2:4] += speed * towards / np.linalg.norm(towards)
-        found = outlook(FormationExecution(FORMATION), flight, at, states)
+        found = outlook(FormationExecution(flight), at, states)
         assert bool(found.failure) == (speed > 0.0), found
 
 
@@ -131,17 +131,17 @@ def test_what_leads_near_a_wall_is_seen(flight, name, axis, away):
     narrow = replace(FORMATION, arena=replace(FORMATION.arena, length=3.61, width=3.61))
     states = states_on(flight, 0.0)
     states[name][axis] += away
-    found = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
+    found = outlook(FormationExecution(replace(flight, problem=narrow)), 0.0, states)
     assert (f"'{name}' would come" in found.failure) == (away > 0.0)
     assert ('near a wall' in found.failure) == (away > 0.0)
 
 
 def test_robots_held_at_their_goals_stay_there(flight):
-    execution, at = FormationExecution(FORMATION), flight.end + 2.0
+    execution, at = FormationExecution(flight), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
     states = {name: state + away for name, state in states_on(flight, at).items()}
-    predicted = execution.predict(flight, seen(states, at), at)
-    assert execution.outlook(flight, predicted, at).settled
+    predicted = execution.predict(seen(states, at), at)
+    assert execution.outlook(predicted, at).settled
     new = execution.problem_from(FORMATION, predicted)
     assert new.task.staying.all()
     assert (new.task.arrived > 1.9).all()
@@ -150,8 +150,8 @@ def test_robots_held_at_their_goals_stay_there(flight):
 @pytest.mark.parametrize(('ends', 'order'), [('varied', 0), ('given', 0), ('given', 2)])
 def test_plans_of_robots_begin_with_the_thruster_where_it_is(flight, ends, order):
     asked = replace(FORMATION, end_accelerations=ends, speed_factor_order=order)
-    execution, at = FormationExecution(FORMATION), 4.0
-    predicted = execution.predict(flight, seen(states_on(flight, at), at), at + 0.15)
+    execution, at = FormationExecution(flight), 4.0
+    predicted = execution.predict(seen(states_on(flight, at), at), at + 0.15)
     new = execution.problem_from(asked, predicted).solve(deadline=60.0)
     assert new.verification.ok
     limits = FORMATION.limits
@@ -201,8 +201,8 @@ def test_a_tuned_robot_is_predicted_with_its_own_gains(flight):
     at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
     turned = {name: state + 0.05 * np.eye(7)[4] for name, state in states_on(flight, at).items()}
     now = seen(turned, at)
-    usual = FormationExecution(FORMATION).predict(flight, now, at + 0.5)
-    tuned = FormationExecution(FORMATION, {'robot1': stiff}).predict(flight, now, at + 0.5)
+    usual = FormationExecution(flight).predict(now, at + 0.5)
+    tuned = FormationExecution(flight, {'robot1': stiff}).predict(now, at + 0.5)
     assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
     np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
 
@@ -215,8 +215,8 @@ def leg(flight):
 
 
 def asked_at(plan, at, asked=FORMATION, **away):
-    execution, now = FormationExecution(FORMATION), seen(states_on(plan, at), at, **away)
-    return execution.problem_from(asked, execution.predict(plan, now, at))
+    execution, now = FormationExecution(plan), seen(states_on(plan, at), at, **away)
+    return execution.problem_from(asked, execution.predict(now, at))
 
 
 def test_a_robot_about_to_arrive_keeps_its_motion(leg):
@@ -260,7 +260,8 @@ def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
     problem = build(PendulumSwingUp, {'limits.torque': limit, 'method': 'smooth'})
     first = ActivePlan(problem, problem.solve(deadline=60.0), start=0.0)
     vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
-    replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
+    parameters = ReplanParameters(rate=20.0, delay=0.1)
+    replanner = lambda plan: Replanner(SwingUpExecution(plan), parameters)  # noqa: E731
     loop = RecedingHorizon({PENDULUM_NAME: vehicle}, problem, interval, replanner)
     loop.begin(first)
     torques: list[float] = []
@@ -284,7 +285,8 @@ def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() ->
         name: robot(motion.states[0], 0.05, 1.0, seed=k, replan__on_deviation=True)
         for k, (name, motion) in enumerate(plan.solution.trajectories.items())
     }
-    replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=2.0, delay=delay))
+    parameters = ReplanParameters(rate=2.0, delay=delay)
+    replanner = lambda plan: Replanner(FormationExecution(plan), parameters)  # noqa: E731
     loop = RecedingHorizon(vehicles, FORMATION, interval, replanner)
     loop.begin(plan)
     closest, late = math.inf, []

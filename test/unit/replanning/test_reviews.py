@@ -56,13 +56,13 @@ swing = pytest.fixture(swing_up, scope='module', name='swing')
 
 
 @pytest.fixture
-def replanner() -> Replanner:
-    return Replanner(SwingUpExecution(SWING), PARAMETERS)
+def replanner(swing) -> Replanner:
+    return Replanner(SwingUpExecution(swing), PARAMETERS)
 
 
-def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(swing, replanner) -> None:
+def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner) -> None:
     beyond = seen({PENDULUM_NAME: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
-    review = replanner.review(swing, SWING, beyond, 0.5)
+    review = replanner.review(SWING, beyond, 0.5)
     assert (review.plan, review.necessary) == (None, True)
     assert 'INVALID_PROBLEM' in review.reason
 
@@ -89,8 +89,8 @@ def test_the_plan_that_trackers_name_is_reviewed_once_the_newest_has_begun_for_a
 
 def test_a_plan_that_a_robot_has_not_taken_is_mended() -> None:
     plan, at = replace(crossing(), start=3.0), 8.0
-    replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=5.0, delay=3.0))
-    review = replanner.review(plan, FORMATION, seen(states_on(plan, at), at), at, 'it was kept')
+    replanner = Replanner(FormationExecution(plan), ReplanParameters(rate=5.0, delay=3.0))
+    review = replanner.review(FORMATION, seen(states_on(plan, at), at), at, 'it was kept')
     assert (review.necessary, 'it was kept' in review.reason) == (True, True)
 
 
@@ -98,7 +98,7 @@ def test_a_plan_that_a_robot_has_not_taken_is_mended() -> None:
 def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
     solve, at = noted(monkeypatch, PendulumSwingUp, 'solve'), 0.3
     pushed = seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0])
-    replanner.review(swing, SWING, pushed, at)
+    replanner.review(SWING, pushed, at)
     guesses = [call.kwargs['warm_start'] for call in solve.call_args_list]
     if mode is Mode.RECOVERING:
         assert guesses == [None]
@@ -135,9 +135,9 @@ def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any
     return seen({PLANT_NAME: np.add(state, [x, v])[::-1]}, at)
 
 
-def reviewer(delay: float = 0.3) -> Replanner:
+def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
     parameters = ReplanParameters(rate=5.0, delay=delay)
-    return Replanner(GenericExecution(('v', 'x'), parameters.deviation), parameters)
+    return Replanner(GenericExecution(plan, ('v', 'x'), parameters.deviation), parameters)
 
 
 def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: ActivePlan) -> None:
@@ -153,13 +153,13 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: Activ
 
 
 def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: ActivePlan) -> None:
-    made = reviewer()
+    made = reviewer(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
-        review = made.review(plan, plan.problem, measured(plan, at, 0.01, 0.01), at)
+        review = made.review(plan.problem, measured(plan, at, 0.01, 0.01), at)
         assert (review.plan, review.necessary) == (None, False)
     at = plan.end + 0.1
-    review = made.review(plan, replace(CART, limit=2.0), measured(plan, at, 1.0), at)
+    review = made.review(replace(CART, limit=2.0), measured(plan, at, 1.0), at)
     assert (review.plan, review.necessary) == (None, False)
     solver = DirectSolverParameters(deadline=1.0, seed=3)
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
@@ -170,7 +170,7 @@ def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: A
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
     at, delay = plan.start + 10.0, 10.0
-    review = reviewer(delay).review(plan, FAR, measured(plan, at, -200.0), at)
+    review = reviewer(plan, delay).review(FAR, measured(plan, at, -200.0), at)
     assert review.necessary
     assert "'x' is 200 m away from the active plan" in review.reason
     assert review.plan is not None, review.reason
@@ -183,31 +183,31 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
 
 
 def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePlan) -> None:
-    execution, at = GenericExecution(('x',), 0.05), plan.start + 0.4
+    execution, at = GenericExecution(plan, ('x',), 0.05), plan.start + 0.4
     (state,) = states_on(plan, at).values()
-    predicted = execution.predict(plan, seen({PLANT_NAME: state[:1] + 0.1}, at), at + 0.3)
+    predicted = execution.predict(seen({PLANT_NAME: state[:1] + 0.1}, at), at + 0.3)
     expected = plan.solution.trajectory.sample(0.7).state[0] + 0.1
     assert predicted[PLANT_NAME].state[0] == pytest.approx(expected, abs=1e-9)
-    assert "'x'" in execution.outlook(plan, predicted, at + 0.3).failure
+    assert "'x'" in execution.outlook(predicted, at + 0.3).failure
 
 
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
     lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
-    made, at = reviewer(delay=10.0), 0.1
-    review = made.review(lazy, FAR, measured(lazy, at), at)
+    made, at = reviewer(lazy, delay=10.0), 0.1
+    review = made.review(FAR, measured(lazy, at), at)
     assert not review.necessary
     assert review.plan is not None, review.reason
     assert 'saves' in review.reason
     asked = replace(FAR, limit=2.0)
-    review = made.review(lazy, asked, measured(lazy, at), at)
+    review = made.review(asked, measured(lazy, at), at)
     assert review.necessary
     assert review.reason == 'the problem has changed'
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, monkeypatch):
     monkeypatch.setattr(Cart, 'cost_to_go', lambda *_: None)
-    made, at = reviewer(), plan.start + 0.1
-    review = made.review(plan, plan.problem, measured(plan, at), at)
+    made, at = reviewer(plan), plan.start + 0.1
+    review = made.review(plan.problem, measured(plan, at), at)
     assert review.plan is None
     assert review.solve_time == 0.0
