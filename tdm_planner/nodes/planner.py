@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 import gc
@@ -55,7 +55,10 @@ class Planner(ManagedNode):
         super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
-        self._declare_problem()
+        specified = self._problem_class.parameter_specifications
+        # Which parameters exist may depend on those given at the start, as the robots' names are.
+        given = {name: self.initial_value(spec) for name, spec in specified({}).items()}
+        self.declare(specified(given))
         self.warn_of_unknown_overrides()
         self._failure: Failure | None = None
         self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
@@ -107,28 +110,13 @@ class Planner(ManagedNode):
         """Forget the active plan: its topics are gone."""
         self._expected, self._failure, self._unfollowed = None, None, ''
 
-    def check_values(self, values: Mapping[str, Any]) -> None:
-        """Reject values with which the problem has no parameters, or others that are invalid."""
-        found = self._problem_class.parameter_specifications(values)
-        for name in found.keys() - self.parameter_values.keys():
-            self.initial_value(found[name])
-
     def values_changed(self) -> None:
         """Let changed parameters act from the next request on."""
-        self._declare_problem()
         if self.configured:
             self._adapter.values_changed(self.parameter_values)
             self._replanning.values_changed()
         super().values_changed()
         self._diagnostics.update()
-
-    def _declare_problem(self) -> None:
-        """Declare the problem's parameters; which exist may depend on values (robots' names)."""
-        wanted = self._problem_class.parameter_specifications
-        while not (found := wanted(self.parameter_values)).keys() <= self.parameter_values.keys():
-            self.declare(found)
-        kept = found.keys() | _REQUEST.keys()
-        self.withdraw([name for name in self.parameter_values if name not in kept])
 
     def _on_first(self) -> None:
         self.destroy_timer(self._first)
@@ -195,7 +183,6 @@ class Planner(ManagedNode):
                 f"parameter '{unused[0]}' has no effect while start.source = measured: the "
                 "request must set 'start.source' to parameters"
             )
-        self.check_values(values)
         return own
 
     def _settle(self, request: Request, outcome: ActivePlan | Exception) -> None:

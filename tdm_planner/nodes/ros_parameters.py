@@ -9,7 +9,7 @@ A wrong value gets one clear sentence, be it from the command line, a file or a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 import math
 from typing import Any, get_origin
@@ -109,13 +109,6 @@ class ParameterNode(Node):
         for name, spec in specifications.items():
             if name not in self._specifications:
                 self._declare(spec, self.initial_value(spec))
-
-    def withdraw(self, names: Sequence[str]) -> None:
-        """Undeclare parameters."""
-        for name in names:
-            self._specifications.pop(name)
-            self._values.pop(name)
-            self.undeclare_parameter(name)
 
     def warn_of_unknown_overrides(self) -> None:
         """Log values given at the start for parameters that do not exist, with similar names."""
