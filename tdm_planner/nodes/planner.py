@@ -121,7 +121,7 @@ class Planner(ManagedNode):
     def _on_first(self) -> None:
         self.destroy_timer(self._first)
         tell_of_compilation(self.get_logger().info)
-        self._queue.task(self._prepare, lambda _: self._diagnostics.update())
+        self._queue.prepare(self._prepare, lambda _: self._diagnostics.update())
 
     def _prepare(self) -> None:
         """Prepare what does not depend on a request; in the queue's thread."""
@@ -151,7 +151,7 @@ class Planner(ManagedNode):
             values = {**self.parameter_values, **request.changes}
             self._recover()
             if self._plan is None and self._recovery.due and not self._queue.solving:
-                self._queue.recovery(partial(await_trackers, self._recovery), self._recover)
+                self._queue.prepare(partial(await_trackers, self._recovery), self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),
                 partial(self._settle, request),
@@ -274,7 +274,7 @@ class Planner(ManagedNode):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
         values = self.parameter_values
-        self._queue.recovery(partial(self._adapter.recovered, values, *found), done)
+        self._queue.prepare(partial(self._adapter.recovered, values, *found), done)
 
     # Time.
 

@@ -62,10 +62,9 @@ class PlanQueue:
     time, and cannot be interrupted; a daemon, lest it keep the process from ending. Methods are
     called in callbacks of the executor.
 
-    recovery   before all else: a request is planned for along the plan that is recovered
-    request    next; while one waits or is being solved, another is Busy
-    task       when there is no request: preparing the problem
-    review     only when there is nothing else to do; a request makes it stale
+    preparation   before all else: of the problem, of the plan along which a request is planned
+    request       next; while one waits or is being solved, another is Busy
+    review        only when there is nothing else to do; a request makes it stale
     """
 
     def __init__(self, node: Node) -> None:
@@ -83,18 +82,12 @@ class PlanQueue:
         if self.solving:
             raise Busy('a request is being solved: ask again when it is answered')
         self.drop_review()
-        first = sum(job.kind == 'recovery' for job in self._waiting)
-        self._waiting.insert(first, _Job('request', compute, done))
+        self._waiting.append(_Job('request', compute, done))
         self._next()
 
-    def recovery(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Compute something before the requests."""
-        self._waiting.appendleft(_Job('recovery', compute, done))
-        self._next()
-
-    def task(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Compute something when there is no request."""
-        self._waiting.append(_Job('task', compute, done))
+    def prepare(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        """Compute something before a request that waits."""
+        self._waiting.appendleft(_Job('preparation', compute, done))
         self._next()
 
     def review(self, compute: Callable[[], Any], done: Callable[[Any], None]) -> None:

@@ -60,10 +60,9 @@ class Queue(PlanQueue):
         self.task_of_executor()
 
 
-def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy() -> None:
+def test_a_request_waits_for_what_prepares_it_and_a_second_one_is_busy() -> None:
     queue = Queue()
-    queue.task(*queue.job('first task'))
-    queue.task(*queue.job('second task'))
+    queue.prepare(*queue.job('preparing'))
     assert not queue.solving
     queue.request(*queue.job('request'))
     queue.review(*queue.job('review'))
@@ -73,14 +72,13 @@ def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy() -> None:
             queue.request(*queue.job('another'))
         queue.finish()
     assert not queue.solving
-    queue.finish()
-    assert queue.done == ['first task', 'request', 'second task']
+    assert queue.done == ['preparing', 'request']
 
 
 def test_what_is_recovered_comes_before_the_request_that_is_planned_along_it() -> None:
     queue = Queue()
-    queue.task(*queue.job('preparing'))
-    queue.recovery(lambda: None, lambda _: queue.recovery(*queue.job('found')))
+    queue.prepare(*queue.job('preparing'))
+    queue.prepare(lambda: None, lambda _: queue.prepare(*queue.job('found')))
     queue.request(*queue.job('request'))
     queue.finish()
     for _ in range(3):
@@ -104,7 +102,7 @@ def test_a_request_supersedes_a_review() -> None:
 def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> None:
     queue = Queue()
     queue.request(*queue.job('request'))
-    queue.task(*queue.job('task'))
+    queue.prepare(*queue.job('preparing'))
     error = Inactive('deactivated')
     queue.cancel(error)
     queue.cancel(error)
