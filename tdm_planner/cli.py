@@ -25,7 +25,7 @@ from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
-from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
+from tdm_planner.starting import ignore_signals, Interrupted, interruptible, NO_ROS, started_as
 from tdm_sim.progress import Progress
 
 EXTRAS = dict.fromkeys(('dask', 'distributed', 'pyarrow'), 'study') | {'viser': 'live'}
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Interrupted as interrupted:
         return EXIT_DONE if run in (_record, _live) else interrupted.code
     finally:
-        if command():
+        if started_as() == 'tdm':
             ignore_signals()  # what there was to do is done, and the process about to end
 
 

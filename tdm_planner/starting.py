@@ -36,7 +36,7 @@ NODES = {  # modules, by executable
     'pendulum_plant': 'tdm_sim.pendulum_plant',
     'robot_plant': 'tdm_sim.robot_plant',
 }
-_COMMAND = ('tdm_planner.cli', ''), ('', 'tdm')  # module, executable
+_COMMAND = 'tdm_planner.cli'
 NO_ROS = (
     "this needs 'rclpy', which is not installed: source a ROS 2 installation, or run 'make setup' "
     'in the source tree'
@@ -64,8 +64,7 @@ def begin() -> None:
 
     Called when the package is imported.
     """
-    package = _started()[0].partition('.')[0]
-    if package in ('tdm_planner', 'tdm_sim') or is_node() or command():
+    if started_as():
         if fault := _missing():
             sys.exit(fault)  # as a sentence, with code 1
         limit_threads()
@@ -90,7 +89,7 @@ def _missing() -> str:
             f'tdm_planner needs Python packages that are not installed: {names}; run '
             f"'make setup' in the source tree, or 'pip install {names}' into the environment"
         )
-    return NO_ROS if is_node() and find_spec('rclpy') is None else ''
+    return NO_ROS if started_as() == 'node' and find_spec('rclpy') is None else ''
 
 
 def ament_prefixes(package: str) -> Iterator[Path]:
@@ -152,41 +151,32 @@ def end_quietly_on_signals() -> None:
 
     The code is 0 for nodes, which have done what they were asked to.
     """
-    if not (is_node() or command()) or threading.current_thread() is not threading.main_thread():
+    kind = started_as()
+    if kind not in ('node', 'tdm') or threading.current_thread() is not threading.main_thread():
         return
 
     def end(number: int, frame: object) -> None:
         # Nothing is open yet; an exception would be swallowed, or told, by the import under way.
-        os._exit(0 if is_node() else 128 + number)
+        os._exit(0 if kind == 'node' else 128 + number)
 
     for number in SIGNALS:
         signal.signal(number, end)
 
 
-def is_node() -> bool:
-    """Whether the process was started as a node: as a module, or as one of the executables."""
-    module, executable, _ = _started()
-    return module in NODES.values() or executable in NODES
-
-
-def command() -> list[str]:
-    """Return the words of the `tdm` command that the process was started as, else none."""
-    module, executable, arguments = _started()
-    return ['tdm', *arguments] if (module, executable) in _COMMAND else []
-
-
-def _started() -> tuple[str, str, list[str]]:
-    """Return the module or the executable, the other being '', and the arguments."""
+def started_as() -> str:
+    """Return what the process was started as: node, tdm, another module of ours, or none: ''."""
     words = iter(sys.orig_argv[1:])
     for word in words:
         if word == '-m':
-            return next(words, ''), '', list(words)
+            module = next(words, '')
+            ours = 'module' if module.partition('.')[0] in (PACKAGE, 'tdm_sim') else ''
+            return 'node' if module in NODES.values() else 'tdm' if module == _COMMAND else ours
         if word in ('-W', '-X'):  # options whose value is a word of its own
             next(words, '')
         elif word == '-c' or not word.startswith('-'):
             break  # what follows are the arguments of a script
-    program, *arguments = getattr(sys, 'argv', None) or ['']
-    return '', Path(program).name, arguments
+    executable = Path((getattr(sys, 'argv', None) or [''])[0]).name
+    return 'node' if executable in NODES else 'tdm' if executable == 'tdm' else ''
 
 
 class Interrupted(KeyboardInterrupt):

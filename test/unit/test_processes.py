@@ -147,6 +147,7 @@ OURS = {
              '-m tdm_sim.stated_plant', '/opt/lib/tdm_planner/tracker'),
     '': ('/opt/bin/other record', '-m pytest record', '-m pytest planner', '-m nav.planner',
          '-c 1'),
+    'module': ('-m tdm_planner.set_up',),
 }  # fmt: skip
 
 
@@ -155,8 +156,7 @@ def test_processes_of_ones_own_are_told_from_others(whose, line, monkeypatch):
     words = line.split()
     monkeypatch.setattr('sys.orig_argv', ['python', *words])
     monkeypatch.setattr('sys.argv', words if words[0][0] == '/' else ['-m'])
-    assert starting.command() == (['tdm', 'record', '-o', 'bag'] if whose == 'tdm' else [])
-    assert starting.is_node() is (whose == 'node')
+    assert starting.started_as() == whose
 
 
 @pytest.mark.parametrize('wheels', [True, False])
