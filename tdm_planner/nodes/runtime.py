@@ -9,7 +9,7 @@ And names that it is started with, which must be such that ROS takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import gc
 import math
 import os
@@ -88,12 +88,12 @@ class StopSignal:
             raise KeyboardInterrupt
 
 
-def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run(make_node: Callable[[], Node]) -> int:
     """
     Make the node, spin it until SIGINT or SIGTERM, and return the exit code of the process.
 
-    `args` are the command line's (default: `sys.argv`). An error ends the process with one line:
-    with code 2 if the node was started with invalid parameters (InvalidProblem), else with code 1.
+    An error ends the process with one line: with code 2 if the node was started with invalid
+    parameters (InvalidProblem), else with code 1.
     """
     code = 0
     node: Node | None = None
@@ -102,10 +102,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     end = StopSignal()
     try:
         end.catch()
-        rclpy.init(
-            args=None if args is None else list(args),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         started = True
         node = make_node()
         # Exempt loaded modules from garbage collection: a full pass takes .1 s, in which no

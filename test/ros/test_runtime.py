@@ -9,6 +9,7 @@ import gc
 import math
 import os
 import signal
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -47,7 +48,9 @@ def _left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def run(make: Callable[[], Node], args: Sequence[str] = ()) -> int:
     try:
-        return runtime.run(make, [*args])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, 'argv', ['node', *args])
+            return runtime.run(make)
     except Left as left:
         return int(left.args[0])
 
