@@ -45,6 +45,7 @@ class DirectPlant:
         self.trace = Trace.of(self.stated)
         self.numbers = self.trace.values(formulation)
         self._one, self._one_margin = Call(self.trace.rates), Call(self.trace.margins)
+        self._one_slope = dict[Any, Call]()  # by function, and arguments
 
     def derivative(self, state: Array, control: Array) -> Array:
         """
@@ -96,7 +97,7 @@ class DirectPlant:
 
         # Drag such as v sqrt(vx^2 + vy^2) has a slope at rest, too.
         smooth_rates = self.trace.once('smooth_rates', smooth)
-        slopes = self._with_slopes(smooth_rates, (0, 1), state, control)[1].copy()
+        _, slopes = self._with_slopes(smooth_rates, (0, 1), state, control)
         return slopes[..., :nx], slopes[..., nx:]
 
     def _with_slopes(
@@ -110,14 +111,16 @@ class DirectPlant:
             slopes = ca.densify(ca.jacobian(found, ca.vertcat(*(arguments[i] for i in by))))
             return ca.Function('slopes', arguments, [found, ca.vec(slopes)])
 
-        last = np.asarray(given[-1])  # one place, or many
-        call = Call(
-            self.trace.once((function.name(), by), make), None if last.ndim == 1 else len(last)
-        )
+        last, key = np.asarray(given[-1]), (function.name(), by)  # one place, or many
+        call = self._one_slope.get(key) if last.ndim == 1 else None
+        if call is None:
+            many = None if last.ndim == 1 else len(last)
+            call = Call(self.trace.once(key, make), many)
+            if many is None:
+                self._one_slope[key] = call
         values, slopes = call(*given, self.numbers)
-        size = sum(function.size1_in(i) for i in by)
-        shape = *values.shape[:-1], size, values.shape[-1]
-        return values, np.swapaxes(slopes.reshape(shape), -1, -2)
+        by_each = slopes.reshape(*values.shape[:-1], -1, values.shape[-1])
+        return values.copy(), np.swapaxes(by_each, -1, -2).copy()
 
     def control_margins(self, time: float, state: Array, control: Array) -> Array:
         """Return what is left to the limits in which the controls have a part, (nm,)."""
@@ -135,8 +138,7 @@ class DirectPlant:
 
     def end_conditions(self, time: float, state: Array) -> tuple[Array, Array]:
         """Return the conditions at the end (m,); their slopes by state and time (m, nx + 1)."""
-        values, slopes = self._with_slopes(self.trace.end_conditions, (1, 0), time, state)
-        return values, slopes.copy()
+        return self._with_slopes(self.trace.end_conditions, (1, 0), time, state)
 
     def limit_tolerances(self, plan: Trajectory | CollocatedMotion) -> Array:
         """
