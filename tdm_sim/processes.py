@@ -41,8 +41,9 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import Part, robot_nodes
 from tdm_planner.starting import NODES, uninterrupted
-from tdm_planner.trajectory import NANOSECOND, SECOND
+from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.plant_node import SimulationParameters
+from tdm_sim.report.untrusted import read_summary
 from tdm_sim.report.verdict import HOLD_TIME
 
 _DISCOVERY, _LOOK = 1.5, 0.05  # s for which nodes are looked for, and between two looks
@@ -175,7 +176,8 @@ class Scene:
         self.plants = [part for part in self.parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
         self._view = view_of(problem)
-        self._plan: dict[str, Any] = {}
+        self._start: int | None = None  # of the plan [ns]
+        self._duration = 0.0  # of the plan [s]
         self._figures: dict[str, dict[str, str]] = {}  # by node
         # When a tracker said that the goal of a plan is reached [s], by its namespace and plan.
         self._reached: dict[tuple[str, int], float] = {}
@@ -218,7 +220,8 @@ class Scene:
             self._figures[name] = {value.key: value.value for value in status.values}
 
     def _on_plan(self, message: String) -> None:
-        self._plan, self.heard_at = json.loads(message.data), time.monotonic()
+        self._start, figures = read_summary(message.data)
+        self._duration, self.heard_at = float(figures.document['duration']), time.monotonic()
 
     def _on_statuses(self, space: str, message: GoalStatusArray) -> None:
         for status in message.status_list:
@@ -254,35 +257,26 @@ class Scene:
     @property
     def planned(self) -> bool:
         """Whether the plan has been received."""
-        return bool(self._plan)
-
-    @property
-    def _start(self) -> int:
-        """Instant at which the plan starts [ns]."""
-        stamp = self._plan['stamp']
-        return int(stamp['sec']) * SECOND + int(stamp['nanosec'])
-
-    @property
-    def _since(self) -> float:
-        """Time [s] since the start of the plan."""
-        return self.now - self._start * NANOSECOND
+        return self._start is not None
 
     @property
     def over(self) -> bool:
         """Whether there was time to reach the goal and to hold it."""
-        if not self.planned:
+        if self._start is None:
             return False
-        duration = float(self._plan['duration'])
+        start, duration = self._start * NANOSECOND, self._duration
         latest = duration + self._view.settling(duration)
         reached = [self._reached.get((p.namespace, self._start), math.inf) for p in self.plants]
-        since = max(duration, max(reached) - self._start * NANOSECOND)
-        return self._since > min(latest, since) + HOLD_TIME + _AFTER
+        since = max(duration, max(reached) - start)
+        return self.now - start > min(latest, since) + HOLD_TIME + _AFTER
 
     def status(self) -> str:
         """Return the live line."""
         if not math.isfinite(self.now):
             return 'waiting for the plants'
-        return f't = {self._since:+6.2f} s of {self._plan["duration"]:.2f} s' if self._plan else ''
+        if self._start is None:
+            return ''
+        return f't = {self.now - self._start * NANOSECOND:+6.2f} s of {self._duration:.2f} s'
 
 
 def make_scene(plant: str, parameters: Path | None = None) -> Scene:
