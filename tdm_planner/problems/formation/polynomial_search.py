@@ -95,6 +95,11 @@ class PolynomialProgram(FormationProgram):
             ~np.isnan(self.held[:, 0]),
         )
         self._set_bounds()
+        self.limits = {
+            "limits.thrust of '{}'": grid.weights.size,
+            "limits.torque of '{}'": grid.weights.size,
+            "the distance of '{}' from the walls": 4 * len(grid.places),
+        }
         fixed = np.zeros((task.n, *grid.shapes.shape[:2]))
         fixed[..., 0] = np.column_stack([task.departure, task.departure_yaw])
         fixed[:, :2, (form.order + 1) // 2] = task.goal
@@ -125,16 +130,6 @@ class PolynomialProgram(FormationProgram):
     def with_task(self, task: FormationTask) -> PolynomialProgram:
         """Return the program of another manoeuvre by the same reference functions."""
         return PolynomialProgram(task, self.form, self.held)
-
-    def own_margins(self, flown: polynomial_kernels.Values) -> dict[str, Array]:
-        """Margins of thrust, torque and walls."""
-        count = self.manoeuvre.grid.weights.size
-        thrust, torque, walls = np.split(flown.own, [count, 2 * count], axis=1)
-        return {
-            "limits.thrust of '{}'": thrust,
-            "limits.torque of '{}'": torque,
-            "the distance of '{}' from the walls": walls,
-        }
 
     def fit(self, b: Array, bend: Callable[[Array], Array]) -> Array:
         """

@@ -16,7 +16,7 @@ position, at a fixed instant, by its varied parameters.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from collections.abc import Mapping
 import math
 from types import ModuleType
 from typing import Any, ClassVar
@@ -177,13 +177,15 @@ class FormationProgram(NonlinearProgram):
     typical J, by which the cost is divided.
 
     Two functions of `kernels` take the `manoeuvre` as that form of motion has it. `evaluate`
-    returns the motions at x: `x`, all `gas` [m/s], the `worst` margin, `approaches` (r, 6) in the
-    rows that it is given. `derivatives` returns the slopes (n, P) and curvature (n, P, P) of a
-    weight times the gas, margins near active (r,) and their slopes (r, n, P).
+    returns the motions at x: `x`, all `gas` [m/s], the `worst` margin, every robot's `own` margins
+    (n, c), `approaches` (r, 6) in the rows that it is given. `derivatives` returns the slopes
+    (n, P) and curvature (n, P, P) of a weight times the gas, margins near active (r,) and their
+    slopes (r, n, P). `limits` are a robot's own, in words, and how many of `own` each makes.
     """
 
     kernels: ModuleType
     manoeuvre: Any
+    limits: Mapping[str, int]
     curvature: ClassVar[tuple[float, float]]  # least eigenvalue of a robot's Hessian, and share
 
     def __init__(
@@ -253,10 +255,6 @@ class FormationProgram(NonlinearProgram):
         found = np.minimum(np.maximum(arrivals, least), 0.98 * task.longest)
         return np.where(task.staying, least, found)
 
-    @abstractmethod
-    def own_margins(self, flown: Any) -> dict[str, Array]:
-        """Margins (n, ...) of every robot's own limits, by what violates them in words."""
-
     def evaluate(self, xi: Array) -> Point:
         """Return the performance index, relative to a typical one, and the worst violation."""
         self.evaluations += 1
@@ -298,9 +296,10 @@ class FormationProgram(NonlinearProgram):
     def binding(self, point: Point) -> str:
         """Name what is violated most at `point`, in words."""
         names, approaches = self.task.names, point.cache.approaches
-        found = {}
-        for label, margins in self.own_margins(point.cache).items():
-            worst = margins.reshape(len(names), -1).min(axis=1)
+        found, last = {}, 0
+        for label, count in self.limits.items():
+            first, last = last, last + count
+            worst = point.cache.own[:, first:last].min(axis=1)
             found[label.format(names[int(np.argmin(worst))])] = float(worst.min())
         if len(approaches):
             nearest = approaches[int(np.argmin(approaches[:, CLOSENESS]))]

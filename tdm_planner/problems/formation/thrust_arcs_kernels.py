@@ -72,13 +72,13 @@ class ArcValues(NamedTuple):
     """
     What is known at one x (n, v): all gas [m/s], rounded off at zero, and the worst margin.
 
-    Burns (N, m, 4) and their slopes (n, m, 4, v), own margins (n, m), approaches (r, 6).
+    Burns (N, m, 4) and their slopes (n, m, 4, v), `own` margins (n, m), approaches (r, 6).
     """
 
     x: Array
     burns: Array
     slopes: Array
-    margins: Array
+    own: Array
     approaches: Array
     gas: float
     worst: float
@@ -293,7 +293,7 @@ def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Arra
     gradient, and so are the own margins.
     """
     (n, v), m, near = at.x.shape, fleet.held.shape[1], at.approaches
-    count, most = len(near), len(near) + at.margins.size
+    count, most = len(near), len(near) + at.own.size
     margins, rows = np.zeros(most), np.zeros((most, n, v))
     gradient, hessian = np.zeros((n, v)), np.zeros((n, v, v))
     burns, slopes = np.zeros((m, 4)), np.zeros((m, 4, v))
@@ -318,7 +318,7 @@ def derivatives(fleet: Fleet, at: ArcValues, weight: float) -> tuple[Array, Arra
             by[:, q] = 0.5 * (second[1] - second[0]) / step
         hessian[i] = 0.5 * (hessian[i] + hessian[i].T)
         for k in range(m):
-            if at.margins[i, k] < _NEAR:
-                margins[count], rows[count, i] = at.margins[i, k], by[k]
+            if at.own[i, k] < _NEAR:
+                margins[count], rows[count, i] = at.own[i, k], by[k]
                 count += 1
     return weight * gradient, weight * hessian, margins[:count], rows[:count]

@@ -59,6 +59,7 @@ class ThrustArcProgram(FormationProgram):
     def __init__(
         self, task: FormationTask, count: int = 3, kept: Mapping[str, Trajectory] | None = None
     ) -> None:
+        self.limits = {"the time that the thruster of '{}' needs between burns": count}
         kept = kept or {}
         turn = task.goal_yaw - task.yaw
         # Torque, and a thruster that holds its direction, allow no earlier arrivals.
@@ -101,10 +102,6 @@ class ThrustArcProgram(FormationProgram):
         waiting = task.staying & (task.arrived > 0.0)
         upper[waiting, -1] = lower[waiting, -1]
         self.bound(lower, upper, fixed)
-
-    def own_margins(self, flown: thrust_arcs_kernels.ArcValues) -> dict[str, Array]:
-        """Margins of what the thruster needs."""
-        return {"the time that the thruster of '{}' needs between burns": flown.margins}
 
 
 def cleaned(
