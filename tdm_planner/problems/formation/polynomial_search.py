@@ -194,7 +194,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             settings.end_accelerations == 'varied',
             settings.nodes,
         )
-        higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
+        higher = form._replace(order=min(form.order + _RAISE, _HIGHEST), nodes=None)
         self._guesses = lru_cache(maxsize=1)(self._begun)  # go on in the next round
         self._options = TrustRegionOptions(
             penalties=(3.0 if self.task.n >= _MANY else 1.0,),

@@ -108,10 +108,6 @@ class MotionForm(NamedTuple):
     vary_ends: bool = True
     nodes: int | None = None
 
-    def of_order(self, order: int) -> MotionForm:
-        """Return the form with polynomials of another order, on as many nodes as that needs."""
-        return self if order == self.order else self._replace(order=order, nodes=None)
-
 
 @lru_cache(maxsize=32)
 def end_derivatives(order: int, vary_curvature: bool) -> tuple[PolynomialBasis, Array]:
