@@ -158,11 +158,12 @@ class ParameterSpec:
 
     def _error(self, value: Any) -> InvalidProblem:
         return InvalidProblem(
-            f"parameter '{self.name}' = {_short(value)} is not allowed: must be {self.allowed}"
+            f"parameter '{self.name}' = {short(value)} is not allowed: must be {self.allowed}"
         )
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """Return a value as an error message shows it: on one line, not too long."""
     if isinstance(value, int) and abs(value) > _LONGEST_INTEGER:
         return f'an integer of {value.bit_length()} bits'  # too long to be written out
     if isinstance(value, str):
@@ -267,7 +268,7 @@ class Validated:
             value = getattr(self, item.name)
             if dataclasses.is_dataclass(hint) and not dataclasses.is_dataclass(value):
                 raise InvalidProblem(
-                    f"parameter '{item.name}' = {_short(value)} is not allowed: must be an "
+                    f"parameter '{item.name}' = {short(value)} is not allowed: must be an "
                     'instance of its class; from_parameters takes mappings'
                 )
         for name, spec in specifications(type(self)).items():
@@ -283,7 +284,7 @@ def flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
     """
     if not isinstance(mapping, Mapping):
         raise InvalidProblem(
-            f'parameters must be a mapping of names to values, not {_short(mapping)}'
+            f'parameters must be a mapping of names to values, not {short(mapping)}'
         )
     flat: dict[str, Any] = {}
     _flatten(mapping, '', flat)
@@ -292,7 +293,7 @@ def flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 def _flatten(mapping: Mapping[str, Any], prefix: str, flat: dict[str, Any]) -> None:
     for key, value in mapping.items():
-        name = f'{prefix}{_short(key) if isinstance(key, int) else key}'
+        name = f'{prefix}{short(key) if isinstance(key, int) else key}'
         if len(name) > _LONGEST_NAME or len(flat) > _MOST_PARAMETERS:
             raise InvalidProblem(
                 f"parameter '{shown(name)}' is one of too many, or its name is too long: at most "
@@ -306,7 +307,7 @@ def _flatten(mapping: Mapping[str, Any], prefix: str, flat: dict[str, Any]) -> N
 
 def shown(name: object) -> str:
     """Return a name as it can stand in a sentence: short, on one line, without control codes."""
-    text = _short(name)
+    text = short(name)
     return text[1:-1] if isinstance(name, str) else text
 
 

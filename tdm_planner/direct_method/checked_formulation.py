@@ -25,9 +25,9 @@ from tdm_planner.direct_method.formulation import (
     number,
     Output,
     Outputs,
-    shown,
 )
 from tdm_planner.exceptions import InvalidProblem, one_line, TdmError
+from tdm_planner.parameters import short
 
 Values = NDArray[Any]
 
@@ -75,7 +75,7 @@ class CheckedFormulation:
         self.control_names = self._names('control')
         if both := set(self.state_names) & set(self.control_names):
             raise InvalidProblem(
-                f'control_names = {shown(self.control_names)} has the name of a state, '
+                f'control_names = {short(self.control_names)} has the name of a state, '
                 f"'{min(both)}': messages and files tell the two apart by their names"
             )
         self._margin_names: list[str] | None = None
@@ -103,7 +103,7 @@ class CheckedFormulation:
         """Return the time for the arc."""
         found = self._call('duration')
         if not isinstance(found, Duration):
-            raise InvalidProblem(f'duration returns {shown(found)}, expected a Duration')
+            raise InvalidProblem(f'duration returns {short(found)}, expected a Duration')
         return found
 
     def invert(self, y: Outputs, z: Mapping[str, Values]) -> tuple[Values, Values]:
@@ -112,7 +112,7 @@ class CheckedFormulation:
         found = self._call('invert', y, z)
         if not isinstance(found, tuple | list) or len(found) != 2:
             raise InvalidProblem(
-                f'invert returns {shown(found)}, expected a pair: states and controls'
+                f'invert returns {short(found)}, expected a pair: states and controls'
             )
         what = 'of the pair (states, controls) that invert returns'
         states = self._stacked(found[0], self.state_names, f'states, the first {what}', shape)
@@ -156,7 +156,7 @@ class CheckedFormulation:
                 low, high = math.nan, math.nan
             if not low < high:
                 raise InvalidProblem(
-                    f"control_limits gives '{name}' = {shown(pair)}, expected a pair of numbers, "
+                    f"control_limits gives '{name}' = {short(pair)}, expected a pair of numbers, "
                     'the lowest below the highest'
                 )
             limits[name] = (low, high)
@@ -179,13 +179,13 @@ class CheckedFormulation:
         shares, given = np.zeros(len(names)), getattr(self.formulation, 'reserve', {})
         if not isinstance(given, Mapping):
             raise InvalidProblem(
-                f'reserve = {shown(given)} is not allowed: must be a mapping of limits to shares'
+                f'reserve = {short(given)} is not allowed: must be a mapping of limits to shares'
             )
         for limit, share in given.items():
             meant = [n == limit or n.rpartition(', ')[0] == limit for n in names]
             if not any(meant):
                 raise InvalidProblem(
-                    f'reserve names {shown(limit)}, which is not a limit: there are '
+                    f'reserve names {short(limit)}, which is not a limit: there are '
                     + ', '.join(f"'{name}'" for name in names)
                 )
             if not 0.0 <= number(share, f"the reserve of '{limit}'") < 1.0:
@@ -202,7 +202,7 @@ class CheckedFormulation:
             return [self._shaped(f'{what} J', found, times.shape)]
         one = getattr(found, 'ndim', 2) < 2
         if one or isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
-            given = 'one value' if one else shown(found)
+            given = 'one value' if one else short(found)
             raise InvalidProblem(
                 f'{function} returns {given}, expected a sequence of values that must vanish, '
                 'such as [x[0]]'
@@ -270,7 +270,7 @@ class CheckedFormulation:
         example = "('x', 'v')" if kind == 'state' else "('force',)"
         names = self.strings(f'{kind}_names', 'names', example)
         if len(set(names)) != len(names):
-            raise InvalidProblem(f'{kind}_names = {shown(names)} has the same name twice')
+            raise InvalidProblem(f'{kind}_names = {short(names)} has the same name twice')
         return names
 
     def strings(self, attribute: str, what: str, example: str) -> tuple[str, ...]:
@@ -279,13 +279,13 @@ class CheckedFormulation:
         if isinstance(found, tuple | list) and found and all(isinstance(s, str) for s in found):
             return tuple(found)
         raise InvalidProblem(
-            f'{attribute} = {shown(found)} must be a tuple of {what}, such as {example}'
+            f'{attribute} = {short(found)} must be a tuple of {what}, such as {example}'
         )
 
     def _mapping(self, function: str, *arguments: Any) -> Mapping[Any, Any]:
         found = self._call(function, *arguments)
         if not isinstance(found, Mapping):
-            raise InvalidProblem(f'{function} returns {shown(found)}, expected a mapping by name')
+            raise InvalidProblem(f'{function} returns {short(found)}, expected a mapping by name')
         return found
 
     def _named(self, function: str, kind: type) -> dict[str, Any]:
@@ -294,7 +294,7 @@ class CheckedFormulation:
         for name, value in found.items():
             if not isinstance(value, kind):
                 raise InvalidProblem(
-                    f"{function} gives '{name}' = {shown(value)}, expected an {kind.__name__}"
+                    f"{function} gives '{name}' = {short(value)}, expected an {kind.__name__}"
                 )
         return dict(found)
 
@@ -305,7 +305,7 @@ class CheckedFormulation:
             parts = list(values)
         except TypeError:
             raise InvalidProblem(
-                f'{what} has {shown(values)}, expected a sequence of {len(names)} components, '
+                f'{what} has {short(values)}, expected a sequence of {len(names)} components, '
                 'each a number or an array over the nodes'
             ) from None
         if len(parts) != len(names):
@@ -325,7 +325,7 @@ class CheckedFormulation:
         if found.dtype.kind == 'b':
             raise InvalidProblem(f'{what} = True or False, expected a number{instead}')
         if found.dtype.kind not in 'iuf':
-            raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')
+            raise InvalidProblem(f'{what} = {short(value)}, which is not a real number')
         try:
             return np.broadcast_to(found, shape)
         except ValueError:
@@ -337,14 +337,14 @@ class CheckedFormulation:
 def _check_strings(function: str, names: Iterable[Any]) -> None:
     for name in names:
         if not isinstance(name, str):
-            raise InvalidProblem(f'{function} has the name {shown(name)}, which must be a string')
+            raise InvalidProblem(f'{function} has the name {short(name)}, which must be a string')
 
 
 def _check_names(function: str, found: Iterable[Any], kind: str, known: Iterable[str]) -> None:
     for name in found:
         if name not in known:
             raise InvalidProblem(
-                f'{function} names {shown(name)}, which is not one of the {kind} '
+                f'{function} names {short(name)}, which is not one of the {kind} '
                 + ', '.join(known)
             )
 

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import sindg
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import short
 
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
 Conditions = Sequence[float | None] | Mapping[int, float]
@@ -35,12 +36,6 @@ _MOST_FREE = 40  # parameters of one output: bases of more are ill-conditioned
 _HIGHEST_ORDER = 60  # of a derivative
 
 
-def shown(value: Any, longest: int = 60) -> str:
-    """Return a value as an error message shows it: on one line, not too long."""
-    text = ' '.join(repr(value).split())
-    return text if len(text) <= longest else text[: longest - 3] + '...'
-
-
 def number(value: Any, what: str, *, positive: bool = False) -> float:
     """Return a finite (or `positive`) number; if it is none, InvalidProblem names `what`."""
     allowed = 'a positive number' if positive else 'a finite number'
@@ -49,7 +44,7 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
     except (TypeError, ValueError, OverflowError):
         found = np.nan
     if not abs(found) <= _LARGEST or (positive and found <= 0):
-        raise InvalidProblem(f'{what} = {shown(value)} is not allowed: must be {allowed}')
+        raise InvalidProblem(f'{what} = {short(value)} is not allowed: must be {allowed}')
     return found
 
 
@@ -58,7 +53,7 @@ def checked_integer(value: Any, what: str, least: int, most: int) -> int:
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_whole and least <= value <= most):
         raise InvalidProblem(
-            f'{what} = {shown(value)} is not allowed: must be an integer from {least} to {most}'
+            f'{what} = {short(value)} is not allowed: must be an integer from {least} to {most}'
         )
     return int(value)
 
@@ -131,11 +126,11 @@ class PowerProducts(Shapes):
             pairs = ()
         if not pairs:
             raise InvalidProblem(
-                f'exponents = {shown(self.exponents)} must be pairs, such as [(1, 2), (2, 2)]'
+                f'exponents = {short(self.exponents)} must be pairs, such as [(1, 2), (2, 2)]'
             )
         for pair in pairs:
             for exponent in pair:  # at least 1, for the product to vanish at both ends
-                checked_integer(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
+                checked_integer(exponent, f'an exponent of {short(pair)}', 1, _MOST)
         object.__setattr__(self, 'exponents', pairs)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -198,7 +193,7 @@ class Output:
             number(self.scale, 'scale', positive=True)
         if self.shapes is not None and not isinstance(self.shapes, Shapes):
             raise InvalidProblem(
-                f'shapes = {shown(self.shapes)} is not a family of shapes, such as SineSeries(3)'
+                f'shapes = {short(self.shapes)} is not a family of shapes, such as SineSeries(3)'
             )
         if self.shapes is not None and self.free:
             raise InvalidProblem(
@@ -215,11 +210,11 @@ class Output:
             pairs = list(given.items() if isinstance(given, Mapping) else enumerate(given))
         except TypeError:
             raise InvalidProblem(
-                f'{where} = {shown(given)} must be a sequence of boundary values '
+                f'{where} = {short(given)} must be a sequence of boundary values '
                 '(x, x., x.., ...), or a mapping from order to value'
             ) from None
         return {
-            order: number(value, f'derivative {shown(order)} at the {where}')
+            order: number(value, f'derivative {short(order)} at the {where}')
             for order, value in pairs
             if value is not None
         }

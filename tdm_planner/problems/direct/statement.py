@@ -15,11 +15,12 @@ from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.arc_basis import ArcMotion
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.direct_method.formulation import checked_integer, Formulation, shown
+from tdm_planner.direct_method.formulation import checked_integer, Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import short
 from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -67,7 +68,7 @@ def check_statement(problem: Formulation) -> None:
         known = all(isinstance(v, Real) and not isinstance(v, bool) and v > 0 for v in values)
         if len(values) != count or not known:
             raise InvalidProblem(
-                f'terminal_tolerance = {shown(tolerance)} is not allowed: must be {count} '
+                f'terminal_tolerance = {short(tolerance)} is not allowed: must be {count} '
                 'positive numbers, one for each state, inf where any end will do'
             )
     given = problem.feedback_weights()
@@ -79,7 +80,7 @@ def _check_weights(given: Any, *sizes: int) -> None:
     """Check the pair of weights Q and R; raise InvalidProblem saying what is wrong with which."""
     pair = list(given) if np.iterable(given) else []
     if len(pair) != 2:
-        raise InvalidProblem(f'feedback_weights gives {shown(given)}, expected a pair (Q, R)')
+        raise InvalidProblem(f'feedback_weights gives {short(given)}, expected a pair (Q, R)')
     for what, weights, count in zip('QR', pair, sizes, strict=True):
         try:
             matrix = np.atleast_2d(np.asarray(weights, dtype=float))

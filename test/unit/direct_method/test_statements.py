@@ -134,6 +134,7 @@ CASES = [
     (lambda: PowerProducts([(0, 1)]), 'exponent of (0, 1) = 0 is not allowed'),
     (lambda: Output(shapes='start'), 'family of shapes'),  # type: ignore[arg-type]
     (lambda: Output(start={0: 0.0, -1: 1.0}), 'order of a derivative given'),
+    (lambda: Output(free=10**5000), 'free = an integer of 16610 bits is not allowed'),
     (lambda: Output(scale=0.0), 'must be a positive number'),
     (lambda: Output(free=2, shapes=SineSeries(2)), 'free = 2 is for polynomials'),
     *((partial(Duration, **{name: 0.0}), name) for name in ('guess', 'shortest', 'longest')),
