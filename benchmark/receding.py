@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.execution import ActivePlan, Observation
 from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
-from tdm_planner.tracking.motion import Command, Mode, Phase, TrajectoryRejected
+from tdm_planner.tracking.motion import Command, Mode, TrajectoryRejected
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
 
@@ -80,9 +80,7 @@ class RecedingHorizon:
     @staticmethod
     def _followed(tracker: TrajectoryTracker) -> float | None:
         """Return the start [s] of the plan that a tracker follows."""
-        motion = tracker.current
-        followed = tracker.phase in (Phase.TRACKING, Phase.HOLDING)
-        return motion.start if followed and motion is not None else None
+        return None if tracker.current is None else tracker.current.start
 
     def _review(self, seen: Mapping[str, Observation], now: float) -> None:
         replanner, make = self._replanner, self.replanner

@@ -338,7 +338,7 @@ class TrackerNode(ManagedNode):
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
         message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
-        now, motion = self._time.now(), self.tracker.current
+        now, motion = self._time.now(), self.tracker.current or self.tracker.pending
         figures: dict[str, Any] = {
             'phase': phase.value,
             'state age [s]': self.tracker.state_age(now),

@@ -31,7 +31,7 @@ from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.tracking.motion import Mode, Phase, TrackerParameters
+from tdm_planner.tracking.motion import Mode, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -40,11 +40,7 @@ TOPIC = 'tracker_status'
 FOLLOWED = 'active_trajectory'
 WINDOW = 10.0  # s after the planner's start in which a followed plan is its predecessor's
 
-_ACTIVE: Mapping[Phase, int] = {
-    Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
-    Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
-}
-_HELD: Mapping[bool | None, int] = {  # by whether the goal was reached
+_EXECUTED: Mapping[bool | None, int] = {  # by whether the goal was reached
     None: GoalStatus.STATUS_EXECUTING,
     True: GoalStatus.STATUS_SUCCEEDED,
     False: GoalStatus.STATUS_ABORTED,
@@ -163,8 +159,7 @@ class TrackerStatus:
         self._announce(None if tracker.newest is None else tracker.newest.trajectory)
         active: dict[int, int] = {}  # status by a trajectory's identity
         if tracker.current is not None:
-            held, current = _HELD[tracker.current.reached], tracker.current
-            active[id(current.trajectory)] = _ACTIVE.get(tracker.phase, held)
+            active[id(tracker.current.trajectory)] = _EXECUTED[tracker.current.reached]
         if tracker.pending is not None:
             active[id(tracker.pending.trajectory)] = GoalStatus.STATUS_ACCEPTED
         gone = GoalStatus.STATUS_CANCELING if tracker.braking else GoalStatus.STATUS_ABORTED

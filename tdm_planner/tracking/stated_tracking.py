@@ -22,7 +22,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, Phase, TrackerParameters
+from tdm_planner.tracking.motion import Action, Motion, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -199,7 +199,7 @@ class StatedTracker(TrajectoryTracker):
         It stays as it is until a start ahead at which it is at rest; another is compared when it
         has come.
         """
-        if now >= motion.start or self.phase in (Phase.TRACKING, Phase.HOLDING):
+        if now >= motion.start or self.current is not None:
             super()._check_start(motion, now)
         elif self.state_age(now) <= self.parameters.state_timeout:
             smooth = motion.trajectory.with_rates(self._plant.derivative)

@@ -68,8 +68,8 @@ class TrajectoryTracker(ABC):
         self.phase = Phase.IDLE
         self.reason = ''
         self.wants_plan = False
-        self.current: Motion | None = None
-        self.pending: Motion | None = None
+        self.current: Motion | None = None  # tracked or held
+        self.pending: Motion | None = None  # accepted, until its start
         self.growth_rate = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
         self._brakes = False
@@ -184,12 +184,9 @@ class TrajectoryTracker(ABC):
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
                 self.give_up(str(missed))
             raise
-        motion = Motion(trajectory, start, self._prepared(trajectory))
-        if self.phase in (Phase.TRACKING, Phase.HOLDING):
-            self.pending = motion
-        else:
+        self.pending = Motion(trajectory, start, self._prepared(trajectory))
+        if self.current is None:
             self._brakes = self.braking
-            self.current, self.pending = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
     def _prepared(self, trajectory: Trajectory) -> Any:
@@ -206,7 +203,7 @@ class TrajectoryTracker(ABC):
         at, stale = max(motion.start, now), self.state_age(now) > self.parameters.state_timeout
         if stale or at - now > _LONGEST_FORESEEN:
             return  # compared at the start
-        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.braking:
+        if self.current is not None or self.braking:
             expected = self._predicted_state(now, at)
         else:
             # From now on nothing is commanded.
@@ -235,7 +232,7 @@ class TrajectoryTracker(ABC):
         return state
 
     def _going_on(self, time: float, state: Array) -> Array:
-        if self.current is None or self.phase not in (Phase.TRACKING, Phase.HOLDING):
+        if self.current is None:
             return self.recover(state)
         tracking = self.phase is Phase.TRACKING and not self.captured(self.current, time, state)
         return (self.track if tracking else self.hold)(self.current, time, state).control
@@ -284,15 +281,15 @@ class TrajectoryTracker(ABC):
 
     def _start_within(self, acts_at: float) -> float:
         """Return the start awaited, if it lies in the coming interval; else where that begins."""
-        if self.phase is not Phase.WAITING or self.current is None:
+        if self.current is not None or self.pending is None:
             return acts_at
-        start = self.current.start
+        start = self.pending.start
         return start if acts_at < start < acts_at + self.parameters.interval else acts_at
 
     def _idle(self, state: Array) -> Array:
-        if self.phase is Phase.WAITING and self.current is not None:
+        if self.pending is not None:
             # A plan made while the plant moves reckons with what brings it to rest meanwhile.
-            return self.recover(state) if self._brakes else self.wait(self.current, state)
+            return self.recover(state) if self._brakes else self.wait(self.pending, state)
         if self.phase is Phase.RECOVERING:
             # Plans assume that nothing is commanded until they start.
             self.wants_plan = self.calm(state, _CALM_SLACK if self.wants_plan else 1.0)
@@ -330,7 +327,7 @@ class TrajectoryTracker(ABC):
     def _act(self, time: float, state: Array) -> Action | None:
         self._take_over(time, state)
         motion = self.current
-        if motion is None or self.phase not in (Phase.TRACKING, Phase.HOLDING):
+        if motion is None:
             return None
         if self.phase is Phase.TRACKING:
             self.current = motion = self.paced(motion, time, state)
@@ -352,15 +349,14 @@ class TrajectoryTracker(ABC):
 
     def _take_over(self, time: float, state: Array) -> None:
         """Let a trajectory whose start has come take over."""
-        waiting = self.phase is Phase.WAITING
-        motion = self.current if waiting else self.pending
+        motion = self.pending
         if motion is None or time < motion.start:
             return
         self.pending = None
         try:
             self._compare(motion, state, time)
         except TrajectoryRejected as refusal:
-            if waiting:
+            if self.current is None:
                 self.give_up(str(refusal))
             else:
                 self.reason = f'kept the active trajectory: {refusal}'

@@ -129,7 +129,7 @@ def test_what_cannot_be_followed_is_refused_with_a_reason(ros, idle, plans, plan
         ros.spin_for(0.1)
         assert idle.tracker.output.count('trajectory rejected: ') == count + 1
         assert idle.says('trajectory rejected: ')
-    assert idle.tracker.node.tracker.current is None
+    assert idle.tracker.node.tracker.newest is None
 
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, plans, plan):

@@ -155,10 +155,12 @@ class Bench:
         self.status.accepted(self.plans[start], start, str(start).encode())
 
     def tracker(self, phase: Phase, *starts: int, braking: bool = False):
+        reached = self.reached if phase is Phase.HOLDING else None
         found = [self.plans[start] for start in starts]
-        motions = [SimpleNamespace(trajectory=plan, reached=self.reached) for plan in found]
+        motions = [SimpleNamespace(trajectory=plan, reached=reached) for plan in found]
         made = SimpleNamespace(phase=phase, braking=braking)
-        made.current, made.pending = [*motions, None, None][:2]
+        before = [None] * (phase is Phase.WAITING)
+        made.current, made.pending = [*before, *motions, None, None][:2]
         made.newest = made.pending or made.current
         return made
 
