@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 import math
 from typing import Any, ClassVar
@@ -164,15 +164,6 @@ class Motion(TimedTrajectory):
     def elapsed(self, time: T) -> T:
         """How far the plan has come at instant(s) [s]: seconds of the plan since its start."""
         return self.pace * (time - self.start - self.late)
-
-    def played(self, time: float, elapsed: float, pace: float) -> Motion:
-        """Return the same, come so far at the instant `time` [s], and played at another pace."""
-        return replace(self, late=time - self.start - elapsed / pace, pace=pace)
-
-    def judged(self, time: float, at_goal: bool, settling: float) -> Motion:
-        """Return the same; its goal counts as missed `settling` s after the end."""
-        known = at_goal or time > self.end + settling
-        return replace(self, reached=at_goal) if known else self
 
     def is_of(self, trajectory: Trajectory, start: float) -> bool:
         """Whether it is the very trajectory from the instant `start` [s] on."""

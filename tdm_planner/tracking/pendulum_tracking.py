@@ -28,7 +28,7 @@ torque does not saturate, x'P x <= T_max^2 / (K P^-1 K').
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -253,7 +253,8 @@ class PendulumTracker(TrajectoryTracker):
         # Commands that act later than was known at the start have made it so late.
         owed = min(motion.late, self.estimator.delay - self.parameters.command_delay)
         hurry = min(max(step * owed, 0.0), _HURRY * self.parameters.interval)
-        return motion.played(time, elapsed + min(_SHIFT * step, 1.0) * ahead + hurry, pace)
+        come = elapsed + min(_SHIFT * step, 1.0) * ahead + hurry
+        return replace(motion, late=time - motion.start - come / pace, pace=pace)
 
     @staticmethod
     def _scale(pace: float) -> Array:

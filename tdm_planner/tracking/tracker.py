@@ -337,7 +337,9 @@ class TrajectoryTracker(ABC):
         action = (self.track if tracking else self.hold)(motion, time, state)
         far = self._too_far(motion, action.error, 'trajectory' if tracking else 'goal')
         if not tracking and motion.reached is None:
-            self.current = motion = motion.judged(time, self.at_goal(motion, state), self.settling)
+            at_goal = self.at_goal(motion, state)
+            if at_goal or time > motion.end + self.settling:
+                self.current = motion = replace(motion, reached=at_goal)
             if motion.reached is False:
                 self.reason = (
                     f'the goal was not reached {self.settling:.3g} s after the plan ended'
