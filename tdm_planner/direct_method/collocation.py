@@ -111,9 +111,9 @@ class CollocatedMotion:
     def cost_by(self, trace: Trace, numbers: Array) -> float:
         """Return J by Simpson's rule."""
         t, u = np.linspace(0.0, self.duration, self.intervals + 1), self.controls
+        nodes = t, self.states, u
         middles = 0.5 * (t[:-1] + t[1:]), self.middles, 0.5 * (u[:-1] + u[1:])
-        pairs = zip((t, self.states, u), middles, strict=True)
-        along = (np.insert(ends, range(1, len(t)), between, axis=0) for ends, between in pairs)
+        along = (np.stack([a[:-1], m, a[1:]], axis=1) for a, m in zip(nodes, middles, strict=True))
         return trace.cost_along(numbers, *along)
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:

@@ -177,16 +177,20 @@ class Trace:
 
     def cost_along(self, numbers: Array, times: Array, states: Array, controls: Array) -> float:
         """
-        Return J of a motion by Simpson's rule.
+        Return J of a motion given at begin, middle and end of its m intervals.
 
-        Given are `times` (n,), `states` (n, nx) and `controls` (n, nu) at ends and middles of
-        intervals, in turn: an odd number.
+        Shapes: `times` (m, 3), `states` (m, 3, nx), `controls` (m, 3, nu), which may jump between
+        intervals. By Simpson's rule.
         """
-        rows = Call(self.running, times.size)(times[:, None], states, controls, numbers)[0]
-        intervals = 2 * np.arange(times.size // 2)[:, None] + np.arange(3)
-        sums = rows[intervals, 0] @ [1.0, 4.0, 1.0]
-        final = Call(self.final)(times[-1], states[-1], numbers)[0]
-        return float(np.diff(times[::2]) @ sums / 6.0 + final[0])
+        t, x, u = (a.reshape(times.size, -1) for a in (times, states, controls))
+        rows = Call(self.running, times.size)(t, x, u, numbers)[0].reshape(-1, 3)
+        final = Call(self.final)(t[-1], x[-1], numbers)[0]
+        return float((times[:, 2] - times[:, 0]) @ (rows @ [1.0, 4.0, 1.0]) / 6.0 + final[0])
+
+    def cost_through(self, numbers: Array, times: Array, states: Array, controls: Array) -> float:
+        """Return J of a motion at ends and middles of intervals, in turn: an odd number (n,)."""
+        at = np.arange(times.size // 2)[:, None] * 2 + np.arange(3)
+        return self.cost_along(numbers, times[at], states[at], controls[at])
 
     @property
     def integrator(self) -> Integrator:

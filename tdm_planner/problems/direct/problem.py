@@ -122,11 +122,15 @@ class DirectProblem(Formulation, Problem):
         whole = solution.trajectory
         if elapsed >= whole.duration:
             return 0.0
-        stated = CheckedFormulation(self)
-        rest = whole.after(max(elapsed, 0.0)).with_rates(stated.derivative)
-        ends, trace = rest.times, Trace.of(stated)
-        times = np.insert(ends, range(1, ends.size), 0.5 * (ends[:-1] + ends[1:]))
-        return trace.cost_along(trace.values(self), times, *rest.sample(times))
+        rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
+        rest, trace = rest.with_rates(stated.derivative), Trace.of(stated)
+        ends = np.stack([rest.times[:-1], rest.times[1:]], axis=1)
+        middle = rest.sample(ends.mean(axis=1))
+        times = np.insert(ends, 1, ends.mean(axis=1), axis=1)
+        last = rest.controls[:-1] if rest.interpolation == 'zero_order_hold' else rest.controls[1:]
+        states = np.stack([rest.states[:-1], middle.state, rest.states[1:]], axis=1)
+        controls = np.stack([rest.controls[:-1], middle.control, last], axis=1)
+        return trace.cost_along(trace.values(self), times, states, controls)
 
     def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""

@@ -282,7 +282,7 @@ class Refinement:
         )[0]
         halves = slice(None, None, _CELL // 2)
         along = times[halves], states[halves], controls[halves]
-        cost = self.trace.cost_along(self._numbers, *along)
+        cost = self.trace.cost_through(self._numbers, *along)
         conditions = self._plant.end_conditions(times[-1], states[-1])[0] / END_TOLERANCE
         missed = (states[-1] - self.goal(states)) / self.tolerance(states)
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))

@@ -358,7 +358,7 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        cost = self._trace.cost_along(self._plant.numbers, *motion)
+        cost = self._trace.cost_through(self._plant.numbers, *motion)
         return self._planned(motion.times, motion.states, motion.controls, 'cubic', cost, xi)
 
     def _planned(
