@@ -279,10 +279,12 @@ class Collocation:
         sx, su, st = _scales(states), _scales(controls), guess.duration
         program = self._program
         bounds = []
-        for bound, t in zip((-np.inf, np.inf), durations, strict=True):
-            x, m, u = (np.full(v.shape, bound) for v in (states, guess.middles, controls))
+        single = program.pieces.single.bounds(numbers, kept)
+        for bound, t in zip(single, durations, strict=True):
+            x, u = np.split(bound, [sx.size], axis=1)
+            m = 0.5 * (x[:-1] + x[1:])
             x, u = _with_ends(x, ends.states), _with_ends(u, ends.controls)
-            bounds.append(np.concatenate([x / sx, m, u / su, t / st], axis=None))
+            bounds.append(np.concatenate([x / sx, m / sx, u / su, t / st], axis=None))
         lower, upper = bounds
         z = np.concatenate([states / sx, guess.middles / sx, controls / su, 1.0], axis=None)
         z = np.clip(z, lower, upper)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Integers, Mask
-from tdm_planner.direct_method.graphs import Rounded
+from tdm_planner.direct_method.graphs import Rounded, SingleLimits
 from tdm_planner.direct_method.tracing import Trace
 
 _COST = 10.0  # what the size of J is scaled to along the guess
@@ -76,6 +76,7 @@ class _Pieces:
         given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self.parameters = given.numel()
         self.inner = np.flatnonzero(trace.between[trace.unfolded.limit])
+        self.single = SingleLimits(trace.unfolded.rows)
 
         def kept(t: Any, x: Any, u: Any) -> Any:
             return stated.value(t, x, u, p, e_limits) / sl
@@ -206,11 +207,19 @@ class CollocationProgram:
         return min(max(abs(cost), _LEAST_SIZE * varies), varies) if known else abs(cost)
 
     def rows(self, kept: Array) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled."""
+        """
+        Return lower and upper bounds of the rows, with what is `kept` (n + 1, m), scaled.
+
+        Rows of limits that bound a single variable have none where that is one of the program's.
+        """
         n, pieces = len(kept) - 1, self.pieces
-        first, second = kept[:-1, pieces.inner], kept[1:, pieces.inner]
-        within = ((1.0 - share) * first + share * second for share in (0.5, *_INNER))
-        least, last = np.hstack([kept[:-1], *within]), kept[-1]
+        at_nodes = np.where(pieces.single.bound, -np.inf, kept)
+        parts = at_nodes, *(kept for _ in _INNER)
+        within = [
+            (1.0 - share) * part[:-1, pieces.inner] + share * part[1:, pieces.inner]
+            for share, part in zip((0.5, *_INNER), parts, strict=True)
+        ]
+        least, last = np.hstack([at_nodes[:-1], *within]), at_nodes[-1]
         defects, conditions = np.zeros((n, 2 * pieces.sizes[0])), np.zeros(pieces.conditions)
         lower = np.hstack([defects, least]).ravel(), conditions, last
         most = np.hstack([defects, np.full(least.shape, np.inf)]).ravel()

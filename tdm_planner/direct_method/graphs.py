@@ -201,6 +201,44 @@ class Unfolded:
         return bool(np.array_equal(self._decided(numbers), self._signs))
 
 
+class SingleLimits:
+    """
+    Limits f(t, x, u, p) that are linear in one state or control alone: `bound` (m,) tells which.
+
+    Ipopt may violate a limit on the way to a solution, but not the bounds of a variable: what is
+    to be positive stays so, and rates with a pole beyond stay finite.
+    """
+
+    def __init__(self, limits: Any) -> None:
+        t, x, u, p = limits.sx_in()
+        rows, varied = limits(t, x, u, p), ca.vertcat(x, u, t)
+        slopes = ca.jacobian(rows, varied)
+        row, variable = (np.array(at, np.intp) for at in slopes.sparsity().get_triplet())
+        linear = ~np.array(ca.which_depends(rows, varied, 2, True), dtype=bool)
+        single = linear & (np.bincount(row, minlength=linear.size) == 1)
+        chosen = single[row] & (variable < varied.numel() - 1)
+        self._rows, self._variables, self._count = (
+            row[chosen],
+            variable[chosen],
+            x.numel() + u.numel(),
+        )
+        self.bound = np.isin(np.arange(linear.size), self._rows)
+        pairs = zip(self._rows.tolist(), self._variables.tolist(), strict=True)
+        found = ca.vertcat(ca.SX(0, 1), *(slopes[i, k] for i, k in pairs))
+        at_zero = ca.substitute(rows, varied, 0.0)[self._rows.tolist()]
+        self._line = ca.Function('line', [p], [ca.densify(found), ca.densify(at_zero)])
+
+    def bounds(self, numbers: Array, kept: Array) -> Array:
+        """Return bounds of states and controls, (2, n, nx + nu), that leave `kept` (n, m)."""
+        found = np.full((self._count, len(kept), 2), [-np.inf, np.inf]).T
+        slopes, at_zero = (np.array(values).ravel() for values in self._line(numbers))
+        for row, k, slope, least in zip(self._rows, self._variables, slopes, at_zero, strict=True):
+            if slope:
+                side, tighter = (0, np.maximum) if slope > 0.0 else (1, np.minimum)
+                found[side][:, k] = tighter(found[side][:, k], (kept[:, row] - least) / slope)
+        return found
+
+
 def bent(margins: Any, numbers: Array, of: str) -> Mask:
     """
     Return which limits (nm,) may be violated between two points that keep them.

@@ -119,8 +119,9 @@ class DirectPlant:
             if many is None:
                 self._one_slope[key] = call
         values, slopes = call(*given, self.numbers)
-        by_each = slopes.reshape(*values.shape[:-1], -1, values.shape[-1])
-        return values.copy(), np.swapaxes(by_each, -1, -2).copy()
+        size = sum(function.size1_in(i) for i in by)
+        each = slopes.reshape(*values.shape[:-1], size, values.shape[-1])
+        return values.copy(), np.swapaxes(each, -1, -2).copy()
 
     def control_margins(self, time: float, state: Array, control: Array) -> Array:
         """Return what is left to the limits in which the controls have a part, (nm,)."""

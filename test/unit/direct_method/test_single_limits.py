@@ -1,0 +1,99 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Limits on one state or control bound it while Ipopt searches: rates may have poles beyond."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method.graphs import SingleLimits
+from tdm_planner.parameters import parameter
+from tdm_planner.problems import DirectProblem
+
+INF = np.inf
+
+
+def test_limits_that_are_linear_in_one_variable_bound_it() -> None:
+    t, x, u, p = ca.SX.sym('t'), ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p', 2)
+    rows = [
+        2.0 * x[0] - 1.0,  # at least
+        p[0] - x[1] / 4.0,  # at most
+        3.0 - x[1],  # at most: the tighter one
+        x[0] + x[1],  # on two states
+        p[0] - u,
+        u - t,  # depends on time
+        1.0 - x[0] ** 2,
+        p[1] * x[0] + 5.0,  # on none where that number is 0
+    ]
+    single = SingleLimits(ca.Function('limits', [t, x, u, p], [ca.vertcat(*rows)]))
+    assert single.bound.tolist() == [True, True, True, False, True, False, False, True]
+    kept = np.zeros((2, len(rows)))
+    kept[1, :2] = 0.2
+    low, high = single.bounds(np.array([1.0, 0.0]), kept)
+    assert low == pytest.approx(np.array([[0.5, -INF, -INF], [0.6, -INF, -INF]]))
+    assert high == pytest.approx(np.array([[INF, 3.0, 1.0], [INF, 3.0, 1.0]]))
+    low, high = single.bounds(np.array([0.5, -1.0]), kept)
+    assert high == pytest.approx(np.array([[5.0, 2.0, 0.5], [5.0, 1.2, 0.5]]))
+
+
+@dataclass(frozen=True)
+class Penicillin(DirectProblem):
+    """Most product of a fed batch; below no sugar growth and consumption have poles."""
+
+    name = 'penicillin'
+    state_names, state_units = (
+        ('biomass', 'sugar', 'product', 'volume'),
+        ('g/l', 'g/l', 'g/l', 'l'),
+    )
+    control_names, control_units = ('feed',), ('g/h',)
+    room: float = parameter(12.0, 'what the tank holds', unit='l')
+
+    def outputs(self):
+        return {'volume': Output(start=(7.0,), free=8, derivatives=1, scale=3.0)}
+
+    def first_guess(self, s):
+        return {'volume': 7.0 + (self.room - 7.0) * s}
+
+    def integrated(self):
+        starts = {'biomass': (1.5, 10.0), 'sugar': (0.0, 10.0), 'product': (0.0, 5.0)}
+        return {name: Integrated(start, scale=scale) for name, (start, scale) in starts.items()}
+
+    def duration(self):
+        return Duration(guess=126.0, fixed=True)
+
+    def invert(self, y, z):
+        volume, rate = y['volume']
+        return (z['biomass'], z['sugar'], z['product'], volume), (500.0 * rate,)
+
+    def derivative(self, x, u):
+        biomass, sugar, product, volume = x
+        growth = 0.11 * sugar / (0.006 * biomass + sugar)
+        making = 0.0055 * sugar / (0.02 + sugar * (1.0 + 10.0 * sugar))
+        thinner = u[0] / 500.0 / volume
+        eaten = (growth / 0.47 + making / 1.2 + 0.029 * sugar / (0.02 + sugar)) * biomass
+        return (
+            (growth - thinner) * biomass,
+            u[0] / volume - eaten - thinner * sugar,
+            making * biomass - (0.01 + thinner) * product,
+            u[0] / 500.0,
+        )
+
+    def margins(self, t, x, u):
+        return {'thick': 1.0 - x[0] / 40.0, 'sugar': x[1] / 10.0, 'full': 1.0 - x[3] / self.room}
+
+    def control_limits(self):
+        return {'feed': (0.0, 30.0)}
+
+    def final_cost(self, t, x):
+        return -x[2] * x[3]
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_a_search_does_not_leave_the_range_in_which_rates_are_finite(seed: int) -> None:
+    """Cuthrell and Biegler 1989, the model; the best known is 41.5455 g, from many guesses."""
+    plan = Penicillin().solve(seed=seed, counted=True)
+    assert plan.trajectory.interpolation == 'linear'
+    assert plan.cost == pytest.approx(-41.5455, rel=1e-3)
