@@ -133,7 +133,11 @@ class DirectProblem(Formulation, Problem):
         return trace.cost_along(trace.values(self), times, states, controls)
 
     def describe(self, plan: Solution) -> str:
-        """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
+        """
+        Return the summary of a plan, one sentence.
+
+        It says where the duration is at a bound, and where collocation did not refine the plan.
+        """
         allowed, note = self.duration(), ''
         shortest, longest = allowed.bounds
         if not allowed.fixed:
@@ -141,4 +145,6 @@ class DirectProblem(Formulation, Problem):
                 note = f', duration at its shortest allowed value, {shortest:g} s'
             elif plan.duration >= longest * (1.0 - _AT_BOUND):
                 note = f', duration at its longest allowed value, {longest:g} s'
+        if self._refined and plan.trajectory.interpolation == 'cubic':
+            note += ', not refined by collocation: some per cent above the optimum'
         return super().describe(plan) + note
