@@ -374,9 +374,15 @@ class SwitchingSearch(Search[Candidate]):
         if self._arrived:
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
         search += 'gave no swing-up'
-        more = 'try a longer solver.deadline or more limits.'
         if task.swing_drive < min(task.drive, _WEAK_DRIVE):
-            search += f"; the disk's range limits what a swing gains: {more}disk_angle"
+            search += (
+                "; the disk's range limits what a swing gains: try a longer solver.deadline or "
+                'more limits.disk_angle'
+            )
         elif task.drive < _WEAK_DRIVE:
-            search += f'; with a drive of {task.drive:.2g} it takes many swings: {more}torque'
+            search += (
+                f'; with a drive of {task.drive:.2g} it takes many swings, in each of which the '
+                'disk turns: try a longer solver.deadline, more limits.torque or '
+                'limits.disk_angle'
+            )
         return search

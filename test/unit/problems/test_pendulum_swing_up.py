@@ -245,7 +245,7 @@ GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
         (0.02, HANGING, {}, 1e-5, 'in 1e-05 s', ''),
         (0.02, BRAKED, {}, 0.3, BRAKING, 'INFEASIBLE'),
         (0.02, OTHER_WAY, {}, 0.3, BRAKING, 'INFEASIBLE'),
-        (1e-4, HANGING, {}, 0.2, r'drive of .* more limits\.torque', ''),
+        (1e-4, HANGING, {}, 0.2, r'drive of .* more limits\.torque or limits\.disk_angle', ''),
         (0.02, HANGING, NARROW, 0.2, r'more limits\.disk_angle', ''),
         (0.02, FAST, {}, 0.1, GIVEN_UP, ''),
         (0.02, FAST, {'method': 'smooth'}, 0.1, GIVEN_UP, ''),
