@@ -227,10 +227,10 @@ class Adapter:
         awaited = any(plans.starting(v.tracker.followed(then)) is plan for v in vehicles)
         return plan.start if awaited else None
 
-    def rests(self, now: float) -> bool:
+    def may_start_later(self, now: float) -> bool:
         """Whether a late start can be put off: of a stated plant that follows no plan."""
         moved = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
-        return self.plant.stays and all(motion is None or motion.end <= now for motion in moved)
+        return self.plant.waits and all(motion is None or motion.end <= now for motion in moved)
 
     def of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
@@ -260,8 +260,8 @@ class Adapter:
         views = {name: view_of(plan.problem, motion) for name, motion in motions.items()}
         for name, trajectory in motions.items():
             kind = views[name].kind
-            besides = self.plant.besides(plan.problem, trajectory)
-            message = plan_message(kind, trajectory, to_stamp(stamp), besides)
+            extra = self.plant.extra_joints(plan.problem, trajectory)
+            message = plan_message(kind, trajectory, to_stamp(stamp), extra)
             vehicle = self.vehicles.get(name, only)
             if vehicle is not None:
                 vehicle.trajectory.publish(message)

@@ -79,12 +79,12 @@ def to_quaternion(yaw: float) -> Quaternion:
 
 
 def plan_message(
-    kind: PlantKind, trajectory: Trajectory, stamp: Time, besides: Mapping[str, Array] = _NOTHING
+    kind: PlantKind, trajectory: Trajectory, stamp: Time, extra: Mapping[str, Array] = _NOTHING
 ) -> JointTrajectory:
     """
     Return a plan as a message; `stamp` is the instant at which the motion starts.
 
-    `besides` are histories (N,) by name that joints have beside states and controls. Where the
+    `extra` are histories (N,) by name that joints have beside states and controls. Where the
     trajectory has `rates`, accelerations are those after a jump of the controls, and a joint
     without a velocity among the states has that of its position. Velocities are exactly zero at
     the end of a motion that ends at rest. Controls that are held act for no time at the last
@@ -99,7 +99,7 @@ def plan_message(
     if (speeds[-1] < min(_AT_REST, _AT_REST * speeds.max(initial=0.0))).all():
         states[-1, velocities] = 0.0
     columns = {
-        **besides,
+        **extra,
         **dict(zip(trajectory.state_names, states.T, strict=True)),
         **dict(zip(trajectory.control_names, controls.T, strict=True)),
     }

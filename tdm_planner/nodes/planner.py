@@ -91,7 +91,7 @@ class Planner(ManagedNode):
         recoverable = self._adapter.vehicles if problem.assess is not Problem.assess else {}
         trackers = {name: vehicle.tracker for name, vehicle in recoverable.items()}
         self._recovery = Recovery(self, self._adapter.kind, trackers)
-        publish = partial(self._settle, Request())
+        publish = partial(self._publish_or_report, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
         steady_timer(self, _PERIOD, self._on_timer)
         if not self._prepared:  # begun once the executor runs
@@ -135,7 +135,7 @@ class Planner(ManagedNode):
         self._prepared = True
 
     # Requests. Every one passes _on_request, PlanQueue.request, _next and _run, make_plan,
-    # PlanQueue._deliver, _settle, Adapter.publish.
+    # PlanQueue._deliver, _publish_or_report, Adapter.publish.
 
     def _on_request(self, request: Request, parameters: Sequence[Any] = ()) -> None:
         """Queue a request, with `parameters` of its own, or reject it with the reason."""
@@ -150,18 +150,18 @@ class Planner(ManagedNode):
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
             self._recover()
-            if self._plan is None and self._recovery.due and not self._queue.solving:
+            if self._newest_plan is None and self._recovery.due and not self._queue.solving:
                 self._queue.prepare(partial(await_trackers, self._recovery), self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),
-                partial(self._settle, request),
+                partial(self._publish_or_report, request),
             )
             self._diagnostics.update()
         except (Busy, Inactive) as error:
             if request.answer is not None:
                 request.answer(Failure.of(error))
         except Exception as error:  # noqa: B902
-            self._settle(request, error)
+            self._publish_or_report(request, error)
 
     def _own_parameters(self, messages: Sequence[Any]) -> dict[str, Any]:
         """Return the parameters of a request, checked like the node's own."""
@@ -185,7 +185,7 @@ class Planner(ManagedNode):
             )
         return own
 
-    def _settle(self, request: Request, outcome: ActivePlan | Exception) -> None:
+    def _publish_or_report(self, request: Request, outcome: ActivePlan | Exception) -> None:
         """Publish a plan, or keep the active one and say why there is no new one."""
         answer: str | Failure = ''
         try:
@@ -237,7 +237,7 @@ class Planner(ManagedNode):
     # The active plan.
 
     @property
-    def _plan(self) -> ActivePlan | None:
+    def _newest_plan(self) -> ActivePlan | None:
         """Return the newest plan of this planner."""
         return self._adapter.plans.newest
 
@@ -263,13 +263,13 @@ class Planner(ManagedNode):
         """Recover the plan that the trackers follow, if there is one."""
         # Before the first message on /clock no instant is known.
         ready = self.active and self._time.runs
-        if self._plan is not None or not (found := self._recovery.look(ready)):
+        if self._newest_plan is not None or not (found := self._recovery.look(ready)):
             return
 
         def done(outcome: ActivePlan | Exception) -> None:
-            if self._plan is not None:
+            if self._newest_plan is not None:
                 return
-            self._settle(Request(title='cannot recover the active plan'), outcome)
+            self._publish_or_report(Request(title='cannot recover the active plan'), outcome)
             if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
@@ -289,7 +289,7 @@ class Planner(ManagedNode):
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""
         simulated = self.get_clock().ros_time_is_active
-        if not (simulated and self.configured and self._plan is not None):
+        if not (simulated and self.configured and self._newest_plan is not None):
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
         self._adapter.forget_plans()
@@ -299,7 +299,7 @@ class Planner(ManagedNode):
 
     def report(self) -> Report:
         """Return state, figures of the active plan, ages of the measured states."""
-        now, plan = self._time.now(), self._plan
+        now, plan = self._time.now(), self._newest_plan
         values: dict[str, Any] = {
             'problem': self.parameter_values['problem'],
             'requests': self._requests,
@@ -323,7 +323,7 @@ class Planner(ManagedNode):
             return Level.WARN, '; '.join(told)
         if not self._prepared:
             return Level.OK, 'preparing'
-        if self._plan is None:
+        if self._newest_plan is None:
             return Level.OK, 'ready'
         return Level.OK, f'plan {self._plan_id} active'
 

@@ -42,7 +42,7 @@ class Plant(Named, Protocol):
         """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""
 
 
-class StatedPlant:
+class SymbolicPlant:
     """
     A plant whose equations of motion are stated once, as a function of numbers.
 

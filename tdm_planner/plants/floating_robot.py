@@ -23,7 +23,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.parameters import positive, Validated
-from tdm_planner.plants.base import StatedPlant
+from tdm_planner.plants.base import SymbolicPlant
 
 
 class RobotInertia(NamedTuple):
@@ -47,7 +47,7 @@ class RobotLimits(Validated):
 
 
 @dataclass(frozen=True)
-class FloatingRobot(Validated, StatedPlant):
+class FloatingRobot(Validated, SymbolicPlant):
     """A robot that floats without friction on a flat arena."""
 
     mass: float = positive(10.5, "robot's mass", 'kg')

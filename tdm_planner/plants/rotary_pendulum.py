@@ -31,7 +31,7 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, positive, Validated
-from tdm_planner.plants.base import StatedPlant
+from tdm_planner.plants.base import SymbolicPlant
 
 # Below this share of A J the mass matrix's determinant is lost in rounding.
 _SMALLEST_DETERMINANT = 1e-9
@@ -133,7 +133,7 @@ class PendulumInertia(Validated):
 
 
 @dataclass(frozen=True)
-class RotaryPendulum(Validated, StatedPlant):
+class RotaryPendulum(Validated, SymbolicPlant):
     """
     A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-_MARK = re.compile(rb'@compiled|StatedPlant|def equations\(|with_slopes')  # of what matters
+_MARK = re.compile(rb'@compiled|SymbolicPlant|def equations\(|with_slopes')  # of what matters
 _NAMED = re.compile(rb'tdm_planner((?:\.\w+)+)')
 
 

@@ -74,7 +74,7 @@ class PlannedPlant:
 
     vehicle: ClassVar[str] = PLANT_NAME
     near: ClassVar[Array | None] = None
-    stays: ClassVar[bool] = True  # until a plan begins
+    waits: ClassVar[bool] = True  # where it is until a plan begins
     several: ClassVar[bool] = False  # each with topics below its name
 
     def __init__(
@@ -106,7 +106,7 @@ class PlannedPlant:
         """Return the model of how trackers execute a plan. In the worker's thread."""
         return GenericExecution(plan, self.kind.state_names, values['replan.deviation'])
 
-    def besides(self, problem: Any, trajectory: Trajectory) -> Mapping[str, Array]:
+    def extra_joints(self, problem: Any, trajectory: Trajectory) -> Mapping[str, Array]:
         """Return histories (N,) of joints beside the states and controls, by name."""
         return {}
 
@@ -127,7 +127,7 @@ class PlannedPendulum(PlannedPlant):
 
     vehicle = PENDULUM_NAME
     near = np.array([0.5, 0.7, 6.0, 8.0])
-    stays = False
+    waits = False
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (4,) `duration` s later without torque; negative: earlier."""
@@ -162,7 +162,7 @@ class PlannedRobots(PlannedPlant):
     """The robots of a formation; between plans they drift."""
 
     near = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])  # the thruster may turn as it likes
-    stays = False
+    waits = False
     several = True
 
     def coasted(self, state: Array, duration: float, values: Values) -> Array:
@@ -180,7 +180,7 @@ class PlannedRobots(PlannedPlant):
         """Return the trackers' feedback as a model."""
         return FormationExecution(plan, trackers)
 
-    def besides(self, problem: RobotFormation, trajectory: Trajectory) -> Mapping[str, Array]:
+    def extra_joints(self, problem: RobotFormation, trajectory: Trajectory) -> Mapping[str, Array]:
         """Return the change of the wheel's speed since the start."""
         omega = trajectory.state('omega')
         return {'wheel_speed': problem.plant.wheel_speed(omega - omega[0])}

@@ -78,11 +78,14 @@ class SwingUpExecution(Execution):
             return Outlook(failure='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
         goal = plan.solution.trajectory.states[-1]
-        if self._tracker.level(now.state, goal) < 1.0:
+        if self._tracker.capture_share(now.state, goal) < 1.0:
             return Outlook(left, settled=True)
         until = at + left + _SETTLING / plant.natural_frequency
         states = roll_feedback(plant, now.state, self._table(now.mode, at, until))
-        if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
+        if (
+            not np.isfinite(states).all()
+            or not self._tracker.capture_share(states[-1], goal) < 1.0
+        ):
             return Outlook(left, failure='the feedback cannot bring it back to the active plan')
         limit = _DISK_SLACK * self._largest_angle
         furthest = float(np.abs(states[:, 1]).max())

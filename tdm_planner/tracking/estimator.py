@@ -19,7 +19,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.plants.base import integrate, Plant, StatedPlant
+from tdm_planner.plants.base import integrate, Plant, SymbolicPlant
 
 PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
@@ -41,10 +41,10 @@ class DifferentiablePlant(Plant, Protocol):
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""
 
 
-class PlantWithGains(StatedPlant):
+class PlantWithGains(SymbolicPlant):
     """A plant with more states: constant gains of its model, that are estimated with the rest."""
 
-    def __init__(self, plant: StatedPlant) -> None:
+    def __init__(self, plant: SymbolicPlant) -> None:
         self._plant = plant
 
     @property

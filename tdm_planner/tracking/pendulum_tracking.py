@@ -211,7 +211,7 @@ class PendulumTracker(TrajectoryTracker):
         damper = 2.0 * _RECOVERY_DAMPING * plant.coefficients.disk * frequency
         self.recovery_gain = np.array([0.0, spring, 0.0, damper])
 
-    def level(self, state: Array, goal: Array) -> float:
+    def capture_share(self, state: Array, goal: Array) -> float:
         """Cost to go about upright, as a share of what its regulator takes without saturating."""
         error = self.error(state, goal)
         return float(error @ self.upright.cost_to_go @ error) / self._capture_level
@@ -265,7 +265,7 @@ class PendulumTracker(TrajectoryTracker):
         """Whether it is near the plan's last angle; upright, whether the regulator holds it."""
         goal = motion.trajectory.states[-1]
         near = abs(self.error(state, goal)[0]) < UPRIGHT
-        return bool(near and (self.level(state, goal) < 1.0 or not _ends_upright(motion)))
+        return bool(near and (self.capture_share(state, goal) < 1.0 or not _ends_upright(motion)))
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the plan's end: upright or, after a plan that ends below, hanging."""
@@ -279,7 +279,7 @@ class PendulumTracker(TrajectoryTracker):
             return True
         away = self.deviation(motion, self.error(state, motion.reference(time)))
         lost = away > self.parameters.tolerance.path and _ends_upright(motion)
-        return lost and self.level(state, motion.trajectory.states[-1]) < 1.0
+        return lost and self.capture_share(state, motion.trajectory.states[-1]) < 1.0
 
     def recover(self, state: Array) -> Array:
         """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""
