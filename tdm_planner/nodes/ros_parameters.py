@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import groupby
 import math
 from typing import Any, get_origin
 
@@ -111,9 +112,21 @@ class ParameterNode(Node):
                 self._declare(spec, self.initial_value(spec))
 
     def warn_of_unknown_overrides(self) -> None:
-        """Log values given at the start for parameters that do not exist, with similar names."""
-        for name in (name for name in self._overrides if name not in self._specifications):
-            self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
+        """
+        Log values given at the start for parameters that do not exist, with similar names.
+
+        Those of a group that does not exist, such as a robot that is left out, are told at once.
+        """
+        groups = {name.partition('.')[0] for name in self._specifications}
+        unknown = sorted(self._overrides.keys() - self._specifications.keys())
+        for group, names in groupby(unknown, lambda name: name.partition('.')[0]):
+            several = list(names)
+            if group not in groups and len(several) > 1:
+                told = f"parameters '{group}.*' are unknown; their values are ignored"
+                self.get_logger().warning(told)
+                continue
+            for name in several:
+                self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """
