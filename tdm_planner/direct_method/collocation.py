@@ -22,7 +22,7 @@ from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation_program import CollocationProgram
-from tdm_planner.direct_method.graphs import Call, Clock
+from tdm_planner.direct_method.graphs import Call, IpoptStop
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import to_nanoseconds
@@ -211,7 +211,7 @@ class Collocation:
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
         nlp = self._program.nlp
-        self._clock = Clock(nlp)
+        self._clock = IpoptStop(nlp)
         options: dict[str, Any] = {
             'print_time': 0,
             'inputs_check': False,  # nor a warning where limits leave no freedom
@@ -279,7 +279,7 @@ class Collocation:
         sx, su, st = _scales(states), _scales(controls), guess.duration
         program = self._program
         bounds = []
-        single = program.pieces.single.bounds(numbers, kept)
+        single = program.pieces.simple.bounds(numbers, kept)
         for bound, t in zip(single, durations, strict=True):
             x, u = np.split(bound, [sx.size], axis=1)
             m = 0.5 * (x[:-1] + x[1:])

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Integers, Mask
-from tdm_planner.direct_method.graphs import Rounded, SingleLimits
+from tdm_planner.direct_method.graphs import Rounded, SimpleBounds
 from tdm_planner.direct_method.tracing import Trace
 
 _COST = 10.0  # what the size of J is scaled to along the guess
@@ -76,7 +76,7 @@ class _Pieces:
         given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self.parameters = given.numel()
         self.inner = np.flatnonzero(trace.between[trace.unfolded.limit])
-        self.single = SingleLimits(trace.unfolded.rows)
+        self.simple = SimpleBounds(trace.unfolded.rows)
 
         def kept(t: Any, x: Any, u: Any) -> Any:
             return stated.value(t, x, u, p, e_limits) / sl
@@ -213,7 +213,7 @@ class CollocationProgram:
         Rows of limits that bound a single variable have none where that is one of the program's.
         """
         n, pieces = len(kept) - 1, self.pieces
-        at_nodes = np.where(pieces.single.bound, -np.inf, kept)
+        at_nodes = np.where(pieces.simple.bound, -np.inf, kept)
         parts = at_nodes, *(kept for _ in _INNER)
         within = [
             (1.0 - share) * part[:-1, pieces.inner] + share * part[1:, pieces.inner]

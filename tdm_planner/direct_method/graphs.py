@@ -16,6 +16,7 @@ from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.nonlinear_program import Budget
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
+_LINEAR = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_NEG, ca.OP_TWICE, ca.OP_INV}
 _HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations of Ipopt between two looks at them
 _MOST_ROWS = 16  # of one limit without kinks, whose number each kink may double
 
@@ -201,7 +202,7 @@ class Unfolded:
         return bool(np.array_equal(self._decided(numbers), self._signs))
 
 
-class SingleLimits:
+class SimpleBounds:
     """
     Limits f(t, x, u, p) that are linear in one state or control alone: `bound` (m,) tells which.
 
@@ -210,18 +211,19 @@ class SingleLimits:
     """
 
     def __init__(self, limits: Any) -> None:
-        t, x, u, p = limits.sx_in()
+        def curved(operation: int, a: Any, b: Any) -> Any:
+            """Stand for what is not linear or jumps, whose slope may be constant in between."""
+            return None if operation in _LINEAR else ca.sin(a) + ca.exp(b)
+
+        (t, x, u, p), (shapes,) = _rewritten(limits, curved)
         rows, varied = limits(t, x, u, p), ca.vertcat(x, u, t)
         slopes = ca.jacobian(rows, varied)
         row, variable = (np.array(at, np.intp) for at in slopes.sparsity().get_triplet())
-        linear = ~np.array(ca.which_depends(rows, varied, 2, True), dtype=bool)
+        linear = ~np.array(ca.which_depends(shapes, varied, 2, True), dtype=bool)
         single = linear & (np.bincount(row, minlength=linear.size) == 1)
         chosen = single[row] & (variable < varied.numel() - 1)
-        self._rows, self._variables, self._count = (
-            row[chosen],
-            variable[chosen],
-            x.numel() + u.numel(),
-        )
+        self._rows, self._variables = row[chosen], variable[chosen]
+        self._count = x.numel() + u.numel()
         self.bound = np.isin(np.arange(linear.size), self._rows)
         pairs = zip(self._rows.tolist(), self._variables.tolist(), strict=True)
         found = ca.vertcat(ca.SX(0, 1), *(slopes[i, k] for i, k in pairs))
@@ -259,7 +261,7 @@ def bent(margins: Any, numbers: Array, of: str) -> Mask:
     return np.array(found, dtype=bool)
 
 
-class Clock(ca.Callback):
+class IpoptStop(ca.Callback):
     """
     Stops Ipopt when time or iterations are up, or its multipliers tell that there is no solution.
 

@@ -174,9 +174,8 @@ def make_plan(
             if not check.ok:  # a user's problem may return it nevertheless
                 why = '; '.join(check.reasons) or 'it gives no reasons'
                 raise VerificationFailed(f'the plan is not verified: {why}')
-            if not measured or adapter.may_start_later(
-                now
-            ):  # solving may have left too little time
+            # Solving may have left too little time.
+            if not measured or adapter.may_start_later(now):
                 start = max(start, clock.now() + _PREPARING * delay)
             return ActivePlan(problem, solution, start)
         except (InvalidProblem, Infeasible) as error:

@@ -115,18 +115,18 @@ class ParameterNode(Node):
         """
         Log values given at the start for parameters that do not exist, with similar names.
 
-        Those of a group that does not exist, such as a robot that is left out, are told at once.
+        Those of a group that does not exist, such as a robot that does not take part, are told at
+        once.
         """
         groups = {name.partition('.')[0] for name in self._specifications}
         unknown = sorted(self._overrides.keys() - self._specifications.keys())
         for group, names in groupby(unknown, lambda name: name.partition('.')[0]):
             several = list(names)
-            if group not in groups and len(several) > 1:
-                told = f"parameters '{group}.*' are unknown; their values are ignored"
-                self.get_logger().warning(told)
-                continue
-            for name in several:
-                self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
+            told = several if group in groups else several[:1]
+            more = len(several) - len(told)
+            end = f", and {more} more of '{group}.*'" if more else ''
+            for name in told:
+                self.get_logger().warning(f'{self._unknown(name)}; the value is ignored{end}')
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """

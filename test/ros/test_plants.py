@@ -57,7 +57,7 @@ def times(messages: list) -> np.ndarray:
 
 def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_told_of(ros):
     given = {'plant.colour': 'red', 'initial.psi': 2.0, 'command_timeout': 0.2}
-    given |= {'robot3.start.x': 1.0, 'robot3.start.y': 2.0}
+    given |= {'limit.torque': 1.0, 'limit.disk_angle': 2.0}
     rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for name, *effort in (('arm', 0.01), ('disk', math.nan), ('disk',)):
         rig.command([name], effort)
@@ -65,7 +65,8 @@ def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_t
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    assert rig.process.output.count("'robot3") == 1  # both at once
+    words = "did you mean limits.disk_angle?; the value is ignored, and 1 more of 'limit.*'"
+    assert words in rig.process.output
     assert rig.told('commands ignored', 'commands accepted', 'command time-outs')[2] == [3, 0, 0]
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)

@@ -103,7 +103,11 @@ class DirectPlant:
     def _with_slopes(
         self, function: Any, by: tuple[int, ...], *given: Array | float
     ) -> tuple[Array, Array]:
-        """Return the values (..., m) of a traced function, and slopes (..., m, n) `by` some."""
+        """
+        Return the values (..., m) of a traced function, and slopes (..., m, n) `by` some.
+
+        All that is `given` is of one place, or of many; one thread at a time.
+        """
 
         def make() -> Any:
             arguments = function.sx_in()

@@ -40,7 +40,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False):
+def adapter(begins: float = -1.0, comes: float = 0.0, may_start_later: bool = False):
     """Return one that is asked how far ahead; a plan begins at `begins`, a state comes [s]."""
     made, begin = Mock(asked=[]), BEGIN + begins
 
@@ -48,7 +48,7 @@ def adapter(begins: float = -1.0, comes: float = 0.0, rests: bool = False):
         made.asked.append(now - BEGIN)
         return {'start.x': start - now}
 
-    made.measured_start, made.rests.return_value = measured_start, rests
+    made.measured_start, made.may_start_later.return_value = measured_start, may_start_later
     made.pending_start = lambda now: begin if begin > now else None
     made.missing = lambda: [] if Problem.clock.passed >= comes else ['no state was received here']
     return made
@@ -159,7 +159,7 @@ def test_what_begins_sooner_is_not_begun_too_late(clock):
 
 @pytest.mark.parametrize('source', ['measured', 'parameters'])
 def test_a_start_is_put_off_beyond_the_present_unless_the_plant_moves(source):
-    made = plan(slow, adapter(rests=True), source=source)
+    made = plan(slow, adapter(may_start_later=True), source=source)
     assert made.start - BEGIN == pytest.approx(2.0 + 0.5 * 0.4)
     moving = plan(slow)
     assert moving.start - BEGIN == pytest.approx(2.0 + 0.4)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Duration, Integrated, Output
-from tdm_planner.direct_method.graphs import SingleLimits
+from tdm_planner.direct_method.graphs import SimpleBounds
 from tdm_planner.problems import DirectProblem
 
 
@@ -24,9 +24,11 @@ def test_limits_that_are_linear_in_one_variable_bound_it() -> None:
         u - t,  # depends on time
         1.0 - x[0] ** 2,
         p[1] * x[0] + 5.0,  # on none where that number is 0
+        1.0 - x[0] + ca.floor(x[0]),  # jumps
+        2.0 - ca.floor(p[0]) * u,
     ]
-    single = SingleLimits(ca.Function('limits', [t, x, u, p], [ca.vertcat(*rows)]))
-    assert single.bound.tolist() == [True, True, True, False, True, False, False, True]
+    single = SimpleBounds(ca.Function('limits', [t, x, u, p], [ca.vertcat(*rows)]))
+    assert np.flatnonzero(single.bound).tolist() == [0, 1, 2, 4, 7, 9]
     kept = np.zeros((2, len(rows)))
     kept[1, :2] = 0.2
     low, high = single.bounds(np.array([1.0, 0.0]), kept)
