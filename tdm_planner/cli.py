@@ -5,8 +5,8 @@
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
 Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
-goal; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything else that SIGINT or SIGTERM
-ended.
+goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything
+else that SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations
@@ -297,7 +297,7 @@ def _study(options: argparse.Namespace) -> int:
     asked = {'seeds': options.seeds, 'mismatch': options.mismatch}
     given = {name: value for name, value in asked.items() if value is not None}
     if given and not options.closed_loop:
-        raise InvalidProblem(f"'--{next(iter(given))}' is of flights: it needs '--closed-loop'")
+        raise InvalidProblem(f"'--{next(iter(given))}' needs '--closed-loop'")
     with Progress(options.quiet) as progress:
         run(
             options.problem,

@@ -4,8 +4,8 @@
 """
 What demo, report and pictures know of a plant beside its joints: one class a plant.
 
-A plant says when it is at its goal, what it must keep, and what it looks like. Of a plant whose
-problem is not known nothing of this is.
+A plant says when it is at its goal, what it must keep, and what it looks like. Without a known
+problem, none of this is known.
 """
 
 from __future__ import annotations

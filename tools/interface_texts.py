@@ -49,7 +49,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
         "effort of `disk` [N m]; or thrust [N], its direction's rate [rad/s] and wheel torque "
         '[N m]'
     ),
-    ('tracker', 'tracking_error'): 'measured less planned',
+    ('tracker', 'tracking_error'): 'measured less planned; efforts: the feedback',
     ('tracker', 'tracker_status'): 'the status of every plan, `goal_info.stamp` its start',
     ('tracker', 'active_trajectory'): (
         'the plan accepted last, as it came; without points when it is dropped'

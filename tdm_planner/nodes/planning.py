@@ -64,7 +64,7 @@ class PlanQueue:
 
     preparation   before all else: of the problem, of the plan along which a request is planned
     request       next; while one waits or is being solved, another is Busy
-    review        only when there is nothing else to do; a request makes it stale
+    review        only when there is nothing else to do; a request supersedes it
     """
 
     def __init__(self, node: Node) -> None:

@@ -245,8 +245,8 @@ class TrackerNode(ManagedNode):
         newest = self.tracker.newest
         if newest is not None and start < newest.start and self._planners.look() > 1:
             raise TrajectoryRejected(
-                f'it starts {newest.start - start:.3g} s before the active one; of '
-                f"{self._planners.count} planners' plans the tracker follows the last to start"
+                f'it starts {newest.start - start:.3g} s before the newest plan; with '
+                f'{self._planners.count} planners the tracker follows the latest start'
             )
 
     # Commands.

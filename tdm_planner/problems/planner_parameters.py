@@ -70,8 +70,8 @@ class ReplanParameters(Validated):
     )
     deviation: float = positive(
         0.05,
-        'of problems other than the pendulum and the robots: deviation of a state from the active '
-        'plan that makes a new one necessary, as a share of the range of the states of that unit',
+        'not for pendulum and robots: deviation of a state from the active plan that requires a '
+        'new one, as a share of the largest range of the states of that unit',
     )
 
 

@@ -135,8 +135,8 @@ class PlannedPendulum(PlannedPlant):
         swung = abs(duration) * plant.natural_frequency
         if swung > _PREDICTABLE:
             raise InvalidProblem(
-                f"parameters 'start.delay' and 'start.max_age' lead from a state to a motion "
-                f'{duration:.3g} s later, {swung:.3g} rad of swinging: at most {_PREDICTABLE}'
+                f"parameters 'start.delay' and 'start.max_age' require a prediction over "
+                f'{duration:.3g} s, {swung:.3g} rad of swinging: at most {_PREDICTABLE} rad'
             )
         count = math.ceil(10.0 * swung) + 1  # backwards each is one step
         intervals = np.full(count, duration / count)

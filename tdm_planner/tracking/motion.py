@@ -58,7 +58,7 @@ class TrackerParameters(Validated):
     )
     state_timeout: float = parameter(
         0.1,
-        'age of the newest state beyond which nothing is commanded',
+        'age of the newest state beyond which zero is commanded',
         unit='s',
         allowed=Range(0.0, 10.0, lower_open=True),
     )

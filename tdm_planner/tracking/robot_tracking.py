@@ -66,14 +66,13 @@ class RobotFeedback(Validated):
     yaw: float = positive(0.1, 'yaw error that gives full torque; smaller is stiffer', 'rad')
     deadband: float = parameter(
         0.03,
-        'share of limits.thrust below which the thruster is not turned for the feedback, '
-        'corrections of a coast apart',
+        'share of limits.thrust below which feedback does not turn the thruster, except to '
+        'correct a coast',
         allowed=Range(0.0, 0.5),
     )
     coasting: float = positive(
         0.004,
-        'distance by which a coast may miss the next burn, or station-keeping the goal, before it '
-        'is corrected',
+        'position error, predicted at the next burn or the goal, above which a coast is corrected',
         'm',
     )
     misalignment: float = parameter(

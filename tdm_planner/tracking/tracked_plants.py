@@ -37,8 +37,7 @@ def stated_problem(name: str) -> type[DirectProblem]:
     found = load_problem(name)
     if not issubclass(found, DirectProblem):
         raise InvalidProblem(
-            f"problem '{name}' brings nodes of its own: only a DirectProblem is simulated and "
-            'tracked by its statement'
+            f"problem '{name}' has nodes of its own: this node takes only a DirectProblem"
         )
     return found
 

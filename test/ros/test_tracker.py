@@ -142,7 +142,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
     assert idle.status.message.startswith('waiting')
     other.publish(message(ros, plan, 0.39))
     ros.settle()
-    told = "it starts 0.1 s before the active one; of 2 planners' plans the tracker follows"
+    told = 'it starts 0.1 s before the newest plan; with 2 planners the tracker follows'
     assert told in idle.status.message
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 1)

@@ -142,7 +142,7 @@ class DirectSearch(Search[Candidate]):
         elif self._nearest_miss:
             reason = self._nearest_miss
         elif self._until_check.spent:
-            reason = 'no initial guess could be followed'
+            reason = 'no search from a guess finished'
         else:
             reason = 'no initial guess gives a motion that is finite everywhere'
         reason = '; '.join([reason, *short_of_reserve(self._stated, self._left)])

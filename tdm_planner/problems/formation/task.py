@@ -4,7 +4,7 @@
 """
 One manoeuvre into formation as arrays: boundary conditions, limits, arena, weights of (28).
 
-Whether it can be asked for at all is checked with one clear sentence for what contradicts.
+Values that contradict each other raise InvalidProblem with one sentence.
 """
 
 from __future__ import annotations
