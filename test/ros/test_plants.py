@@ -65,8 +65,7 @@ def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_t
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
-    words = "did you mean limits.disk_angle?; the value is ignored, and 1 more of 'limit.*'"
-    assert words in rig.process.output
+    assert "limits.disk_angle?; the value is ignored, and 1 more of 'limit" in rig.process.output
     assert rig.told('commands ignored', 'commands accepted', 'command time-outs')[2] == [3, 0, 0]
     rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
     rig.listen(0.5)
