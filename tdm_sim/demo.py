@@ -80,11 +80,11 @@ def run_demo(
         unclean = _conduct(scene, output, progress)
         progress.phase(f'reading {output}/bag')
         mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))
+        comparison = compare(mission)
         progress.phase(f'writing {output}/plan.json and {output}/report.html')
         if mission.figures and all(vehicle.plan for vehicle in mission.vehicles):
             save_plan(_plan_file(mission), output / 'plan.json')
-        write_report(mission, output / 'report.html')
-    comparison = compare(mission)
+        write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
     table = _table(comparison)
     Console(highlight=False).print(table.title if quiet else table)

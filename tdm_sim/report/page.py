@@ -25,7 +25,7 @@ from tdm_planner import __version__
 from tdm_planner.plan_files import write_file
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
-from tdm_sim.report.comparison import compare
+from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.tables import card, events_table, summary_table
 
@@ -38,13 +38,14 @@ _ESCAPES = str.maketrans({'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'})
 _LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
-def write_report(mission: Mission, path: Path) -> None:
+def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> None:
     """Write the report on a mission to `path`; raise UnusableFile if that fails."""
-    write_file(path, report_page(mission).encode())
+    write_file(path, report_page(mission, comparison).encode())
 
 
-def report_page(mission: Mission) -> str:
-    """Return the report on a mission as HTML."""
+def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
+    """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
+    comparison = comparison or compare(mission)
     charts = mission_charts(mission)
     scene, most = animation.scene(mission), points_per_curve(charts)
     report = {
@@ -58,7 +59,7 @@ def report_page(mission: Mission) -> str:
     return page_html(
         mission.title,
         _subtitle(mission),
-        _columns(mission, charts, scene is not None),
+        _columns(mission, comparison, charts, scene is not None),
         source=_source(mission),
         missing=_missing(mission.missing),
         details=f'<div class="column details">{_details(mission)}</div>',
@@ -127,10 +128,10 @@ def _source(mission: Mission) -> str:
 
 
 def _columns(
-    mission: Mission, charts: Iterable[Chart], moving: bool
+    mission: Mission, comparison: Comparison, charts: Iterable[Chart], moving: bool
 ) -> tuple[list[str], list[str]]:
     """Return cards in two columns; a phone shows them one after the other, by their `order`."""
-    cards = [(1, 'Summary', summary_table(mission, compare(mission)), 'id="summary"')]
+    cards = [(1, 'Summary', summary_table(mission, comparison), 'id="summary"')]
     if moving:
         cards.insert(0, (0, 'Motion', '<div id="scene"></div>', 'id="animation"'))
     for chart in charts:
