@@ -171,12 +171,13 @@ def shoot_upright(
     """Vary the arcs that are not fixed, in time, until `enough` arrive; those that do."""
     if until.spent:  # of very many arcs even the roll below takes long
         return []
-    # The arcs that stay as they are, as finely as those that do not.
-    limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
-    heads = ArcBatch.of([each.head for each in candidates])
-    ends, peaks = roll_to_ends(task, heads, _KEPT, limit)
-    inside = peaks <= limit
-    left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
+    left, begins = candidates, np.tile(task.start, (len(candidates), 1))
+    if any(each.fixed for each in candidates):  # as finely as the arcs that do not stay
+        limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
+        heads = ArcBatch.of([each.head for each in candidates])
+        ends, peaks = roll_to_ends(task, heads, _KEPT, limit)
+        inside = peaks <= limit
+        left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     tails, costs = ArcBatch.of([each.tail for each in left]), np.full(len(left), np.inf)
     rows, found = np.arange(len(left)), []
     for effort, most in rounds:

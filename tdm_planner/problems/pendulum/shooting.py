@@ -75,8 +75,8 @@ class ArcBatch(NamedTuple):
         """Return durations and torques (n,) of sequences, one below the other."""
         arcs = np.array([durations.size for durations, _ in sequences], dtype=np.intp)
         both = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
-        for row, n in enumerate(arcs):
-            both[:, row, :n] = sequences[row]
+        for row, n in enumerate(arcs.tolist()):
+            both[0, row, :n], both[1, row, :n] = sequences[row]
         return cls(both[0], both[1], arcs)
 
     def rows(self, chosen: slice | Integers) -> ArcBatch:
