@@ -79,9 +79,9 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
     needed = [name for names, _ in view.goal(plan)[1] for name in names]
     if not needed:
         return np.zeros(0), np.zeros(0)
-    known = np.isfinite(states.table(needed)).all(axis=1)
-    found = {name: column[known] for name, column in states.select(needed).columns.items()}
-    missed = view.missed_by(plan, found)
+    columns = states.select(needed).columns
+    known = np.isfinite([*columns.values()]).all(axis=0)
+    missed = view.missed_by(plan, {name: column[known] for name, column in columns.items()})
     return states.times[known], np.max([away / allowed for (_, allowed), away in missed], axis=0)
 
 
@@ -96,8 +96,10 @@ def arrival(vehicle: RecordedVehicle) -> float | None:
 
 def _with_begun_plans(vehicle: RecordedVehicle) -> RecordedVehicle:
     """Return the vehicle without the plans still pending at the end of what was measured."""
-    end = max(vehicle.states.times, default=-math.inf)
-    return replace(vehicle, plans=tuple(plan for plan in vehicle.plans if plan.start < end))
+    end = max(vehicle.states.times[-1:], default=-math.inf)  # they are in order
+    begun = tuple(plan for plan in vehicle.plans if plan.start < end)
+    # The vehicle itself remembers its margins.
+    return vehicle if begun == vehicle.plans else replace(vehicle, plans=begun)
 
 
 def _can_be_judged(vehicle: RecordedVehicle) -> bool:

@@ -116,12 +116,10 @@ class DirectPlant:
             return ca.Function('slopes', arguments, [found, ca.vec(slopes)])
 
         last, key = np.asarray(given[-1]), (function.name(), by)  # one place, or many
-        call = self._one_slope.get(key) if last.ndim == 1 else None
-        if call is None:
-            many = None if last.ndim == 1 else len(last)
-            call = Call(self.trace.once(key, make), many)
-            if many is None:
-                self._one_slope[key] = call
+        if last.ndim == 1 and key not in self._one_slope:
+            self._one_slope[key] = Call(self.trace.once(key, make))
+        many = last.ndim > 1
+        call = Call(self.trace.once(key, make), len(last)) if many else self._one_slope[key]
         values, slopes = call(*given, self.numbers)
         size = sum(function.size1_in(i) for i in by)
         each = slopes.reshape(*values.shape[:-1], size, values.shape[-1])
