@@ -10,9 +10,10 @@ E = (A - B^2/J) theta'^2 / 2 + m g l cos(theta) the motion reads
     L' = T,  Q' = L / J,  E' = -T (B/J) theta' + L^2 J_theta theta' / (2 J^2):
 
 the sign of -theta' cos(theta) pumps, and the disk is a double integrator in (Q, L) that has to
-come back to zero. The law adds both up, brakes the disk before its limit, and has a few numbers
-that are drawn at random: of many variants some come near upright at rest. The most promising are
-kept but for their last arcs, which shooting adjusts until they end there.
+come back to zero. The law adds both up and brakes the disk before its limit. A disk that crosses
+a narrow range quickly throws the pendulum out, by the last term: in some variants it goes to and
+fro while theta' points outwards. A few numbers are drawn at random: of many variants some come
+near upright at rest. The most promising are kept but for their last arcs, which shooting adjusts.
 """
 
 from __future__ import annotations
@@ -46,20 +47,19 @@ from tdm_planner.problems.pendulum.candidates import (
 from tdm_planner.problems.pendulum.shooting import ArcBatch, roll_to_ends
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
-_SHARE = 0.15  # of `quick_time`
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
-_SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
+_SHARE, _SHARE_OF_DISK = 0.15, 0.12  # a step, of `quick_time` and of a crossing of the range
+_NEVER, _SHAKEN = -2.0, 0.9  # energies, in m g l, below which the disk goes to and fro
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
-_AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
-_NEAR = 1.5  # sum of squares from which it may be landed
+_AWAY, _NEAR = 4.0, 1.5  # sums of squares that a motion must have seen first, and is landed from
 _FAR = 2.0  # times the disk's limit: a motion that another integration takes there is lost
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
 # Where rows of lanes begin in the flat array `x` (see pendulum_kernels), behind state, torque and
 # step: what the law says, then what it is made of.
 (
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
-    _ROWS,
-) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
+    _SHAKE, _ROWS,
+) = range(6 * LANES, 18 * LANES, LANES)  # fmt: skip
 _VARIANTS, _AT_ONCE = 256, 2 * LANES  # simulated; so many, or tails, between two looks
 _USUAL, _MOST_VARIANTS = 4 * _VARIANTS, 6 * _VARIANTS  # undamped; where hardly any comes near
 # Longest time of a pump, in 1/w0: the work over the drive, within bounds.
@@ -95,10 +95,11 @@ class Laws(NamedTuple):
     Numbers (n,) of the variants.
 
     `first`: sign of the first arc; `share` of the torque that is used; `on_place`, `on_momentum`:
-    gains on Q and L; `band`: of the energy, in m g l, in which pumping fades; `brake`: share of
-    the disk's limit before which it stands; `lead`: tangent of the phase by which it switches
-    early; `hold`: duration of the first arc [1/w0], 0 for what the law says; `weight` [1/w0] of
-    the root of the distance from the goal beside the time: it decides where a motion is cut.
+    gains on Q and L; `band`: of the energy [m g l] in which pumping fades; `brake`: share of the
+    disk's limit before which it stands; `lead`: tangent of the phase by which it switches early;
+    `hold`: duration of the first arc [1/w0], 0 for what the law says; `weight` [1/w0] of the root
+    of the distance from the goal beside the time, by which a motion is cut; `shake`: energy
+    [m g l] below which the disk goes to and fro while theta' points outwards.
     """
 
     first: Array
@@ -110,6 +111,7 @@ class Laws(NamedTuple):
     lead: Array
     hold: Array
     weight: Array
+    shake: Array
 
 
 @compiled
@@ -147,7 +149,8 @@ def _steer(k: Coefficients, p: PumpingConstants, x: Array) -> None:
         centring = x[_ON_PLACE + i] * place + x[_ON_MOMENTUM + i] * momentum
         balance = pumping - centring * p.w0 * p.w0 / (level * free)
         wanted = level if balance > 0.0 else -level
-        wanted = x[HELD + i] if abs(balance) < 1e-12 else wanted
+        shaken = sine * cosine * w >= 0.0 and energy < x[_SHAKE + i]
+        wanted = x[HELD + i] if shaken or abs(balance) < 1e-12 else wanted
         braking = (beyond if beyond < 0.0 else 1.0) if psi * v > 0.0 else -1.0
         x[_BRAKING + i] = braking
         x[_WANTED + i] = stop if braking > 0.0 else wanted
@@ -194,8 +197,8 @@ def simulate_variants(
     Follow every variant from `start` (4,) to where it promises most.
 
     Filled are `durations` [s] and `torques` [N m] (n, K) of its arcs, their number `arcs` (n,), 0
-    if it never comes near, and `distances` (n,), the sum of squares that shooting reduces. What
-    becomes of a variant does not depend on the others. Returns the number of steps taken.
+    if it never comes near, and `distances` (n,), the sum of squares that shooting reduces. Returns
+    the number of steps taken.
     """
     p, w0, most = pumping, pumping.w0, durations.shape[1]
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
@@ -208,7 +211,6 @@ def simulate_variants(
     age, total, since, last = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
     promise, done = np.empty(LANES), 0
     while True:
-        busy = 0
         for i in range(LANES):
             if lanes[i] < 0 and taken < arcs.size:
                 n = taken
@@ -219,14 +221,13 @@ def simulate_variants(
                 x[HELD + i], x[_LEVEL + i] = laws.first[n] * level, level
                 x[_ON_PLACE + i], x[_ON_MOMENTUM + i] = laws.on_place[n], laws.on_momentum[n]
                 x[_BAND + i], x[_BRAKE + i] = laws.band[n], laws.brake[n]
-                x[_LEAD + i] = laws.lead[n]
+                x[_LEAD + i], x[_SHAKE + i] = laws.lead[n], laws.shake[n]
                 x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(min(p.psi_max, 3.0) / (level * free))
                 stage[i], arc[i], steps[i] = (_LAW if laws.hold[n] == 0.0 else 0), 0, 0
                 away[i] = n % 8 == 0  # the others may not stay near the top where they begin there
                 age[i] = total[i] = since[i] = last[i] = 0.0
                 promise[i], arcs[n], distances[n] = np.inf, 0, np.inf
-            busy += lanes[i] >= 0
-        if busy == 0:
+        if lanes.max() < 0:
             return done
         _steer(k, p, x)
         for i in range(LANES):
@@ -298,9 +299,10 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool)
         late = rng.uniform(-6.0 if damped else -2.5 - 2.0 * quick, -0.5 - 0.5 * quick, count)
         lead = mostly(0.5 - 0.4 * quick, lead, late)
     momentum = spread(0.02, 0.5) * min(max(1.5 * crossing, 1.0), 5.0)
+    less = spread(0.3 / max(crossing, 2.0), 1.0)
     return Laws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
-        share=mostly(0.7, 1.0, mostly(0.3, spread(0.3 / max(crossing, 2.0), 1.0), in_a_swing)),
+        share=mostly(0.7 + 0.2 * quick, 1.0, mostly(0.3, less, in_a_swing)),
         on_place=spread(0.003, 0.6) * (1.0 if narrow else max(crossing / 0.15, 0.2)),
         on_momentum=spread(0.1, 10.0) if damped else momentum,
         band=spread(0.05, 1.0) if narrow else spread(0.03, 0.6),
@@ -308,6 +310,7 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool)
         lead=lead,
         hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
         weight=_over_drive(task, _WORK, _WEIGHT) * spread(1.0, _PATIENCE),
+        shake=mostly(0.5 - 0.25 * quick if narrow else 1.0, _NEVER, np.full(count, _SHAKEN)),
     )
 
 
@@ -320,18 +323,15 @@ def pumped_candidates(
     Returns those that arrived, the quickest first, and how many variants were tried. A plan has at
     most `most` arcs.
     """
-
-    def few(near: int) -> bool:
-        return near < (1 if until.past(_AT_LEISURE) else _MANY) * LANES
-
     swings, tried = list[Candidate](), 0
-    while tried < _MOST_VARIANTS and not until.spent and few(len(swings)):
+    while tried < _MOST_VARIANTS and not until.spent:
+        if len(swings) >= (1 if until.past(_AT_LEISURE) else _MANY) * LANES:
+            break
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
     swings, landed = _nearest(task, swings), list[Candidate]()
     for first in range(0, len(swings), _AT_ONCE):
-        late = until.past(_ONE_DOES)
-        if until.spent or len(landed) >= (1 if late else _ENOUGH):
+        if until.spent or len(landed) >= (1 if until.past(_ONE_DOES) else _ENOUGH):
             break
         some = slice(first, first + _AT_ONCE)
         landed += shoot_upright(task, swings[some], TAIL_STEPS, until, _ENOUGH)

@@ -50,7 +50,7 @@ _SWITCHING_SHARE = 0.4  # of the time allowed, for a switching torque to begin f
 _ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough
 _FIRST_SHARE = 0.7  # of the time allowed, for the nearest way up
 _LONGER, _LEAST = 4.5, 0.3  # of the time scale of the transfer, and of 1/w0: a guess of the time
-INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-2)  # of the collocation; the optimum is far
+_INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-2)  # of the collocation; the optimum is far
 _SWITCH = 0.8  # of the torque, by which it changes within an interval that a switch divides
 _EXTREME = 0.97  # of the torque, from which it counts as all of it
 _ALIKE = 0.1, 0.3  # of the torque, by which that of one arc may vary: finely and coarsely read
@@ -244,22 +244,22 @@ class ContinuousTorqueSearch(Search[Solution]):
 
 def prepare_collocation(stated: StatedSwingUp) -> None:
     """Make the program, so that the first plan does not wait."""
-    Collocation.of(Trace.of(CheckedFormulation(stated)), INTERVALS, _SETTINGS)
+    Collocation.of(Trace.of(CheckedFormulation(stated)), _INTERVALS, _SETTINGS)
 
 
 def collocated(task: SwingUpTask, candidate: Candidate, until: Budget) -> Iterator[Candidate]:
     """Yield arcs of what collocation makes of a candidate in time: finely and coarsely read."""
     stated = StatedSwingUp.of(replace(task, start_torque=None), candidate.turns)
     motion = trajectory(task, candidate)
-    sample = motion.sample(motion.duration * np.linspace(0.0, 1.0, 2 * INTERVALS + 1))
+    sample = motion.sample(motion.duration * np.linspace(0.0, 1.0, 2 * _INTERVALS + 1))
     states, torques = sample.state, sample.control[::2]
     guess = CollocatedMotion(states[::2], states[1::2], torques, motion.duration)
     refinement = Refinement(DirectPlant(stated), until)
-    found = refinement.solve(INTERVALS, guess, _SETTINGS, unfinished=True)
+    found = refinement.solve(_INTERVALS, guess, _SETTINGS, unfinished=True)
     if found is not None:
         shares = np.clip(found.controls[:, 0] / task.planned_torque, -1.0, 1.0)
         for alike in _ALIKE:
-            durations, levels = _arcs(shares, found.duration / INTERVALS, alike)
+            durations, levels = _arcs(shares, found.duration / _INTERVALS, alike)
             yield Candidate(durations, task.planned_torque * levels, candidate.turns)
 
 

@@ -43,7 +43,7 @@ from tdm_planner.problems.pendulum.candidates import (
 )
 from tdm_planner.problems.pendulum.pumping import pumped_candidates
 from tdm_planner.problems.pendulum.shooting import Steps
-from tdm_planner.problems.pendulum.smooth import collocated, INTERVALS
+from tdm_planner.problems.pendulum.smooth import collocated
 from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
@@ -349,11 +349,10 @@ class SwitchingSearch(Search[Candidate]):
         """
         Return quicker arcs that collocation leads to from a candidate, if any.
 
-        It pays for a strong motor whose candidate has many arcs, but no more than intervals.
+        It pays for a strong motor where the candidate has many arcs or the disk's range is narrow.
         """
-        strong = self._task.drive >= _WEAK_DRIVE
-        least = 1 if self._narrow else _FEWEST_COLLOCATED
-        pays = strong and least <= candidate.durations.size <= INTERVALS and not self._replans
+        many = self._narrow or candidate.durations.size >= _FEWEST_COLLOCATED
+        pays = many and self._task.drive >= _WEAK_DRIVE and not self._replans
         if pays and not self.budget.past(_COLLOCATED[0]):
             left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with

@@ -354,12 +354,10 @@ def test_minimum_is_feasible_and_the_best_around(disk_angle):
 
 def test_a_motor_far_too_strong_for_the_rig_is_no_hang():
     """Swings leave the disk's range where they are integrated again, however fast."""
-    strong, absurd = (
-        PendulumSwingUp(limits=PendulumLimits(torque=torque)) for torque in (700.0, 1e5)
-    )
-    assert strong.solve(deadline=1.0, counted=True).verification.ok
+    strong, absurd = PendulumLimits(torque=200.0), PendulumLimits(torque=1e5)
+    assert PendulumSwingUp(limits=strong).solve(deadline=1.0, counted=True).verification.ok
     with pytest.raises(Infeasible):
-        absurd.solve(deadline=1.0, counted=True)
+        PendulumSwingUp(limits=absurd).solve(deadline=1.0, counted=True)
 
 
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
