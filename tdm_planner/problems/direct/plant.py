@@ -115,10 +115,10 @@ class DirectPlant:
             slopes = ca.densify(ca.jacobian(found, ca.vertcat(*(arguments[i] for i in by))))
             return ca.Function('slopes', arguments, [found, ca.vec(slopes)])
 
-        last, key = np.asarray(given[-1]), (function.name(), by)  # one place, or many
-        if last.ndim == 1 and key not in self._one_slope:
-            self._one_slope[key] = Call(self.trace.once(key, make))
+        last, key = np.asarray(given[-1]), (function.name(), by)
         many = last.ndim > 1
+        if not many and key not in self._one_slope:
+            self._one_slope[key] = Call(self.trace.once(key, make))
         call = Call(self.trace.once(key, make), len(last)) if many else self._one_slope[key]
         values, slopes = call(*given, self.numbers)
         size = sum(function.size1_in(i) for i in by)

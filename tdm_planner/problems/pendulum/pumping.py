@@ -194,7 +194,7 @@ def simulate_variants(
     distances: Array,
 ) -> int:
     """
-    Follow every variant from `start` (4,) to where it promises most.
+    Follow every variant, by itself, from `start` (4,) to where it promises most.
 
     Filled are `durations` [s] and `torques` [N m] (n, K) of its arcs, their number `arcs` (n,), 0
     if it never comes near, and `distances` (n,), the sum of squares that shooting reduces. Returns

@@ -59,6 +59,7 @@ def test_least_effort(change, solver, interpolation, accuracy):
     assert solution.evaluations > 0
     assert solution.trajectory.interpolation == interpolation
     assert solution.trajectory.duration == pytest.approx(2.0)
+    assert 'not refined' not in solution.summary  # where that was not asked for, either
     stated = CheckedFormulation(changed(Cart, **change)(start=1.5))
     assert Ends.of(stated).states[0] == pytest.approx([1.5, 0.0])
     assert 'allowed value' not in solution.summary
