@@ -31,6 +31,7 @@ _ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
 _DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around the initial guess
 _FARTHEST = 0.01  # s by which the estimate of the delay differs from the guess, at most
 _JITTER = 1e-3  # s, standard deviation of the delay from one command to the next
+_LEARNING = 0.1  # of the gradient of a sample's log-likelihood, that the model's error follows
 _LONGEST = 4  # windows without a change that are looked at together
 
 
@@ -99,10 +100,11 @@ class EstimatorNoise:
     """
     What the samples and the model are worth.
 
-    `measurement` (n,) are the standard deviations of the measured states; `model` is the relative
-    error of the plant's rates, which stays about the same for `lasting` s. `rate_floor` (n,) is
-    the least magnitude of a rate that is assumed; 0 where rates are exact (of positions). `gains`
-    is the standard deviation, at first, of the states that the plant has beyond the measured ones.
+    `measurement` (n,) are the standard deviations of the measured states; `model` is the largest
+    relative error of the plant's rates, which stays about the same for `lasting` s. `rate_floor`
+    (n,) is the least magnitude of a rate that is assumed; 0 where rates are exact (of positions).
+    How large the model's error is, is found out, down to its share `least` of `model`. `gains` is
+    the standard deviation, at first, of the states that the plant has beyond the measured ones.
     """
 
     measurement: Array
@@ -110,6 +112,7 @@ class EstimatorNoise:
     rate_floor: Array
     gains: float = 0.0
     lasting: float = 0.0
+    least: float = 1.0
 
 
 class StateEstimator:
@@ -122,6 +125,9 @@ class StateEstimator:
     model cannot explain (a push, a reset) is believed. After one that is absurd, so that nothing
     can be predicted from it, the estimate begins anew. No step of the prediction is longer than
     `longest_step` s.
+
+    The model's error, within what `noise` assumes, follows the gradient of the likelihood of every
+    sample (Mehra, "Approaches to adaptive filtering", 1972).
 
     Commands act `delay` s after they were sent. The delay is a further state of the filter: an
     error of it shifts the instant at which a control changes, and so the state, by that time times
@@ -153,13 +159,14 @@ class StateEstimator:
         self._prior_covariance = np.diag(np.append(prior, _DELAY_SPREAD) ** 2)  # last: the delay
         self._guess = self.delay = delay
         self._finds_delay = False
+        self._error_share = 1.0  # of the model's error that is assumed
         self.stamp: float | None = None
         self._state = np.zeros(self.size)
         self._covariance = self._prior_covariance
 
     def reset(self) -> None:
-        """Forget every sample, and what the delay was found to be."""
-        self.stamp, self.delay = None, self._guess
+        """Forget every sample, and what delay and model's error were found to be."""
+        self.stamp, self.delay, self._error_share = None, self._guess, 1.0
 
     def acting(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
         """Durations [s] and controls that make up [start, end], as they act on the plant."""
@@ -225,7 +232,7 @@ class StateEstimator:
             transition[:size, size] = late = transition[:size, :size] @ late
             self._covariance = transition @ self._covariance @ transition.T
             # The model's error is about constant for a while: until then it adds up with the time.
-            spread = noise.model * np.maximum(np.abs(rates), self._rate_floor)
+            spread = self._error_share * noise.model * np.maximum(np.abs(rates), self._rate_floor)
             spread *= self._rate_floor > 0.0
             lasting = max(duration, noise.lasting)
             noises = np.diag(spread**2 * duration * lasting) + _JITTER**2 * np.outer(late, late)
@@ -239,13 +246,18 @@ class StateEstimator:
             innovation[angle] -= math.tau * np.round(innovation[angle] / math.tau)
         size = self.size
         total = self._covariance[:size, :size] + self._measurement_covariance
-        if innovation @ np.linalg.solve(total, innovation) > _LARGEST_SURPRISE**2:
+        weighed = np.linalg.solve(total, innovation)
+        if innovation @ weighed > _LARGEST_SURPRISE**2:
             self._state = self._state + innovation
             self._covariance = self._prior_covariance
             return
         gain = np.linalg.solve(total, self._covariance[:size]).T
         gain[size] *= self._finds_delay
         correction = gain @ innovation
+        # The covariance, nearly all of which comes of the model's error, grows with its square.
+        slope = float(correction[:size] @ weighed - np.trace(gain[:size]))
+        share = self._error_share * math.exp(_LEARNING * slope)
+        self._error_share = min(max(share, self.noise.least), 1.0)
         self._state = self._state + correction[:size]
         away = self.delay + float(correction[size]) - self._guess
         self.delay = max(self._guess + min(max(away, -_FARTHEST), _FARTHEST), 0.0)

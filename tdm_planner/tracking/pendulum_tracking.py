@@ -17,8 +17,9 @@ gravity is estimated on the way. Planned rates grow with the pace, planned torqu
 Where commands turn out to act later than was known at the start, it is played a little faster, so
 that it ends when it was to end.
 
-The other constants are estimated, too. Their errors are a constant part of x: the feedback takes
-into account what they do along the rest of the plan.
+The other constants are estimated, too, and the damping of pivot and disk, of which the model has
+none. Their errors are a constant part of x: the feedback takes into account what they do along the
+rest of the plan.
 
 After the plan's end the regulator about upright is active. It is active earlier where the plan is
 lost, and the state is inside the largest level set of the regulator's cost to go in which its
@@ -36,7 +37,13 @@ import numpy as np
 from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, positive, Validated
-from tdm_planner.plants.rotary_pendulum import Coefficients, PendulumLimits, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import (
+    accelerations,
+    Coefficients,
+    mechanics,
+    PendulumLimits,
+    RotaryPendulum,
+)
 from tdm_planner.tracking.estimator import (
     EstimatorNoise,
     PlantWithGains,
@@ -48,12 +55,14 @@ from tdm_planner.tracking.motion import Action, Motion, NOISE, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
-GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
+_CONSTANTS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
+GAINS = (*_CONSTANTS, 'pivot_damping', 'disk_damping')
 _GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
 _FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
 _RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
 # Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
 _RATE_FLOOR = 0.1
+_LEAST_ERROR = 0.03  # of the model's error that is assumed: what it may be found to be
 _LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
 _DISK = 3.0  # rad that the disk turns by the torque in the square of its time scale
 # Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
@@ -97,7 +106,9 @@ class PendulumEstimatorParameters(Validated):
         allowed=NOISE,
     )
     model_error: float = parameter(
-        0.1, "relative error of the model's accelerations", allowed=NOISE
+        0.1,
+        "largest relative error of the model's accelerations; how large it is, is found out",
+        allowed=NOISE,
     )
 
 
@@ -113,12 +124,13 @@ class PendulumTrackerParameters(TrackerParameters):
 
 class EstimatedPendulum(PlantWithGains):
     """
-    The pendulum with five more states: its constants over those of the model.
+    The pendulum with seven more states: its constants over those of the model, and damping.
 
     The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
     the coupling and of what the disk feels of a tilted pendulum hardly differ. `disk_gain` is that
     of the inertia that the disk has beyond the least at which a rig with that arm is physical: the
-    mass matrix is positive definite where it is positive.
+    mass matrix is positive definite where it is positive. Damping of pivot and disk is 1 where
+    there is none, as in the model; one more would take rates away within 1/w0.
     """
 
     state_names = (*RotaryPendulum.state_names, *GAINS)
@@ -131,7 +143,7 @@ class EstimatedPendulum(PlantWithGains):
         k: Coefficients, state: Sequence[Any], control: Sequence[Any]
     ) -> tuple[Any, ...]:
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
-        *motion, gravity, arm, disk, coupling, motor = state
+        theta, _, theta_dot, psi_dot, gravity, arm, disk, coupling, motor, pivot, bearing = state
         least = k.arm**2 / k.pendulum
         true = k._replace(
             gravity=gravity * k.gravity,
@@ -140,8 +152,13 @@ class EstimatedPendulum(PlantWithGains):
             coupling=coupling * k.coupling,
             disk_sine=coupling * k.disk_sine,
         )
-        torque = [motor * part for part in control]
-        return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
+        (torque,), w0 = control, np.sqrt(k.gravity / k.pendulum)
+        torque = motor * torque - (bearing - 1.0) * w0 * k.disk * psi_dot
+        swing, turn = accelerations(true, theta, theta_dot, psi_dot, torque)
+        b, j, _, _ = mechanics(true, theta, theta_dot, psi_dot)
+        moment = (1.0 - pivot) * w0 * k.pendulum * theta_dot / (true.pendulum * j - b * b)
+        moved = theta_dot, psi_dot, swing + j * moment, turn - b * moment
+        return (*moved, *[0.0] * len(GAINS))
 
 
 def settling(plant: RotaryPendulum) -> float:
@@ -183,6 +200,7 @@ class PendulumTracker(TrajectoryTracker):
             rate_floor=_RATE_FLOOR * frequency**2 * np.array([0.0, 0.0, 1.0, 1.0]),
             gains=_GAIN_SPREAD,
             lasting=_LASTING / frequency,
+            least=_LEAST_ERROR,
         )
         model, times = EstimatedPendulum(plant), (parameters.state_timeout, longest_step(plant))
         estimator = StateEstimator(model, noise, [0], *times, parameters.command_delay)

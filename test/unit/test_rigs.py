@@ -3,7 +3,7 @@
 
 """Rigs that people own, config/rigs, and rigs of random constants: planned, tracked, held."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 
@@ -16,13 +16,14 @@ from ros_harness import SOURCE
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
+from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, pumping, shooting, switching_program
 from tdm_planner.tracking.motion import Phase
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched
-from tdm_sim.study.flights import ClosedLoop, fly
+from tdm_sim.study.flights import ClosedLoop, fly, tracker_of
 
 DEADLINE = 100.0  # s: a plan does not depend on how busy the machine is
 NARROW = [(90134, 5, 1.495), (90121, 21, 2.0), (1206, 4, 3.2)]
@@ -49,6 +50,32 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
     plan = problem.solve(DEADLINE)
     mission = fly(problem, plan, ClosedLoop(mismatch=0.05, rate=rate), off)
     assert arrival(*mission.vehicles) < plan.duration + 3.0
+
+
+@dataclass
+class Damped:
+    """A rig whose rates, each alone, fall to 1/e within 1 / (0.03 w0)."""
+
+    ideal: RotaryPendulum
+    state_names, control_names = RotaryPendulum.state_names, RotaryPendulum.control_names
+
+    def derivative(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        k, w0 = self.ideal.coefficients, self.ideal.natural_frequency
+        b, j, _, _ = mechanics(k, state[0], *state[2:])
+        moments = -0.03 * w0 * np.array([k.pendulum, k.disk]) * state[2:]
+        slower = np.linalg.solve([[k.pendulum, b], [b, j]], moments)
+        return self.ideal.derivative(state, control) + np.array([0.0, 0.0, *slower])
+
+
+def test_damping_of_which_the_model_has_none_is_found_on_the_way() -> None:
+    problem = replace(rig(240004), torque_reserve=0.2)
+    plan = problem.solve(DEADLINE).trajectory
+    vehicle = pendulum(tracker_of(problem), mismatch=0.05, noise=1.0)
+    vehicle.plant.setup = replace(vehicle.plant.setup, plant=Damped(vehicle.plant.setup.plant))
+    longest = plan.duration + 24.0 / problem.plant.natural_frequency
+    loop = Loop(vehicle).begin(plan).run(longest)
+    assert loop.upright(1.0)
+    assert loop.tracker.estimator.predict(loop.now)[-2:] == pytest.approx(1.03, abs=0.005)
 
 
 @pytest.mark.parametrize(('seed', 'start', 'longest'), NARROW)
