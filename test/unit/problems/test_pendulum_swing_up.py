@@ -94,6 +94,7 @@ def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
     switches = times[:-1][np.flatnonzero(np.diff(control[:-1])) + 1]
     np.testing.assert_allclose(switches, np.cumsum(solution.parameters)[:-1], atol=2e-9)
     assert trajectory.rates is not None
+    assert trajectory.state_units == ('rad', 'rad', 'rad/s', 'rad/s')
 
 
 @pytest.mark.parametrize('torque', [0.09, 0.02])
@@ -122,6 +123,7 @@ def test_the_goal_asked_for_is_reached_and_the_fastest_is_no_slower():
 def test_at_the_goal_nothing_needs_to_be_done(method):
     solution = problem(start=PendulumStart(theta=0.0), method=method).solve(ENOUGH)
     assert solution.verification.ok
+    assert solution.trajectory.times.size >= 2
     assert not solution.trajectory.controls.any()
     assert solution.duration < 0.01
 
@@ -129,7 +131,8 @@ def test_at_the_goal_nothing_needs_to_be_done(method):
 def test_smooth_torque():
     state = np.random.default_rng(1).uniform(-1, 1, 4) * [np.pi, 1.0, 5.0, 5.0]
     made = problem(0.09, PendulumStart(*state.tolist()), method='smooth')
-    trajectory = checked(made).trajectory
+    solution = checked(made)
+    trajectory = solution.trajectory
     assert trajectory.interpolation == 'linear'
     steps = np.abs(np.diff(trajectory.control('torque'))) / np.diff(trajectory.times)
     fine = np.linspace(0.0, trajectory.duration, 4001)
@@ -145,6 +148,17 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
     assert round(solution.trajectory.states[-1, 0] / (2 * np.pi)) == np.sign(theta)
     quickest = problem(torque, PendulumStart(theta=theta)).solve(ENOUGH)
     assert quickest.cost * (1 - 1e-3) < solution.cost < 1.03 * quickest.cost
+
+
+@given(start=states(3.0, 0.5, 8.0, 3.0), disk_angle=st.sampled_from([2.0, 0.8]))
+@settings(max_examples=8)
+def test_any_plan_along_the_virtual_arc_lands_or_says_why_there_is_none(start, disk_angle):
+    made = problem(start=start, method='virtual_arc')
+    made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
+    try:
+        checked(made, 1.0)
+    except Infeasible as error:
+        assert 'switching' in str(error) or 'passes the check' in str(error)
 
 
 def rig(size: float, arm: float, disk: float, across: float, torque: float, angle: float):
@@ -177,7 +191,8 @@ def test_foreign_rigs_need_no_settings(made, fewest):
 
 @pytest.mark.parametrize(('seed', 'longest'), [(9226, 0.88), (9261, 2.7), (9347, 5.3)])
 def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
-    # In too few steps none of the short ones comes upright; one seed in six ends in a longer one.
+    # Integrated in too few steps none of the short swing-ups comes upright. One seed in six ends
+    # in a longer one, and which it is depends on the processor's rounding.
     made = random_rig(seed)
     solvers = [dataclasses.replace(made.solver, seed=start) for start in range(7)]
     plans = [checked(dataclasses.replace(made, solver=solver)) for solver in solvers]
