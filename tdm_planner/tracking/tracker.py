@@ -312,7 +312,7 @@ class TrajectoryTracker(ABC):
         if self._repetition.stuck:
             return STUCK
         if math.isinf(age):
-            return self._broke_down(now) or 'no state has been received yet'
+            return self._broke_down(now) or self.reason or 'no state has been received yet'
         timeout = self.parameters.state_timeout
         return f'the newest state is older than state_timeout = {timeout:g} s'
 

@@ -238,7 +238,9 @@ def test_a_torque_turns_the_disk_its_way_whatever_is_estimated_of_the_rig(seed, 
 def test_a_clock_that_is_set_stops_the_motion(plan: Trajectory, loop: Loop, to: float) -> None:
     loop.run(0.2)
     assert loop.tracker.phase is Phase.TRACKING
-    assert not loop.tracker.command(to).control.any()
+    command = loop.tracker.command(to)  # before the first state of the new time
+    assert not command.control.any()
+    assert ('the clock was set back' in command.problem) == (to < 0.0)
     loop.tracker.observe(HANGING, to + 0.01)
     command = loop.tracker.command(to + 0.01)
     assert command.phase is Phase.STOPPED
