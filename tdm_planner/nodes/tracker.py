@@ -41,7 +41,7 @@ from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
 
 DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
-FIRST_STATE = 3.0  # s from activation until a first state must have come
+FIRST_STATE = 5.0  # s from activation until a first state must have come: discovery takes three
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
 _WAITING = 'waiting for the first state'
@@ -112,7 +112,7 @@ class TrackerNode(ManagedNode):
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._rejection = (Phase.IDLE, ''), ''  # phase and problem
         self._latest_rejected = False
-        self._activated = time.monotonic()
+        self._awaits_until = time.monotonic() + FIRST_STATE
         clock, parameters = pacing_clock(self), self.tracker.parameters
         self._rate = RateWatch(parameters.rate, clock)
         self._timer = self.create_timer(parameters.interval, self._on_tick, clock=clock)
@@ -169,8 +169,10 @@ class TrackerNode(ManagedNode):
 
     def _on_state(self, state: Array, at: float) -> None:
         """Observe a state (nx,) of the instant [s]; ignore one from the future."""
-        self._delay = self._time.now() - at
-        if -self._delay > self.tracker.parameters.state_timeout:
+        self._delay, longest = self._time.now() - at, self.tracker.parameters.state_timeout
+        if self._delay <= longest:
+            self._awaits_until = 0.0
+        if -self._delay > longest:
             self._ignore_state(
                 f'its stamp lies {-self._delay:.3g} s in the future: are the clocks synchronised?'
             )
@@ -285,9 +287,8 @@ class TrackerNode(ManagedNode):
 
     @property
     def _awaits_state(self) -> bool:
-        """Whether the first state is still expected."""
-        waits = time.monotonic() < self._activated + FIRST_STATE
-        return waits and self._measured.newest is None
+        """Whether a first state that is not old is still expected."""
+        return time.monotonic() < self._awaits_until
 
     def _note_changes(self, command: Command) -> None:
         problem = '' if self._awaits_state else command.problem

@@ -87,9 +87,17 @@ def plans(bench: Bench) -> Iterator:
     bench.ros.node.destroy_publisher(made)
 
 
+def test_a_first_state_that_is_old_is_not_an_error_at_first(ros, bench):
+    bench.state(after=-0.2)
+    ros.spin_for(4.9)
+    assert '[ERROR]' not in bench.tracker.output
+    assert bench.says('idle: waiting for the first state', level=OK)
+    assert bench.says('the newest state is older than state_timeout', level=ERROR)
+
+
 def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros, bench):
-    """After three seconds: the middleware takes its time, and the plant may start later."""
-    ros.spin_for(2.9)
+    """After five seconds: the middleware takes its time, and the plant may start later."""
+    ros.spin_for(4.9)
     assert 'waiting for the first state' in bench.tracker.output
     assert bench.status.message.startswith('idle: waiting for the first state')
     assert '[ERROR]' not in bench.tracker.output
