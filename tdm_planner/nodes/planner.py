@@ -88,7 +88,8 @@ class Planner(ManagedNode):
                 f'{problem.name} has no parameters start.<state>: plans begin at its stated '
                 'start, whatever is measured'
             )
-        recoverable = self._adapter.vehicles if problem.assess is not Problem.assess else {}
+        assessed = self._adapter.kind.state_names and problem.assess is not Problem.assess
+        recoverable = self._adapter.vehicles if assessed else {}
         trackers = {name: vehicle.tracker for name, vehicle in recoverable.items()}
         self._recovery = Recovery(self, self._adapter.kind, trackers)
         publish = partial(self._publish_or_report, Request())

@@ -156,7 +156,8 @@ class Loop(Space):
         super().__init__(ros, 'own')
         self.start('plant', {'problem': problem, 'mismatch': 0.02, 'held': True})
         self.start('tracker', {'kind': problem})
-        self.start('planner', {'problem': problem, 'start.source': 'parameters', **planner})
+        given = {'problem': problem, 'start.source': 'parameters', **planner}
+        self.planner = self.start('planner', given)
         self.states, plans = self.hear('joint_states'), self.hear('trajectory')
         self.statuses = self.hear('tracker_status', GoalStatusArray)
         self.plan()
@@ -183,6 +184,16 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros, problem):
     told = [goal.status for array in loop.statuses for goal in array.status_list]
     expected = 'ACCEPTED', 'EXECUTING', 'SUCCEEDED'
     assert told == [getattr(GoalStatus, f'STATUS_{name}') for name in expected]
+
+
+@pytest.mark.parametrize('problem', LOOPS)
+def test_a_planner_started_again_takes_the_plan_of_a_stated_plant_back(ros, problem):
+    loop = Loop(ros, problem, **{'solver.refine': False})
+    plans = loop.hear('trajectory')
+    loop.planner.end_cleanly()
+    again = loop.start('planner', {'problem': problem})
+    assert ros.spin_until(lambda: 'recovered active plan 1' in again.output), again.output
+    assert plans[-1] == plans[0]
 
 
 def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros):

@@ -27,8 +27,8 @@ planned for by ``tdm plan`` and by the planner node.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 import re
 from typing import Any, ClassVar
 
@@ -39,8 +39,9 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
+from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import group, parameter, positive
-from tdm_planner.problems.direct.refinement import prepare_refinement
+from tdm_planner.problems.direct.refinement import FINEST, prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, limits_of
 from tdm_planner.problems.planner_parameters import SolverParameters
@@ -100,6 +101,18 @@ class DirectProblem(Formulation, Problem):
         refined, to_go = self._refined, self.cost_to_go
         return DirectSearch(self, tolerance, refined, budget, rng, to_go, previous)
 
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+        """Return an earlier plan, with its cost and check recomputed."""
+        motion = next(iter(trajectories.values()))
+        if motion.state_names != tuple(self.state_names):
+            raise VerificationFailed(f"its states are not those of '{self.name}'")
+        search = self.search(Budget(self.solver.deadline), np.random.default_rng(0), None)
+        given, parameters = (motion.times, motion.states, motion.controls), np.zeros(0)
+        plan = search.checked(*given, 0.0, parameters, motion.interpolation)
+        if plan is None:
+            raise VerificationFailed(search.rejected)
+        return replace(plan, cost=self.cost_to_go(plan, 0.0))
+
     @property
     def _refined(self) -> bool:
         """Whether plans are refined by collocation."""
@@ -145,6 +158,6 @@ class DirectProblem(Formulation, Problem):
                 note = f', duration at its shortest allowed value, {shortest:g} s'
             elif plan.duration >= longest * (1.0 - _AT_BOUND):
                 note = f', duration at its longest allowed value, {longest:g} s'
-        if self._refined and plan.trajectory.interpolation == 'cubic':
+        if self._refined and plan.trajectory.times.size > FINEST + 1:  # the direct method's own
             note += ', not refined by collocation: usually some per cent above the optimum'
         return super().describe(plan) + note

@@ -163,7 +163,7 @@ class DirectSearch(Search[Candidate]):
             found, states, reserve = refinement.repaired(found, reserve)
             self._checked = found
             xi = np.concatenate([[found.duration], found.controls.ravel()])
-            plan = self._planned(found.times, states, found.controls, 'linear', found.cost, xi)
+            plan = self.checked(found.times, states, found.controls, found.cost, xi)
             if plan is None:
                 return
             yield plan
@@ -359,16 +359,16 @@ class DirectSearch(Search[Candidate]):
             self.rejected = str(error)
             return None
         cost = self._trace.cost_through(self._plant.numbers, *motion)
-        return self._planned(motion.times, motion.states, motion.controls, 'cubic', cost, xi)
+        return self.checked(motion.times, motion.states, motion.controls, cost, xi)
 
-    def _planned(
+    def checked(
         self,
         times: Array,
         states: Array,
         controls: Array,
-        interpolation: Interpolation,
         cost: float,
         parameters: Array,
+        interpolation: Interpolation = 'linear',
     ) -> Solution | None:
         """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
         problem = self._problem
