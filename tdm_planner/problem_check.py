@@ -109,7 +109,7 @@ def _misspelt(problem: type[DirectProblem]) -> dict[str, str]:
     """Return methods that are like, but not, those that the library calls: what was meant."""
     own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
     found = {name for kind in own for name, value in vars(kind).items() if callable(value)}
-    known = dir(DirectProblem)
+    known = [name for name in dir(DirectProblem) if not name.startswith('_')]
     functions = [value for kind in own for value in vars(kind).values()]
     used = {name for f in functions if hasattr(f, '__code__') for name in f.__code__.co_names}
     others = sorted(name for name in found - {*known} - used if not name.startswith('_'))

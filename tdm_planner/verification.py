@@ -229,7 +229,7 @@ def _beyond(plant: Named, errors: Array, allowed: Array, text: str) -> list[str]
     """Say which errors of states are larger than allowed: `text` takes name, error and unit."""
     given = zip(plant.state_names, plant.state_units, np.abs(errors), allowed, strict=True)
     return [
-        f'{text.format(name, error, unit)} (allowed {most:.3g})'
+        f'{" ".join(text.format(name, error, unit).split())} (allowed {most:.3g})'
         for name, unit, error, most in given
         if not error <= most
     ]

@@ -376,7 +376,8 @@ def _usage(function: str, error: Exception, begun: bool) -> str:
         return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
     if isinstance(error, KeyError) and function == 'invert':
         return f'{error} is in neither outputs() nor integrated()'
-    if isinstance(error, IndexError) and function == 'invert':
+    few = isinstance(error, IndexError) or 'not enough values to unpack' in str(error)
+    if few and function == 'invert':
         return "y['x'] holds x and as many derivatives as Output(derivatives=2) says"
     if isinstance(error, IndexError | AttributeError):
         return 'x and u are sequences in the order of the names, x[0] the first state'

@@ -159,5 +159,5 @@ class DirectProblem(Formulation, Problem):
             elif plan.duration >= longest * (1.0 - _AT_BOUND):
                 note = f', duration at its longest allowed value, {longest:g} s'
         if self._refined and plan.trajectory.times.size > FINEST + 1:  # the direct method's own
-            note += ', not refined by collocation: usually some per cent above the optimum'
+            note += ', not refined by collocation: some per cent above the optimum, or far more'
         return super().describe(plan) + note

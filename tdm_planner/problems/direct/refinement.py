@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.arrays import Array
 from tdm_planner.direct_method.collocation import (
     COLD,
     CollocatedMotion,
@@ -44,8 +44,6 @@ _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
-_SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
-_LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
 _INSTANTS = 400  # at which a plan is compared with where it was left
 _LOOKS = 30  # parts of an interval, at whose ends the replay looks at the limits
 _CELL = 10  # such parts in a cell of the sum for J
@@ -56,8 +54,8 @@ class _Replay(NamedTuple):
     A replay: states (m, nx) at m looks, J.
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
-    what the end is off by, in tolerances, or _SHARE where a limit is just kept there. Where it
-    fails there are no numbers but an infinite gap.
+    what the end is off the `goal` by, in tolerances, or _SHARE where a limit is just kept there.
+    Where it fails there are no numbers but an infinite gap.
     """
 
     states: Array
@@ -65,6 +63,8 @@ class _Replay(NamedTuple):
     unit: Array
     cost: float
     gap: float
+    goal: Array
+    left: float
 
 
 class Refinement:
@@ -75,11 +75,7 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = Ends.of(plant.stated)
         given = plant.stated.duration()
-        self._duration = given.guess
         self._durations = (given.guess,) * 2 if given.fixed else given.bounds
-        limits = plant.control_range
-        limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
-        self._middle = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
@@ -136,41 +132,17 @@ class Refinement:
         Return the optimum on the first intervals near an initial guess.
 
         Where it is `eased` and one of two limits will do, the kink between them is round at first;
-        where it is `patient` Ipopt is given more iterations.
+        where it is `patient` Ipopt is given more iterations. A guess on more intervals is solved
+        on as many.
         """
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
             begun = found and replace(found, multipliers=())
             found = begun and self.solve(
-                FIRST, begun, until=until, patient=patient, alternatives=share
+                guess.intervals, begun, COLD, until, patient=patient, alternatives=share
             )
         return found
-
-    def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
-        """
-        Return lines between the given ends, bent by random sines of a share of their range.
-
-        The range is the largest distance between the ends of a state of the same unit: a motion
-        along one axis may have to give way along another. A state that is free at the end keeps
-        its start value; one that is free at the start begins at 0.
-        """
-        s = np.linspace(0.0, 1.0, 2 * intervals + 1)[:, None]
-        first, last = self.ends.states
-        first, last = np.nan_to_num([first, np.where(np.isfinite(last), last, first)])
-        states = first + (last - first) * s
-        middle, half = self._middle
-        controls = np.tile(middle + _SMALL * half, (s.size, 1))
-        duration = self._duration
-        if bend:
-            alike = largest_of_unit(np.abs(last - first), self._plant.state_units)
-            size = bend * (alike + _LEAST_BEND)
-            for k in (1, 2, 3):
-                states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
-                wave = np.cos(k * np.pi * s) / k
-                controls = controls + bend * half * rng.normal(size=half.size) * wave
-            duration *= float(np.exp(0.4 * rng.normal()))
-        return CollocatedMotion(states[::2], states[1::2], controls[::2], duration)
 
     def warm(self, plan: Trajectory) -> CollocatedMotion | None:
         """Solve from what is left of an earlier plan; None if that leads nowhere."""
@@ -189,7 +161,7 @@ class Refinement:
         guess = CollocatedMotion(states[::2], states[1::2], controls[::2], rest)
         motion = self.solve(COARSE, guess)
         if motion is None:
-            longer = replace(self._on(guess, FIRST), duration=_LONGER * rest)
+            longer = replace(self.spread(guess, FIRST), duration=_LONGER * rest)
             motion = self.solve(FIRST, longer)
             motion = motion and self.finer(motion, COARSE)
         return motion
@@ -203,7 +175,7 @@ class Refinement:
 
     def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
-        found = self.solve(intervals, self._on(motion, intervals))
+        found = self.solve(intervals, self.spread(motion, intervals))
         self._solved = 0.5 * (self._took + (self._solved or self._took))
         return found
 
@@ -236,7 +208,7 @@ class Refinement:
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 again = self.solve(motion.intervals, motion, reserve=reserve)
             elif refines:
-                guess, half = self._on(motion, more), 0.5 * self._budget.remaining
+                guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
                 again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
                 most = motion.intervals if again is None else most
             else:
@@ -259,11 +231,12 @@ class Refinement:
             tolerance = self.tolerance(motion.states)
             other = None
             with suppress(np.linalg.LinAlgError):
-                other = corrected(self._plant, motion, self.ends, self._durations, tolerance)
+                ends = replace(self.ends, states=np.stack([self.ends.states[0], flown.goal]))
+                other = corrected(self._plant, motion, ends, self._durations, tolerance)
             if other is None:
                 break
             again = self._replayed(other)
-            if not again.gap < flown.gap:
+            if not (again.gap < flown.gap or again.left > flown.left):
                 break
             motion, flown = other, again
         return motion, flown
@@ -284,13 +257,19 @@ class Refinement:
         along = times[halves], states[halves], controls[halves]
         cost = self.trace.cost_through(self._numbers, *along)
         conditions = self._plant.end_conditions(times[-1], states[-1])[0] / END_TOLERANCE
-        missed = (states[-1] - self.goal(states)) / self.tolerance(states)
+        goal = self.ends.states[1]
+        free = np.isnan(goal).all() and not conditions.size
+        if free and not abs(cost - motion.cost) <= _COST_AGREES * motion.size:
+            goal = motion.states[-1]  # the plant has left the motion
+        missed = np.nan_to_num((states[-1] - goal) / self.tolerance(motion.states))
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
         # A goal on a limit is to be met more closely: no reserve can be kept there.
         beyond = -_SHARE / _TOUCHED * seen[-1] / unit
         gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
-        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap)
+        away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)
+        left = float(np.argmax(np.append(away.any(axis=1), True)))
+        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, left)
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:
         """Whether there is time for so many solutions on so many intervals, and a check."""
@@ -303,7 +282,8 @@ class Refinement:
         """Whether the time that is left is for the check."""
         return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
 
-    def _on(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion:
+    def spread(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion:
+        """Return a motion on other intervals."""
         rates = self._plant.rates(motion.states, motion.controls)  # 0 / 0 for some at rest
         return motion.on(intervals, np.nan_to_num(rates, posinf=0.0, neginf=0.0))
 

@@ -4,9 +4,9 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-1. Initial guesses are roughly minimised motions of the direct method and bent lines, in turn.
+1. Initial guesses: roughly minimised motions of the direct method, bent lines, later rollouts.
 2. Each is solved by collocation on few intervals. The first solution is solved on more at once, of
-   the others only the cheapest, if it is cheaper; the plan on many, if there is time.
+   the others the cheapest, if they are cheaper; the plan on many, if there is time.
 3. Each is replayed and repaired: by corrected controls, a reserve at a limit, or more intervals.
 4. If there is no plan: the direct method's own, minimised to the end; then what failed in 2.
 """
@@ -27,6 +27,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
+from tdm_planner.problems.direct.guesses import Guesses, TRIED
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
@@ -41,26 +42,24 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
-_MOST, _TRIED = 40, 8  # initial guesses: at most, and once one is solved
-# No further guess once most solutions, so many at least, are alike in cost, within a share; or so
-# many are solved.
+_MOST = 40  # initial guesses
+# No further guess once most solutions, so many at least (after TRIED guesses one more), are alike
+# in cost, within a share; or so many (then twice as many) are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
-_BENDS = 0.25, 0.5, 1.0, 2.0, 0.1, 0.25, 0.5, 3.0, 5.0  # of lines
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
-_LEAP = 0.25  # of J's size, by which it rises on more intervals where a motion leaps
-_SIMILAR = 0.1  # of J's size, by which another motion may be cheaper, and leap as well
+# Of J's size: its rise on more intervals where a motion leaps; how much cheaper may leap as well.
+_LEAP, _SIMILAR = 0.25, 0.1
 _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
-_ROUNDS = 4  # of refinement of one candidate
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _LEAST_CHECK = 0.04  # s that a check may take past the deadline
-_GUESS_ROUNDS = 4  # of initial guesses while none leads to a feasible motion
+_ROUNDS = 4  # of refinement of one candidate; of guesses while none leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 Candidate = CollocatedMotion | Minimum
@@ -90,11 +89,10 @@ class DirectSearch(Search[Candidate]):
         self._plant = DirectPlant(problem)
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
-        # Not where collocation would lose a boundary condition.
-        self._refines = refined and not self._refinement.ends.lost
+        self._refines = refined and not self._refinement.ends.lost  # boundary conditions
         # When minimising before any check has to end [s]: a check takes its time, too.
-        seconds = budget.seconds
-        self._latest = seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
+        kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
+        self._latest = budget.seconds - kept
         check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
@@ -133,7 +131,7 @@ class DirectSearch(Search[Candidate]):
 
     def widen(self) -> bool:
         """Try a few more rounds of the direct method while none leads to a feasible motion."""
-        return not (self._found or self._until_check.spent) and self._rounds < _GUESS_ROUNDS
+        return not (self._found or self._until_check.spent) and self._rounds < _ROUNDS
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -168,8 +166,7 @@ class DirectSearch(Search[Candidate]):
                 return
             yield plan
             violated = self._violated(plan)
-            excess = sum(violated.values())
-            # The check looks more closely than the replay.
+            excess = sum(violated.values())  # the check looks more closely than the replay
             if 0.0 < excess < _NEARER * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
@@ -189,38 +186,44 @@ class DirectSearch(Search[Candidate]):
         for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break
-            # Eased kinks show the way more often, and more often the same one.
-            eased, patient = attempt % 2 == 0, attempt >= _HASTY and not solved
+            eased = (
+                attempt % 2 == 0
+            )  # kinks: that shows the way more often, and more often the same
+            patient = attempt >= _HASTY and not solved
+            if attempt >= TRIED and self._best:  # the first intervals may rank motions wrongly
+                guess = self._refinement.spread(guess, COARSE)
+            if attempt == TRIED:
+                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
             motion = self._refinement.first(guess, until, eased=eased, patient=patient)
             if motion is None or motion.cost > self._leapt:
                 self._aside += [motion] if motion else []  # it leaps, too
                 continue
-            solved.append(motion)
-            if len(solved) == 1:  # a plan to fall back on, and mostly the plan
-                settled = self._settled(motion)
-                if settled is None:
-                    solved.clear()
+            if not solved:  # a plan to fall back on, and mostly the plan
+                if (settled := self._settled(motion)) is None:
                     continue
                 self._found = True
                 yield settled
-                share = _SIDES if self._trace.obstacles else 0.0
-                sides = self.budget.part(share * self.budget.seconds)
-            best = min(solved, key=lambda found: found.cost)
+                sides = self.budget.part(_SIDES * self.budget.seconds * self._trace.obstacles)
+                if self._best is None:
+                    continue
+            solved.append(motion)
+            best, hard = min(solved, key=lambda found: found.cost), attempt >= TRIED
             again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-            alike = again >= _AGREED and 2 * again > len(solved)
-            enough = alike or len(solved) >= _ENOUGH
+            alike = again >= _AGREED + hard and 2 * again > len(solved)
+            enough = alike or len(solved) >= _ENOUGH * (1 + hard)
             if self.budget.past(_STARTS_SHARE) or (enough and sides.spent):
                 break
-        others = sorted(solved[1:], key=lambda found: found.cost)
-        for before, motion in zip([*solved[:1], *others], others, strict=False):
-            if self._best and motion.cost >= before.cost - _WORTHWHILE * motion.size:
+        origin = solved[0].cost if solved else np.inf  # J of what the best plan is made of
+        for motion in sorted(solved[1:], key=lambda found: found.cost):
+            least = self._least
+            if self._best and motion.cost >= max(origin, least) - _WORTHWHILE * motion.size:
                 break
-            if (settled := self._settled(motion)) is not None:
+            if settled := self._settled(motion):
                 yield settled
+                origin = motion.cost if self._least < least else origin
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
             finer = self._settled(self._best, FINEST)
-            if finer and finer is not self._best:
-                yield finer
+            yield from [finer] if finer else []
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -230,17 +233,16 @@ class DirectSearch(Search[Candidate]):
             if not self._refinement.ends.regular:
                 raise
             minima = None
+        guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
             late = self.budget.past(_STARTS_SHARE)
             direct = late and minima is not None and bool(minima.in_sight)  # takes its time, too
-            if (attempt >= _TRIED and (self._found or late)) or (direct and not self._found):
+            if (attempt >= TRIED and late) or (direct and not self._found):
                 break
-            # Lines to either side of what may be in the way.
-            if minima is None or attempt % 2:
-                pair, side = divmod(attempt if minima is None else attempt // 2, 2)
-                bend = (-1.0) ** side * _BENDS[pair % len(_BENDS)] if attempt else 0.0
-                rng = np.random.default_rng([self._seed, pair])
-                yield self._refinement.straight(FIRST, bend, rng)
+            kind = guesses.kind(attempt, self._best is not None)
+            if kind != 'direct' or minima is None:
+                rollout = guesses.rollout() if kind == 'rollout' else None
+                yield rollout or guesses.line(straight=attempt == 0)
             elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
                 yield from minima.collocated(minimum.point.xi)

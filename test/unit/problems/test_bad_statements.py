@@ -52,6 +52,10 @@ BAD = [
         {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
         ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
     ),
+    (
+        {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'][:2], 'y': y['y']}, z)},
+        ['invert of Changed raises ValueError', 'as Output(derivatives=2) says'],
+    ),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
     (

@@ -14,7 +14,7 @@ import numpy as np
 from obstacle import RoundTheObstacle
 import pytest
 from replays import by_scipy
-from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, solve
+from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, Quickest, solve
 import table
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -25,6 +25,7 @@ from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
+from tdm_planner.problems.direct.guesses import Guesses
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.trajectory import Trajectory
@@ -174,6 +175,11 @@ def refinement(problem: DirectProblem, budget: Budget | None = None) -> Refineme
     return Refinement(DirectPlant(problem), budget or Budget(60.0))
 
 
+def guesses(problem: DirectProblem) -> Guesses:
+    plant = DirectPlant(problem)
+    return Guesses(plant, Ends.of(plant.stated), Budget(60.0), 0)
+
+
 @pytest.mark.parametrize(('time', 'best'), [(25.0, 1.33084), (50.0, 1.33104)])
 def test_the_cost_of_a_plan_is_that_of_its_motion(time, best):
     """However coarse the intervals it was first found on; `best` by 160 to 640 of them."""
@@ -222,7 +228,7 @@ def test_a_first_guess_may_be_too_quick_for_a_few_nodes():
 def test_a_program_whose_multipliers_grow_without_end_is_given_up():
     budget = Budget(60.0)
     made = refinement(WEAK(), budget)
-    guess = made.straight(20, 1.0, np.random.default_rng(8))
+    guess = guesses(WEAK()).bent(20, 1.0, np.random.default_rng(8))
     assert made.solve(20, guess, COLD) is None
     assert budget.evaluations < COLD.iterations
 
@@ -240,23 +246,73 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_stay_where_an_end_is_
         outputs=lambda s: {'x': Output((2.0, 1.0), free=6)},
         control_limits=lambda s: {'u': (2.0, 20.0)},
     )
-    line = refinement(opened()).straight(20, 0.0, np.random.default_rng(0))
+    line = guesses(opened()).bent(20, 0.0, np.random.default_rng(0))
     assert line.states == pytest.approx(np.tile([2.0, 1.0], (21, 1)))
     assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
     # bent to either side, from (-2, 0) to (2, 0): the way round a disc in between is along y
     problem = RoundTheObstacle()
     assert Trace.of(CheckedFormulation(problem)).obstacles
     assert not Trace.of(CheckedFormulation(WEAK())).obstacles
-    lines = (refinement(problem).straight(20, b, np.random.default_rng(1)) for b in (0, 0.2, -0.2))
+    lines = (guesses(problem).bent(20, b, np.random.default_rng(1)) for b in (0, 0.2, -0.2))
     straight, left, right = (line.states for line in lines)
     assert left - straight == pytest.approx(straight - right)
     assert np.abs(left[:, 1]).max() > 0.2
 
 
+# A pendulum by a torque that is a sixth of what holds it level.
+WHEEL = changed(
+    Quickest,
+    states={'angle': 'rad', 'rate': 'rad/s'},
+    controls={'torque': '1/s^2'},
+    outputs=lambda s: {'angle': Output((0.0, 0.0), (math.pi, 0.0), free=14)},
+    invert=lambda s, y, z: (y['angle'][:2], (y['angle'][2] + 36.0 * np.sin(y['angle'][0]),)),
+    derivative=lambda s, x, u: (x[1], u[0] - 36.0 * np.sin(x[0])),
+    control_limits=lambda s: {'torque': (-6.0, 6.0)},
+)
+
+
+def test_energy_is_gathered_in_several_swings():
+    """Lines and the direct method's minima do not lead there: rollouts do."""
+    plans = [WHEEL().solve(counted=True, seed=seed, deadline=20.0) for seed in range(4)]
+    durations = [plan.duration for plan in plans]
+    assert max(durations) < 1.01 * min(durations)
+    assert max(durations) < 3.9001  # s, by a torque along the rate until the last swing
+
+
+def test_rollouts_are_motions_of_the_plant_that_come_near_the_goal():
+    plant = DirectPlant(WHEEL())
+    made = Guesses(plant, Ends.of(plant.stated), Budget(60.0), 0)
+    found = [made.rollout() for _ in range(12)]
+    away = [np.hypot(*((m.states[-1] - [math.pi, 0.0]) / [math.pi, 6.0])) for m in found]
+    assert away[0] < 0.3
+    for m in found:
+        assert np.abs(m.controls).max() <= 6.0
+        mean = np.diff(m.states[:, 0]) / np.diff(m.times)  # of the rate in every interval
+        assert np.corrcoef(mean, m.middles[:, 1])[0, 1] > 0.99
+    assert made.rollout() is not None  # of another batch
+
+
+OSCILLATING = changed(  # Rayleigh's oscillator
+    Cart,
+    outputs=lambda s: {'x': Output((-5.0, -5.0), free=8)},
+    duration=lambda s: Duration(25.0, fixed=True),
+    margins=DirectProblem.margins,
+    control_limits=lambda s: {'u': (-8.0, 8.0)},
+    running_cost=lambda s, t, x, u: u[0] ** 2 / 16.0 + x[0] ** 2,
+    **forced(lambda x, v: v * (1.4 - 0.14 * v**2) - x),
+)
+
+
+def test_an_unstable_plant_whose_end_is_free_stays_on_its_motion():
+    """Errors grow by e^18: integrated as it was, the oscillation began again, at four times J."""
+    plan = OSCILLATING().solve()
+    assert plan.cost == pytest.approx(35.59, rel=1e-3)
+
+
 def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
     budget = Budget(60.0)
     made = refinement(RoundTheObstacle(), budget)
-    bent = made.solve(12, made.straight(12, 0.3, np.random.default_rng(0)))
+    bent = made.solve(12, guesses(RoundTheObstacle()).bent(12, 0.3, np.random.default_rng(0)))
     first, found, iterations = made.finer(bent, 20), [], []
     for guess in (replace(first, multipliers=()), first):
         before = budget.evaluations

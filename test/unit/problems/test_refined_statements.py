@@ -280,7 +280,7 @@ def test_conditions_at_the_end_are_corrected_as_a_given_end_is() -> None:
 def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) -> None:
     """It looks at more instants than the replay before: a plan of 160 intervals was given up."""
     checked: list[Solution] = []
-    planned = DirectSearch._planned
+    planned = DirectSearch.checked
 
     def stricter(self, *given):
         plan = planned(self, *given)
@@ -291,7 +291,7 @@ def test_what_only_the_check_sees_violated_is_kept_the_next_time(monkeypatch) ->
         check = replace(plan.verification, ok=False, reasons=('force',), worst=worst)
         return replace(plan, verification=check)
 
-    monkeypatch.setattr(DirectSearch, '_planned', stricter)
+    monkeypatch.setattr(DirectSearch, 'checked', stricter)
     plan = changed(Boat, drag=lambda s, vx, vy: 0.0)(solver=LONG).solve()
     first, second = checked[:2]
     assert len(second.trajectory.times) == len(first.trajectory.times)

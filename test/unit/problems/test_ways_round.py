@@ -17,8 +17,9 @@ from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems.direct.guesses import Guesses
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.refinement import COARSE, FIRST, Refinement
+from tdm_planner.problems.direct.refinement import COARSE, Refinement
 
 
 def upright(self, y, z):
@@ -59,8 +60,8 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
     """The line leads through the wall: with a sharp kink there is no slope towards the gap."""
     problem = changed(WINDOW, wall=wall, half=half, gap=gap, width=width)()
     budget = Budget(60.0)
-    refinement = Refinement(DirectPlant(problem), budget)
-    line = refinement.straight(FIRST, 0.0, np.random.default_rng(0))
+    refinement = Refinement(plant := DirectPlant(problem), budget)
+    line = Guesses(plant, refinement.ends, budget, 0).line(straight=True)
     eased = refinement.first(line, budget, eased=True, patient=False)
     assert eased is not None
     finer = refinement.finer(eased, COARSE)
