@@ -165,6 +165,8 @@ class Guesses:
         The unit of each state, and of each condition at the end, is its standard deviation.
         """
         finite, given = np.isfinite(states).all(axis=(0, 2)), np.isfinite(self._ends.states[1])
+        if not finite.any():
+            return np.full(states.shape[:2], np.inf)
         missed = [states[..., given] - self._ends.states[1][given]]
         conditions = self._plant.trace.end_conditions
         if conditions.numel_out(0):
@@ -176,7 +178,7 @@ class Guesses:
                 )
             )
         off = np.concatenate(missed, axis=-1)
-        spread = np.nanstd(off[:, finite], axis=(0, 1))
+        spread = np.nan_to_num(off[:, finite]).std(axis=(0, 1))
         off = np.nan_to_num(off / np.where(spread > 0.0, spread, 1.0), nan=_NOWHERE)
         away = np.where(finite, np.square(off).sum(axis=-1), np.inf)
         shortest, longest = self._durations
