@@ -42,6 +42,7 @@ _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
+_LEAST_REPLAY = 0.04  # s that a replay may take past the deadline
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -247,7 +248,9 @@ class Refinement:
         ends = motion.times
         times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
         controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
-        flown = self.trace.integrator(lines(ends, u), motion.states[0], self._numbers)
+        until = self._budget.part(max(self._budget.remaining, _LEAST_REPLAY))
+        given = lines(ends, u), motion.states[0], self._numbers
+        flown = self.trace.integrator(*given, until)  # of hours, it may take seconds
         nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
         states = nowhere if flown is None else flown.states(times)
         seen = Call(self.trace.margins, times.size)(
