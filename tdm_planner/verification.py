@@ -199,7 +199,7 @@ def judge(
     """
     controls = trajectory.controls_at(times)
     error = np.where(np.isfinite(tolerance), states[-1] - goal, 0.0)
-    reasons = _beyond(plant, error, tolerance, '{} ends {:.3g} {} from the goal')
+    reasons = _beyond(plant, error, tolerance, '{0} ends {2} from the goal')
     allowed = consistency
     if allowed is None:
         usual = usual_tolerance(trajectory.states, plant.state_units)
@@ -208,10 +208,10 @@ def judge(
         allowed = np.where(np.isfinite(tolerance), wide, usual)
     written = np.searchsorted(times, trajectory.times)
     drift = np.abs(states[written] - trajectory.states).max(axis=0)
-    reasons += _beyond(plant, drift, allowed, '{} as written differs by {:.3g} from the replay')
+    reasons += _beyond(plant, drift, allowed, '{0} as written differs by {1:.3g} from the replay')
     if start is not None:
         away = np.nan_to_num(trajectory.states[0] - start)
-        reasons += _beyond(plant, away, allowed, '{} begins {:.3g} {} from the start')
+        reasons += _beyond(plant, away, allowed, '{0} begins {2} from the start')
     worst, worst_times, violated = check(constraints, times, states, controls)
     reasons += violated
     return Verification(
@@ -226,10 +226,10 @@ def judge(
 
 
 def _beyond(plant: Named, errors: Array, allowed: Array, text: str) -> list[str]:
-    """Say which errors of states are larger than allowed: `text` takes name, error and unit."""
+    """Say which errors are larger than allowed; `text` takes name, error, error with its unit."""
     given = zip(plant.state_names, plant.state_units, np.abs(errors), allowed, strict=True)
     return [
-        f'{" ".join(text.format(name, error, unit).split())} (allowed {most:.3g})'
+        text.format(name, error, f'{error:.3g} {unit}'.rstrip()) + f' (allowed {most:.3g})'
         for name, unit, error, most in given
         if not error <= most
     ]

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 
+_GRACE = 0.04  # s that a replay may take past the deadline
+
 
 class Budget:
     """
@@ -70,6 +72,10 @@ class Budget:
         part._count, part._counted_from = self._count, self._count[0]
         part._worth = self._worth
         return part
+
+    def with_grace(self) -> Budget:
+        """Return what remains, a little if nothing does: for the replay of what was found."""
+        return self.part(max(self.remaining, _GRACE))
 
     def charged(self, seconds: float) -> float:
         """Return what such work [s] counts: nothing where evaluations are counted."""

@@ -74,8 +74,15 @@ def accelerations(
     k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any
 ) -> tuple[Any, Any]:
     """Return theta'' and psi'' under a torque, for arguments of any kind."""
+    return accelerations_by(k, theta, theta_dot, psi_dot, 0.0, torque)
+
+
+def accelerations_by(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, moment: Any, torque: Any
+) -> tuple[Any, Any]:
+    """Return theta'' and psi'' under a moment about the pivot and a torque."""
     b, j, r1, r2 = mechanics(k, theta, theta_dot, psi_dot)
-    r2, inverse = r2 + torque, 1.0 / (k.pendulum * j - b * b)
+    r1, r2, inverse = r1 + moment, r2 + torque, 1.0 / (k.pendulum * j - b * b)
     return (j * r1 - b * r2) * inverse, (k.pendulum * r2 - b * r1) * inverse
 
 

@@ -214,9 +214,7 @@ class Problem(ABC):
 
     def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence."""
-        margins = plan.verification.worst.items()
-        limits = [item for item in margins if not item[0].startswith(_CONDITIONS)]
-        worst = min(limits, key=lambda item: item[1], default=None)
+        worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
         closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
         return f'J = {plan.cost:.6g}, {plan.duration:.4g} s{closest}'
 
@@ -321,7 +319,6 @@ def _computed() -> Iterator[None]:
             ) from error
 
 
-_CONDITIONS = 'start_conditions ', 'end_conditions '  # kept within a tolerance: no limits
 _DEADLINE = ParameterSpec(
     'deadline', float, None, 'time allowed for a plan', unit='s', range=NON_NEGATIVE
 )

@@ -38,9 +38,8 @@ from tdm_planner.arrays import Array, wrapped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, positive, Validated
 from tdm_planner.plants.rotary_pendulum import (
-    accelerations,
+    accelerations_by,
     Coefficients,
-    mechanics,
     PendulumLimits,
     RotaryPendulum,
 )
@@ -154,11 +153,9 @@ class EstimatedPendulum(PlantWithGains):
         )
         (torque,), w0 = control, np.sqrt(k.gravity / k.pendulum)
         torque = motor * torque - (bearing - 1.0) * w0 * k.disk * psi_dot
-        swing, turn = accelerations(true, theta, theta_dot, psi_dot, torque)
-        b, j, _, _ = mechanics(true, theta, theta_dot, psi_dot)
-        moment = (1.0 - pivot) * w0 * k.pendulum * theta_dot / (true.pendulum * j - b * b)
-        moved = theta_dot, psi_dot, swing + j * moment, turn - b * moment
-        return (*moved, *[0.0] * len(GAINS))
+        moment = (1.0 - pivot) * w0 * k.pendulum * theta_dot
+        turned = accelerations_by(true, theta, theta_dot, psi_dot, moment, torque)
+        return (theta_dot, psi_dot, *turned, *[0.0] * len(GAINS))
 
 
 def settling(plant: RotaryPendulum) -> float:

@@ -190,10 +190,12 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros, problem):
 def test_a_planner_started_again_takes_the_plan_of_a_stated_plant_back(ros, problem):
     loop = Loop(ros, problem, **{'solver.refine': False})
     plans = loop.hear('trajectory')
+    assert ros.spin_until(lambda: plans)
     loop.planner.end_cleanly()
     again = loop.start('planner', {'problem': problem})
     assert ros.spin_until(lambda: 'recovered active plan 1' in again.output), again.output
-    assert plans[-1] == plans[0]
+    assert ros.spin_until(lambda: len(plans) == 2)
+    assert plans[1] == plans[0]
 
 
 def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros):

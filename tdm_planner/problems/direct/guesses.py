@@ -14,7 +14,6 @@ until the instant at which they do.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
@@ -26,7 +25,7 @@ from tdm_planner.problems.direct.refinement import COARSE, FIRST
 
 TRIED = 8  # initial guesses after which there are rollouts, and which solutions must agree
 # Kinds of initial guesses, in turn: so many; then as long as there is no plan, or once there is.
-_FIRST = ('direct', 'line') * (TRIED // 2)
+_BEFORE = ('direct', 'line') * (TRIED // 2)
 _FAILED = 'line', 'rollout'
 _AGAIN = 'rollout', 'rollout', 'direct', 'rollout'
 _BENDS = 0.25, 0.5, 1.0, 2.0, 0.1, 0.25, 0.5, 3.0, 5.0  # of lines
@@ -46,17 +45,15 @@ class Guesses:
 
     def __init__(self, plant: DirectPlant, ends: Ends, budget: Budget, seed: int) -> None:
         self._plant, self._ends, self._budget, self._seed = plant, ends, budget, seed
-        given = plant.stated.duration()
-        self._duration = given.guess
-        self._durations = (given.guess,) * 2 if given.fixed else given.bounds
+        self._duration = plant.stated.duration().guess
         limits = plant.control_range
         limits = np.where(np.isfinite(limits).all(axis=0), limits, [[-1.0], [1.0]])
         self._middle, self._half = limits.mean(axis=0), 0.5 * np.ptp(limits, axis=0)
-        self._lines = 0
+        self._lines, self._rollouts = 0, self._batches()
 
     def kind(self, attempt: int, planned: bool) -> str:
         """Return what to try next: direct, line or rollout; `planned` once there is a plan."""
-        kinds = _FIRST if attempt < TRIED else _AGAIN if planned else _FAILED
+        kinds = _BEFORE if attempt < TRIED else _AGAIN if planned else _FAILED
         return kinds[attempt % len(kinds)]
 
     def line(self, *, straight: bool) -> CollocatedMotion:
@@ -95,17 +92,13 @@ class Guesses:
         """Return the next rollout on a few more intervals; None if none is finite any more."""
         return next(self._rollouts, None)
 
-    @cached_property
-    def _rollouts(self) -> Iterator[CollocatedMotion]:
-        return self._batches()
-
     def _batches(self) -> Iterator[CollocatedMotion]:
         """Yield rollouts, batch by batch, the nearest to the goal first."""
         rng = np.random.default_rng([self._seed, TRIED])
         found = True
         while found:
             durations = self._duration * np.exp(rng.uniform(*_DURATIONS, _LANES))
-            durations = np.clip(durations, *self._durations)
+            durations = np.clip(durations, *self._plant.durations)
             controls = self._random(rng)
             with np.errstate(all='ignore'):
                 states = self._flown(durations, controls)
@@ -181,7 +174,7 @@ class Guesses:
         spread = np.nan_to_num(off[:, finite]).std(axis=(0, 1))
         off = np.nan_to_num(off / np.where(spread > 0.0, spread, 1.0), nan=_NOWHERE)
         away = np.where(finite, np.square(off).sum(axis=-1), np.inf)
-        shortest, longest = self._durations
+        shortest, longest = self._plant.durations
         first = _STEPS if shortest == longest else _STEPS // _SHORTEST
         away[:first] = np.inf
         return np.asarray(away)

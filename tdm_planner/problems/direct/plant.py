@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -85,6 +86,12 @@ class DirectPlant:
         """Lowest and highest controls, (2, nu); infinite where they are not limited."""
         limits = self.stated.control_limits
         return np.array([limits.get(k, (-np.inf, np.inf)) for k in self.control_names]).T
+
+    @cached_property
+    def durations(self) -> tuple[float, float]:
+        """Shortest and longest duration [s], the same where it is fixed."""
+        given = self.stated.duration()
+        return (given.guess, given.guess) if given.fixed else given.bounds
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""

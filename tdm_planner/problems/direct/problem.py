@@ -43,7 +43,7 @@ from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import group, parameter, positive
 from tdm_planner.problems.direct.refinement import FINEST, prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
-from tdm_planner.problems.direct.statement import check_statement, limits_of
+from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
 from tdm_planner.problems.planner_parameters import SolverParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
@@ -160,4 +160,6 @@ class DirectProblem(Formulation, Problem):
                 note = f', duration at its longest allowed value, {longest:g} s'
         if self._refined and plan.trajectory.times.size > FINEST + 1:  # the direct method's own
             note += ', not refined by collocation: some per cent above the optimum, or far more'
-        return super().describe(plan) + note
+        check = plan.verification  # conditions, kept within a tolerance, are no limits
+        limits = {k: v for k, v in check.worst.items() if k.rpartition(' ')[0] not in CONDITIONS}
+        return super().describe(replace(plan, verification=replace(check, worst=limits))) + note

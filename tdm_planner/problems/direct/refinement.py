@@ -42,7 +42,6 @@ _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
-_LEAST_REPLAY = 0.04  # s that a replay may take past the deadline
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -55,8 +54,9 @@ class _Replay(NamedTuple):
     A replay: states (m, nx) at m looks, J.
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
-    what the end is off the `goal` by, in tolerances, or _SHARE where a limit is just kept there.
-    Where it fails there are no numbers but an infinite gap.
+    what the end is off the `goal` by, in tolerances, or _SHARE where a limit is just kept there;
+    `left` is the first node at which the replay is off the motion, the number of nodes if it is
+    nowhere. Where it fails there are no numbers but an infinite gap.
     """
 
     states: Array
@@ -65,7 +65,7 @@ class _Replay(NamedTuple):
     cost: float
     gap: float
     goal: Array
-    left: float
+    left: int
 
 
 class Refinement:
@@ -75,8 +75,6 @@ class Refinement:
         self._plant, self.trace, self._budget = plant, plant.trace, budget
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = Ends.of(plant.stated)
-        given = plant.stated.duration()
-        self._durations = (given.guess,) * 2 if given.fixed else given.bounds
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
@@ -114,7 +112,7 @@ class Refinement:
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
         until = until or self._budget
-        given = self._numbers, guess, self.ends, self._durations, kept, until
+        given = self._numbers, guess, self.ends, self._plant.durations, kept, until
         kinked = settings is WARM and program.has_kinks
         for roughly in (self._roughly, not self._roughly) if kinked else (False,):
             began = self._budget.elapsed
@@ -233,7 +231,7 @@ class Refinement:
             other = None
             with suppress(np.linalg.LinAlgError):
                 ends = replace(self.ends, states=np.stack([self.ends.states[0], flown.goal]))
-                other = corrected(self._plant, motion, ends, self._durations, tolerance)
+                other = corrected(self._plant, motion, ends, self._plant.durations, tolerance)
             if other is None:
                 break
             again = self._replayed(other)
@@ -248,9 +246,8 @@ class Refinement:
         ends = motion.times
         times = np.linspace(0.0, ends[-1], n * _LOOKS + 1)
         controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
-        until = self._budget.part(max(self._budget.remaining, _LEAST_REPLAY))
         given = lines(ends, u), motion.states[0], self._numbers
-        flown = self.trace.integrator(*given, until)  # of hours, it may take seconds
+        flown = self.trace.integrator(*given, self._budget.with_grace())
         nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
         states = nowhere if flown is None else flown.states(times)
         seen = Call(self.trace.margins, times.size)(
@@ -271,7 +268,7 @@ class Refinement:
         gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
         away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)
-        left = float(np.argmax(np.append(away.any(axis=1), True)))
+        left = int(np.argmax(np.append(away.any(axis=1), True)))
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, left)
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:

@@ -58,7 +58,6 @@ _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left o
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
-_LEAST_CHECK = 0.04  # s that a check may take past the deadline
 _ROUNDS = 4  # of refinement of one candidate; of guesses while none leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
@@ -89,7 +88,8 @@ class DirectSearch(Search[Candidate]):
         self._plant = DirectPlant(problem)
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
-        self._refines = refined and not self._refinement.ends.lost  # boundary conditions
+        # Not where collocation would lose a boundary condition.
+        self._refines = refined and not self._refinement.ends.lost
         # When minimising before any check has to end [s]: a check takes its time, too.
         kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
         self._latest = budget.seconds - kept
@@ -380,7 +380,7 @@ class DirectSearch(Search[Candidate]):
             trajectory = Trajectory.of(
                 problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
-            until = self.budget.part(max(self.budget.remaining, _LEAST_CHECK))
+            until = self.budget.with_grace()
             check = verify(
                 self._plant,
                 trajectory,

@@ -27,6 +27,7 @@ from tdm_planner.verification import Constraint
 
 Left = Mapping[str, tuple[float | None, float | None]]  # of limits at start and end
 
+CONDITIONS = 'start_conditions', 'end_conditions'  # checked one by one, 'end_conditions 0'
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
 # Share by which rates differ where two statements contradict each other, 1e-12 where they do not;
 # that from which nothing is planned: `invert` may round what has a kink in `derivative`.
@@ -270,10 +271,7 @@ def constraints_of(
 
     found = list(limits_of(stated, trajectory, tolerances))
     first = trajectory.times[:1], trajectory.states[:1]
-    for function, at in (
-        ('start_conditions', slice(0, 1)),
-        ('end_conditions', slice(-1, None)),
-    ):
+    for function, at in zip(CONDITIONS, (slice(0, 1), slice(-1, None)), strict=True):
         for index in range(len(stated.parts(function, *first))):
             found.append(Constraint(f'{function} {index}', partial(missed, function, at, index)))
     return tuple(found)

@@ -232,6 +232,7 @@ def test_a_condition_that_collocation_would_lose_is_kept():
     ends = {'x': Output((-2.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=4, derivatives=2)}
     ends['y'] = Output((0.6, 0.0), (0.6, 0.0), free=4)
     plan = changed(Car, outputs=lambda s: ends)().solve()
+    assert plan.trajectory.interpolation == 'linear'
     assert 'not refined by collocation' in plan.summary
     assert plan.trajectory.controls[-1, 0] == pytest.approx(0.0, abs=1e-6)
 
