@@ -22,7 +22,6 @@ from tdm_planner.arrays import Array
 from tdm_planner.plants.base import integrate, Plant, SymbolicPlant
 
 PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
-_HISTORY = 2.0  # s of commands that are remembered
 _GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
@@ -55,10 +54,10 @@ class PlantWithGains(SymbolicPlant):
 
 
 class CommandHistory:
-    """The controls sent, each valid until the next one is sent; zero before the first."""
+    """The controls sent in the last `span` s, each valid until the next one; zero before."""
 
-    def __init__(self, size: int) -> None:
-        self._zero = np.zeros(size)
+    def __init__(self, size: int, span: float) -> None:
+        self._zero, self._span = np.zeros(size), span
         self._times: list[float] = []
         self._controls: list[Array] = []
 
@@ -69,8 +68,8 @@ class CommandHistory:
             self._controls.pop()
         self._times.append(time)
         self._controls.append(control)
-        if self._times[0] < time - 2 * _HISTORY:
-            kept = bisect_right(self._times, time - _HISTORY) - 1
+        if self._times[0] < time - 2 * self._span:
+            kept = bisect_right(self._times, time - self._span) - 1
             del self._times[:kept], self._controls[:kept]
 
     def clear(self) -> None:
@@ -148,7 +147,8 @@ class StateEstimator:
         self._plant = plant
         self.noise = noise
         self.size = len(plant.state_names)
-        self.history = CommandHistory(len(plant.control_names))
+        span = (_LONGEST + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
+        self.history = CommandHistory(len(plant.control_names), span)
         self._longest_gap, self._longest_step = longest_gap, longest_step
         self.angles = angles
         more = (0, self.size - noise.measurement.size)

@@ -53,7 +53,7 @@ def test_an_absurd_sample_is_forgotten(estimator: StateEstimator, index: int, si
 
 
 def test_history_splits_an_interval_at_the_commands() -> None:
-    history = CommandHistory(1)
+    history = CommandHistory(1, 2.0)
 
     def pieces(*interval: float) -> list[tuple[float, float]]:
         return [(round(d, 9), float(u[0])) for d, u in history.between(*interval)]
@@ -96,7 +96,7 @@ def delay_found(late: float, guess: float, seed: int, finds: bool = True) -> flo
     """Return the estimate after commands that acted `late` s late; few of them were changed."""
     estimator = StateEstimator(PLANT, NOISE, angles=[0], longest_gap=0.1, delay=guess)
     estimator.find_delay(finds)
-    state, sent, noise = HANGING, CommandHistory(1), np.random.default_rng(seed)
+    state, sent, noise = HANGING, CommandHistory(1, 2.0), np.random.default_rng(seed)
     command = np.array([0.03])
     for k in range(300):
         now = k * TICK
@@ -138,7 +138,7 @@ class Sensor:
     """A watch on a pendulum, fed with samples 5 ms apart under a torque."""
 
     def __init__(self, estimator: StateEstimator) -> None:
-        self.history, self.move = estimator.history, estimator.move
+        self.estimator, self.history, self.move = estimator, estimator.history, estimator.move
         self.watch = RepetitionWatch(estimator, 0.1)
         self.time = 0.0
 
@@ -188,6 +188,26 @@ def test_a_plant_that_a_command_has_not_reached_yet_is_not_stuck(sensor, wait) -
     assert not any(sensor.show(HANGING, 0.0) for _ in range(wait))
     assert not any(sensor.show(HANGING, 1.0) for _ in range(3))
     assert sensor.moves(HANGING, 1.0, 20)
+
+
+class Hover:
+    """A point that a constant force holds up: z'' = u - g."""
+
+    state_names, control_names = ('z', 'v'), ('u',)
+
+    def derivative(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
+        return np.stack([state[..., 1], control[..., 0] - 9.81], axis=-1)
+
+
+@pytest.mark.parametrize('window', [0.05, 0.2, 1.0, 2.0])
+def test_a_plant_that_a_command_holds_at_rest_is_not_stuck(window: float) -> None:
+    """Commands are remembered for as long as is looked back on."""
+    noise = EstimatorNoise(np.array([1e-3, 1e-3]), 0.1, np.array([0.0, 1.0]))
+    hover = Sensor(StateEstimator(Hover(), noise, [], longest_gap=window))
+    hover.watch = RepetitionWatch(hover.estimator, window)
+    resting = np.zeros(2)
+    assert hover.until_stuck(resting, 9.81, 20.0 * window) == math.inf
+    assert hover.until_stuck(resting, 30.0, 20.0 * window) < 10.0 * window
 
 
 def test_it_stays_stuck_until_another_number_or_the_plant_should_rest(sensor: Sensor) -> None:
