@@ -3,7 +3,7 @@
 
 """Simulated plants: integrator, commands, wheel; pushes, noise, mismatched constants."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from unittest.mock import Mock
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from stated import Car
-from tdm_planner.parameters import to_mapping
+from tdm_planner.parameters import parameter, Range, to_mapping, Validated
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -30,6 +30,13 @@ LIMIT = np.array([0.02])
 LIMITLESS = np.full((2, 2), [[-1e9], [1e9]])
 SETUP = PlantSetup(PLANT, initial=HANGING, limits=np.array([-LIMIT, LIMIT]), noise=np.zeros(4))
 SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
+
+
+@dataclass(frozen=True)
+class Filled(Validated):
+    """A plant with a constant that is a share."""
+
+    level: float = parameter(0.5, 'share that is filled', allowed=Range(0.0, 1.0))
 
 
 def simulation(setup: PlantSetup = SETUP, **changes) -> SimulatedPlant:
@@ -179,6 +186,8 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
         assert all(abs(disturbed[name] / nominal[name] - 1.0) <= most for name in nominal)
         assert mismatched(plant, mismatch, seed) == made
         assert mismatched(plant, 0.0, seed) == plant
+    full = mismatched(Filled(1.0), mismatch, seed).level
+    assert 1.0 - most <= full <= 1.0
     gains, again = (
         simulated.robot_actuators(RobotLimits(), mismatch, seed)['gains'] for _ in range(2)
     )
