@@ -106,8 +106,12 @@ class NodeProcesses:
 
     def last_line(self, name: str) -> str:
         """Return the last line a process printed, and where its log is."""
-        lines = self._log(name).read_text(errors='replace').strip().splitlines()
+        lines = self.printed(name).strip().splitlines()
         return f'{lines[-1] if lines else "it printed nothing"} (see {self._log(name)})'
+
+    def printed(self, name: str) -> str:
+        """Return all that a process has printed."""
+        return self._log(name).read_text(errors='replace')
 
     def end(self) -> dict[str, int]:
         """Interrupt every process, wait, and return the exit codes by name."""

@@ -57,7 +57,7 @@ class Recordings:
         words = ['record', '-o', str(bag), '--namespace', self._namespace]
         self._recorder.start('recorder', 'tdm_planner.cli', words)
         latest = time.monotonic() + _FIRST
-        while RECORDING not in self._recorder.last_line('recorder'):
+        while RECORDING not in self._recorder.printed('recorder'):
             late = time.monotonic() > latest
             if late or self._recorder.ended():
                 self._recorder.end()

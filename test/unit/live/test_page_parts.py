@@ -257,6 +257,21 @@ def test_without_a_message_nothing_is_recorded(tmp_path, monkeypatch, patience, 
     assert made.last is None
 
 
+def test_a_recording_has_begun_whatever_is_told_after_that(tmp_path, monkeypatch):
+    begin, talks = NodeProcesses.start, ['talks', []]
+    said = f'{operations.RECORDING} a bag\n/x is not recorded: its type is unknown'
+    (tmp_path / 'talks.py').write_text(
+        f'print({said!r}, flush=True); __import__("time").sleep(60)'
+    )
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    monkeypatch.setattr(NodeProcesses, 'start', lambda self, name, *_: begin(self, name, *talks))
+    made = Recordings(tmp_path, 'space')
+    assert made.start() == made.last
+    assert made.running
+    with pytest.raises(ProcessFailed, match='recorder'):  # it did not end as `tdm record` does
+        made.stop()
+
+
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e4])
 def test_plants_of_any_size_are_in_sight(size: float, server) -> None:
     seen = view_on([Line(((0.0, 0.0, 0.0), (size, size, size)))])
