@@ -268,9 +268,22 @@ def _live(options: argparse.Namespace) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from tdm_sim.recorder import run
+    from tdm_sim.recorder import IncompleteRecording, record
 
-    return run(options.output, options.topics, options.storage, options.quiet, options.namespace)
+    given = options.output, options.topics, options.storage, options.namespace
+    try:
+        with Progress(options.quiet) as progress:
+            done = record(*given, progress)
+    except IncompleteRecording as error:
+        _say(f'{error.code}: {error}')
+        return EXIT_MISSED
+    progress.line(
+        f'{done.messages} messages in {done.elapsed:.1f} s written to {options.output}, '
+        f'{done.dropped} dropped'
+    )
+    for topic, count in sorted(done.counts.items()):
+        progress.line(f'  {count:8d}  {topic}')
+    return EXIT_DONE
 
 
 def _report(options: argparse.Namespace) -> int:

@@ -16,13 +16,13 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 import json
 from pathlib import Path
-import tempfile
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from rclpy.logging import get_logging_directory
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
@@ -138,7 +138,8 @@ class Launch:
         if robots:
             view = _view_of_robots(view, robots, length, width)
         view = view.replace(f'Value: /{name}/', f'Value: /{self.namespace}/'.replace('//', '/'))
-        file = Path(tempfile.mkdtemp(), 'view.rviz')
+        file = Path(get_logging_directory(), f'tdm_{self.namespace.replace("/", "_")}.rviz')
+        file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(view, encoding='utf-8')
         return self.foreign_node('rviz2', 'rviz', arguments=['-d', str(file)])
 

@@ -14,7 +14,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 import importlib
 from pathlib import Path
-import sys
 import threading
 import time
 from typing import Any
@@ -202,23 +201,3 @@ def record(
             f'{writer.failure}; the recording ends there, with {done.messages} messages'
         )
     return done
-
-
-def run(
-    output: Path, topics: Sequence[str], storage: str, quiet: bool, namespace: str | None
-) -> int:
-    """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
-    shown = Progress(quiet)
-    try:
-        with shown:
-            done = record(output, topics, storage, namespace, shown)
-    except RecordingError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1 if isinstance(error, IncompleteRecording) else 2
-    shown.line(
-        f'{done.messages} messages in {done.elapsed:.1f} s written to {output}, '
-        f'{done.dropped} dropped'
-    )
-    for topic, count in sorted(done.counts.items()):
-        shown.line(f'  {count:8d}  {topic}')
-    return 0

@@ -202,7 +202,8 @@ def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> 
     _wait(lambda: clock.runs and not adapter.missing(), longest)
     missing = adapter.missing()
     if missing and clock.runs:
-        raise NoState(f'{"; ".join(missing)} within {longest:g} s (start.max_age)')
+        limit = ' (start.max_age)' if longest == max_age else ', the longest that a request waits'
+        raise NoState(f'{"; ".join(missing)} within {longest:g} s{limit}')
 
 
 def _time_until(start: float, sooner: float | None, now: float) -> float:

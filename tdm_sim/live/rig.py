@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from tdm_planner.arrays import Array
 from tdm_planner.client import PlanResult
 from tdm_planner.drawing import COLOURS, rgb
@@ -53,6 +54,7 @@ class Rig:
         self.view = PlantView(PENDULUM)
         self.vehicles: dict[str, MeasuredState] = {}
         self.motions: dict[str, Motion] = {}
+        self._subscriptions: list[Subscription[Any]] = []  # of the vehicles' states
         self.plan: PlanResult | None = None
         self.solve_times: deque[float] = deque(maxlen=_KEPT)  # of the last plans [s]
         self.chosen = ''
@@ -71,9 +73,13 @@ class Rig:
         others = self.problem is None or self.view.kind != view.kind
         others |= names != list(self.vehicles)
         if others:
+            node = self._listener.states
+            for subscription in self._subscriptions:
+                node.destroy_subscription(subscription)
+            before = len(list(node.subscriptions))
             self.vehicles = {
                 name: MeasuredState(
-                    self._listener.states,
+                    node,
                     self._clock,
                     view.kind,
                     f'{name}/' if several else '',
@@ -82,6 +88,7 @@ class Rig:
                 )
                 for name in names
             }
+            self._subscriptions = list(node.subscriptions)[before:]
             self.chosen, self.plan, self.motions = names[0], None, {}
         self.problem, self.view = problem, view
         return others

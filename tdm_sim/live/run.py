@@ -22,7 +22,6 @@ from rclpy.context import Context
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_planner.plan_files import make_folder
-from tdm_planner.starting import require_one_ros
 from tdm_sim.live.listener import Listener
 from tdm_sim.live.operations import Recordings
 from tdm_sim.live.page import Page
@@ -55,7 +54,6 @@ def run_live(
     Raise InvalidProblem if there is no such problem, or the parameter file or the address cannot
     be used; UnusableFile if the folder cannot be made.
     """
-    require_one_ros()
     _check_address(host)
     namespace, scene = _meant(nodes, parameters)
     if scene is None and parameters is not None:

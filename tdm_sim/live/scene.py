@@ -149,7 +149,7 @@ def pulled(
     Return the plant's parameters with which a push goes where its body was pulled.
 
     `values` are the plant's parameters, `state` (nx,) is that of the vehicle that was pulled from
-    `start` to `end` [m]. None for a plant whose pushes have no direction.
+    `start` to `end` [m]. Nothing for a plant whose pushes have no direction.
     """
     way = np.subtract(end, start)
     if isinstance(problem, RobotFormation):

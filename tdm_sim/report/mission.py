@@ -149,13 +149,12 @@ class PlanFigures:
     """
     The planner's figures of a plan; None or empty where they are not known.
 
-    `time` is the start of its motion [s since the mission's origin], `late` whether it was
-    published after that; `terminal_error` is the replayed final state's difference from the goal,
-    by state (of several vehicles ``vehicle.state``); `parameters` are the problem's, by dotted
-    name; `vehicles` are by name; `document` is what all this was read from.
+    `late` says whether it was published after the start of its motion; `terminal_error` is the
+    replayed final state's difference from the goal, by state (of several vehicles
+    ``vehicle.state``); `parameters` are the problem's, by dotted name; `vehicles` are by name;
+    `document` is what all this was read from.
     """
 
-    time: float
     cost: float | None = None
     cost_terms: Mapping[str, float] = field(default_factory=dict)
     solve_time: float | None = None

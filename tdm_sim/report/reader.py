@@ -150,10 +150,7 @@ def _mission(
     plans = {site: read_plans(topics, site, summaries, notes) for site in sites}
     starts = sorted({start for found in plans.values() for start in found})
     origin = (starts or sorted(summaries) or [first_measured(topics, sites)])[0]
-    figures = [
-        replace(told, time=(start - origin) * NANOSECOND)
-        for start, told in sorted(summaries.items())
-    ]
+    figures = [summaries[start] for start in sorted(summaries)]
     vehicles = [
         recorded_vehicle(topics, site, origin, followed(plans[site], origin)) for site in sites
     ]

@@ -32,14 +32,13 @@ def text(value: object, longest: int = LONGEST_TEXT) -> str:
 
 def plan_figures(document: Mapping[str, Any]) -> PlanFigures:
     """
-    Return the figures of a plan file or summary, as if its motion started at the origin.
+    Return the figures of a plan file or summary.
 
     Raise one of `UNREADABLE` where they are not as they are written.
     """
     cost, solve_time = document.get('cost'), document.get('solve_time')
     errors = document.get('verification', {}).get('terminal_error', {})
     return PlanFigures(
-        time=0.0,
         cost=None if cost is None else float(cost),
         cost_terms={text(k, 200): float(v) for k, v in document.get('cost_terms', {}).items()},
         solve_time=None if solve_time is None else float(solve_time),

@@ -99,6 +99,11 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
     told = seen.told(lambda: seen.operations.pull('pendulum', (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
     assert '-' in told
     assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
+    # Of vehicles that are gone nothing is read any more.
+    read = len(list(listener.states.subscriptions))
+    seen.rig.vehicles = {}
+    assert seen.rig.follow(seen.values(PLANNING))
+    assert len(list(listener.states.subscriptions)) == read
 
 
 def test_a_start_that_is_dragged_is_planned_from_and_a_slider_acts_on_all_nodes(seen):

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import launch_stand_ins
 from launch_stand_ins import described, ExecuteProcess, Node, stand_ins  # noqa: F401
 import pytest
+from rclpy.logging import get_logging_directory
 from ros_harness import SOURCE
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
@@ -121,7 +122,7 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
     assert recorder.cmd[1:] == ['record', '--quiet', '--output', 'bag', *space]
     assert Path(recorder.cmd[0]).name == 'tdm'
     option, file = one(started, 'rviz2').arguments
-    assert option == '-d'
+    assert (option, Path(file).parent) == ('-d', get_logging_directory())
     assert f'Value: /{above}hall/{topic}\n' in Path(file).read_text()
     for node in started:
         if getattr(node, 'package', '') == 'tdm_planner':

@@ -138,7 +138,7 @@ def test_folders_and_storages_that_cannot_be_are_refused(tmp_path, capsys):
         with pytest.raises(RecordingError, match=words):
             record(bag, storage=storage)
     assert main(['record', '-o', str(tmp_path)]) == 2
-    told = f"error: the folder '{tmp_path}' exists already: choose another or remove it\n"
+    told = f"tdm: RECORDING: the folder '{tmp_path}' exists already: choose another or remove it\n"
     assert capsys.readouterr() == ('', told)
     assert [path.name for path in tmp_path.iterdir()] == ['precious']
 
@@ -162,13 +162,14 @@ def test_the_command_tells_how_far_it_is_and_how_it_ended(monkeypatch, capsys, q
     failures = IncompleteRecording('full'), RecordingError('x')
     monkeypatch.setattr(recorder, 'record', Mock(side_effect=[DONE, *failures]))
     assert str(DONE) == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
-    assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == 0
+    command = ['record', '-o', 'bag', *['-q'] * quiet]
+    assert main(command) == 0
     shown = capsys.readouterr().out
     for words in ('written to bag, 2 dropped', '       4  /b'):
         assert (words in shown) != quiet
     for failure, code in zip(failures, (1, 2), strict=True):
-        assert recorder.run(Path('bag'), [], 'mcap', quiet, None) == code
-        assert capsys.readouterr().err == f'error: {failure}\n'
+        assert main(command) == code
+        assert capsys.readouterr().err == f'tdm: RECORDING: {failure}\n'
 
 
 def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:

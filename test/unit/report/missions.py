@@ -102,7 +102,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         parts.Event(1.25, parts.Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
     )
     vehicle = RecordedVehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found)
-    figures = parts.PlanFigures(0.0, 2.0, summary='upright after 2 s')
+    figures = parts.PlanFigures(2.0, summary='upright after 2 s')
     more = {'events': events, 'parameters': PENDULUM_PARAMETERS}
     more |= {'source': '/bags/one', 'recorded_at': 1.7e9}
     plain = Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), **more)

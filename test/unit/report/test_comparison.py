@@ -36,13 +36,13 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     seen, applied = Signals.both(plan, at, Sample(measured, torque))
     view, plans = PendulumView(problem=PendulumSwingUp()), (FollowedPlan(plan, 0.0),)
     vehicle = mission.RecordedVehicle('pendulum', view, plans, states=seen, applied=applied)
-    figures = PlanFigures(0.0, DURATION, solve_time=0.2, terminal_error={'theta': 2e-5})
+    figures = PlanFigures(DURATION, solve_time=0.2, terminal_error={'theta': 2e-5})
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
 
 def formation(after: float = 7.0, **changes) -> Mission:
-    figures = PlanFigures(0.0, 1.0, cost_terms={'time': 0.1, 'gas': 0.9})
+    figures = PlanFigures(1.0, cost_terms={'time': 0.1, 'gas': 0.9})
     return formation_mission(after=after, **({'figures': (figures,)} | changes))
 
 
@@ -182,7 +182,7 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
         Event(0.3, Severity.WARN, '/p/planner', 'NO_STATE: none'),
     )
     times = enumerate((0.3, 0.6, 0.9, 0.2))
-    figures = tuple(PlanFigures(0.2 * k, solve_time=s, late=k > 1) for k, s in times)
+    figures = tuple(PlanFigures(solve_time=s, late=k > 1) for k, s in times)
     mission = replace(swing_up(), events=events, figures=figures)
     assert missed_deadlines(mission) == 4  # two plans took more than 0.5 s, one came too late
     comparison = compare(mission)
