@@ -247,7 +247,7 @@ class PlanClient:
             message = received.get(f'{vehicle}/trajectory', received.get('trajectory'))
             if message is None:
                 return None
-            trajectories[vehicle] = read_plan(PlantKind.from_dict(told), message)
+            trajectories[vehicle] = read_plan(PlantKind.from_dict(told), message, rated=True)
         return PlanResult(
             **{f.name: summary[f.name] for f in fields(PlanResult) if f.name in summary},
             start=start,

@@ -13,7 +13,7 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 def pendulum_urdf(plant: RotaryPendulum) -> str:
     """
-    Return the URDF of a pendulum, with the plant's masses, inertias and lengths.
+    Return the URDF of a pendulum, with the plant's masses, inertias, lengths and damping.
 
     Links `world` (fixed), `base`, `disk`, `rod`; continuous joints `disk`, about z, and
     `pendulum`, about -x of the disk, on the disk's rim. The plant does not know the disk's mass,
@@ -39,6 +39,8 @@ def pendulum_urdf(plant: RotaryPendulum) -> str:
         'inertia_z': of.y,
         'rod_radius': 0.035 * rod_length,
         'rod_length': rod_length,
+        'disk_damping': plant.damping.disk,
+        'pivot_damping': plant.damping.pivot,
     }
     template = config_file('pendulum.urdf.template').read_text(encoding='utf-8')
     return Template(template).substitute(numbers)

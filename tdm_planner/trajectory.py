@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import suggestion
 
 if TYPE_CHECKING:
     from tdm_planner.plants.base import Named
@@ -68,7 +69,7 @@ class Trajectory:
     rates: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ('times', 'states', 'controls'):
+        for name in ('times', 'states', 'controls', *['rates'] * (self.rates is not None)):
             values = np.array(getattr(self, name), dtype=float)
             if not np.isfinite(values).all():
                 raise InvalidProblem(f"trajectory '{name}' holds a value that is not finite")
@@ -85,6 +86,11 @@ class Trajectory:
                 raise InvalidProblem(
                     f"trajectory '{name}' has shape {shape}, expected {(n, len(names))}"
                 )
+        if self.rates is not None and self.rates.shape != (n - 1, 2, len(self.state_names)):
+            raise InvalidProblem(
+                f"trajectory 'rates' has shape {self.rates.shape}, expected a pair of "
+                f'{len(self.state_names)} rates for each of {n - 1} intervals'
+            )
         if not (np.diff(self.times) > 0).all():
             first = int(np.argmin(np.diff(self.times) > 0))
             raise InvalidProblem(
@@ -175,11 +181,11 @@ class Trajectory:
 
     def state(self, name: str) -> Array:
         """Return the samples of the state called `name`, (N,)."""
-        return self.states[:, self.state_names.index(name)]
+        return self.states[:, _place(name, 'state', self.state_names)]
 
     def control(self, name: str) -> Array:
         """Return the samples of the control called `name`, (N,)."""
-        return self.controls[:, self.control_names.index(name)]
+        return self.controls[:, _place(name, 'control', self.control_names)]
 
     def sample(self, t: ArrayLike) -> Sample:
         """Read states and controls at time(s) `t` [s], held at the ends outside the samples."""
@@ -229,13 +235,15 @@ class Trajectory:
         return self.control_pieces.antiderivative()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the JSON file holds: times, states, controls, interpolation, units."""
+        """Return what the JSON file holds: samples, interpolation, units, rates."""
+        rates = [] if self.rates is None else np.moveaxis(self.rates, -1, 0).tolist()
         return {
             'times': self.times.tolist(),
             'states': {n: self.state(n).tolist() for n in self.state_names},
             'controls': {n: self.control(n).tolist() for n in self.control_names},
             'interpolation': self.interpolation,
             'units': self.units,
+            'rates': dict(zip(self.state_names, rates, strict=False)),
         }
 
     @classmethod
@@ -252,6 +260,7 @@ class Trajectory:
         try:
             states, controls = dict(data['states']), dict(data['controls'])
             units = {str(name): str(unit) for name, unit in data.get('units', {}).items()}
+            rates = [data['rates'][name] for name in states] if data.get('rates') else None
             return cls(
                 times=np.asarray(data['times'], dtype=float),
                 states=np.asarray(list(states.values()), dtype=float).T,
@@ -261,6 +270,7 @@ class Trajectory:
                 interpolation=data['interpolation'],
                 state_units=tuple(units.get(name, '') for name in states) if units else (),
                 control_units=tuple(units.get(name, '') for name in controls) if units else (),
+                rates=None if rates is None else np.moveaxis(np.asarray(rates, float), 0, -1),
             )
         except KeyError as error:
             raise InvalidProblem(f'the trajectory has no {error}') from None
@@ -313,6 +323,13 @@ def lines(times: Array, values: Array) -> PPoly:
     slopes = np.diff(values, axis=0) / np.diff(times)[:, None]
     # Before SciPy 1.15 `antiderivative` takes no times that are read-only.
     return PPoly(np.stack([slopes, values[:-1]]), times.copy())
+
+
+def _place(name: str, kind: str, names: tuple[str, ...]) -> int:
+    if name not in names:
+        hint = suggestion(name, names) or f'it has {", ".join(names)}'
+        raise InvalidProblem(f"the trajectory has no {kind} '{name}': {hint}")
+    return names.index(name)
 
 
 def _linear(t: Array, times: Array, values: Array) -> Array:

@@ -37,6 +37,7 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
     arm, gravity = p['plant.arm_length'], p['plant.gravity']
     ix, iy, iz = (p[f'plant.inertia.{axis}'] for axis in 'xyz')
     disk = p['plant.inertia.disk']
+    pivot, bearing = p['plant.damping.pivot'], p['plant.damping.disk']
 
     def rates(state: State, control: list[float]) -> State:
         theta, _, w, q = state
@@ -45,8 +46,8 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
         b = mass * length * arm * c
         j = disk + mass * arm**2 + (ix + mass * length**2) * s * s + iy * c * c
         k = ix - iy + mass * length**2
-        r1 = k * s * c * q * q + mass * gravity * length * s
-        r2 = control[0] - 2 * k * s * c * w * q + mass * length * arm * s * w * w
+        r1 = k * s * c * q * q + mass * gravity * length * s - pivot * w
+        r2 = control[0] - 2 * k * s * c * w * q + mass * length * arm * s * w * w - bearing * q
         d = a * j - b * b
         return [w, q, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
 

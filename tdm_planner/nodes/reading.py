@@ -11,6 +11,7 @@ plant's `PlantKind` says which joints they have.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -23,6 +24,7 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
 
 _UNIT_TOLERANCE = 1e-3
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
+_RATES = ('velocities', 'accelerations', 'effort')  # where the rates of those that are states are
 
 
 def nanoseconds_of(message: Any) -> int:
@@ -36,14 +38,20 @@ def seconds_of(message: Any) -> float:
 
 
 def read_plan(
-    kind: PlantKind, message: Any, interpolation: Interpolation | None = None
+    kind: PlantKind,
+    message: Any,
+    interpolation: Interpolation | None = None,
+    *,
+    rated: bool = False,
 ) -> Trajectory:
     """
     Read a plan from a JointTrajectory; joints may come in any order.
 
     A message does not say how controls run between its points. Unless `interpolation` or the
     plant's kind says so, efforts that stay equal over most intervals are held (switched controls),
-    others are read as linear between the points.
+    others are read as linear between the points. `rated` says that velocities and accelerations
+    are the rates of the states, as a planner of ours writes them: states are then read by them
+    between the points, unless controls are held, which have two rates at a switch.
 
     Raise InvalidProblem for another frame, joints that are missing, lengths that do not match,
     values that are not finite, or times that do not increase strictly from 0 or later.
@@ -62,13 +70,18 @@ def read_plan(
         return values.reshape(len(names), len(points)).T
 
     efforts = stacked([joint.effort for joint in kind.joints if joint.effort in known])
-    return Trajectory.of(
+    plan = Trajectory.of(
         kind,
         _instants(points),
         stacked(kind.state_names),
         stacked(kind.control_names),
         interpolation or kind.interpolation or _looks_like(efforts),
     )
+    if not rated or plan.interpolation == 'zero_order_hold':
+        return plan
+    columns = _columns(kind.joints, message.joint_names, {*kind.state_names}, points, _RATES, told)
+    rates = stacked(kind.state_names)
+    return replace(plan, rates=np.stack([rates[:-1], rates[1:]], axis=1))
 
 
 def _columns(

@@ -344,7 +344,7 @@ class TrackerNode(ManagedNode):
             'phase': phase.value,
             'state age [s]': self.tracker.state_age(now),
             'delay of states [s]': self._delay,
-            'delay of commands [s]': self.tracker.estimator.delay,
+            **self.tracker.found,
             'deviation': self._deviation,
             'time since start [s]': 'none' if motion is None else now - motion.start,
             'trajectories accepted': self._accepted,

@@ -56,15 +56,17 @@ def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
     """
     Time scale of the motion about a state [s]; an integration step is to be a share of it.
 
-    It is short where gravity or the disk's rate pull strongly, and where the determinant of the
-    mass matrix, the divisor of both accelerations, changes quickly with theta.
+    It is short where gravity or the disk's rate pull strongly, where damping is strong, and where
+    the determinant of the mass matrix, the divisor of both accelerations, changes quickly with
+    theta.
     """
     sine, cosine = sine_and_cosine(theta)
     j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
     bend = k.pendulum * (k.disk_sine - k.disk_cosine) + k.arm * k.arm
     determinant = k.pendulum * j - k.arm * k.arm * cosine * cosine
     pull = j * (k.gravity + abs(k.coupling) * v * v) + abs(bend) * w * w
-    return math.sqrt(determinant / pull)
+    stop = k.pivot_damping * j + k.disk_damping * k.pendulum
+    return math.sqrt(determinant / (pull + stop * stop / determinant))
 
 
 @compiled

@@ -7,16 +7,18 @@ The rotary (Furuta) pendulum: equations of motion, derivatives, energy.
 theta is the pendulum's angle from UPRIGHT, psi the disk's (arm's), both positive about their axes
 as in section 4.1 of Yakimenko (2006). With m the pendulum's mass, l the distance from its pivot to
 its centre of mass, r the arm's length, I_d the disk's inertia about the vertical and I_x, I_y, I_z
-the pendulum's about its centre of mass (y along the rod, z the pivot's axis),
+the pendulum's about its centre of mass (y along the rod, z the pivot's axis), d_1 and d_2 the
+damping of pivot and disk,
 
     A = I_z + m l^2,  c = I_x - I_y + m l^2,  B = m l r cos(theta),
     J = I_d + m r^2 + (I_x + m l^2) sin(theta)^2 + I_y cos(theta)^2,
 
-    A theta'' + B psi'' = r_1 = (c/2) sin(2 theta) psi'^2 + m g l sin(theta)
-    B theta'' + J psi'' = r_2 = T - c sin(2 theta) theta' psi' + m l r sin(theta) theta'^2.
+    A theta'' + B psi'' = r_1 = (c/2) sin(2 theta) psi'^2 + m g l sin(theta) - d_1 theta'
+    B theta'' + J psi'' = r_2 = T - c sin(2 theta) theta' psi' + m l r sin(theta) theta'^2
+                                - d_2 psi'.
 
-These are equations (6)-(7) of the paper with their misprints mended; the same form follows from
-Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
+These are equations (6)-(7) of the paper, which has no damping, with their misprints mended; the
+same form follows from Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
 """
 
 from __future__ import annotations
@@ -30,21 +32,23 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, positive, Validated
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, positive, Validated
 from tdm_planner.plants.base import SymbolicPlant
 
 # Below this share of A J the mass matrix's determinant is lost in rounding.
 _SMALLEST_DETERMINANT = 1e-9
 _MOST_ACROSS = 100.0  # times the inertia upright that steps account for
+_SOON = 0.25  # times the rate at which damping stops a motion, over w0: as many more steps
 _MOST_QUICK = 32.0  # times the usual steps; with more of them no plan would be in time
 
 
 class Coefficients(NamedTuple):
     """
-    The seven lumped constants in which the equations of motion are linear.
+    The nine lumped constants in which the equations of motion are linear.
 
     `coupling` is c [kg m^2], `pendulum` A, `disk` I_d + m r^2, `disk_sine` I_x + m l^2,
-    `disk_cosine` I_y, `arm` m l r [all kg m^2], `gravity` m g l [N m].
+    `disk_cosine` I_y, `arm` m l r [all kg m^2], `gravity` m g l [N m], `pivot_damping` d_1 and
+    `disk_damping` d_2 [N m s].
     """
 
     coupling: float
@@ -54,6 +58,8 @@ class Coefficients(NamedTuple):
     disk_cosine: float
     arm: float
     gravity: float
+    pivot_damping: float
+    disk_damping: float
 
 
 def mechanics(
@@ -65,8 +71,8 @@ def mechanics(
     return (
         k.arm * cosine,
         k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine,
-        turning * psi_dot + k.gravity * sine,
-        (k.arm * sine * theta_dot - 2.0 * turning) * theta_dot,
+        turning * psi_dot + k.gravity * sine - k.pivot_damping * theta_dot,
+        (k.arm * sine * theta_dot - 2.0 * turning) * theta_dot - k.disk_damping * psi_dot,
     )
 
 
@@ -140,6 +146,18 @@ class PendulumInertia(Validated):
 
 
 @dataclass(frozen=True)
+class PendulumDamping(Validated):
+    """Torques against the motion that grow with the speed: of bearings, and of a back e.m.f."""
+
+    pivot: float = parameter(
+        0.0, "damping of the pendulum's pivot", unit='N m s', allowed=NON_NEGATIVE
+    )
+    disk: float = parameter(
+        0.0, "damping of the disk's axis and motor", unit='N m s', allowed=NON_NEGATIVE
+    )
+
+
+@dataclass(frozen=True)
 class RotaryPendulum(Validated, SymbolicPlant):
     """
     A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
@@ -157,6 +175,7 @@ class RotaryPendulum(Validated, SymbolicPlant):
     )
     gravity: float = positive(9.81, 'acceleration due to gravity', 'm/s^2')
     inertia: PendulumInertia = group(PendulumInertia)
+    damping: PendulumDamping = group(PendulumDamping)
 
     state_names: ClassVar[tuple[str, ...]] = ('theta', 'psi', 'theta_dot', 'psi_dot')
     state_units: ClassVar[tuple[str, ...]] = ('rad', 'rad', 'rad/s', 'rad/s')
@@ -177,6 +196,13 @@ class RotaryPendulum(Validated, SymbolicPlant):
                 f'{self.arm_length:g} m the inertias must be neither negligible nor excessive'
             )
 
+        most = _MOST_QUICK / _SOON * self.natural_frequency
+        if self._stopping > most:
+            raise InvalidProblem(
+                f"parameters 'plant.damping.*' stop a motion within {1.0 / self._stopping:.3g} s: "
+                f'must leave it {1.0 / most:.3g} s or more'
+            )
+
     @cached_property
     def coefficients(self) -> Coefficients:
         """Lumped constants of the equations of motion."""
@@ -190,6 +216,8 @@ class RotaryPendulum(Validated, SymbolicPlant):
             disk_cosine=self.inertia.y,
             arm=first_moment * self.arm_length,
             gravity=first_moment * self.gravity,
+            pivot_damping=self.damping.pivot,
+            disk_damping=self.damping.disk,
         )
 
     @property
@@ -206,17 +234,25 @@ class RotaryPendulum(Validated, SymbolicPlant):
     @property
     def quickness(self) -> float:
         """
-        How many times as many steps as usual a light disk's quick swings take; 1 to 32.
+        How many times as many steps as usual quick motions take; 1 to 32.
 
-        The disk turns with the pendulum. Where that has most of the inertia it does so within a
-        small angle about upright and hanging.
+        A light disk turns with the pendulum. Where that has most of the inertia it does so within
+        a small angle about upright and hanging. Strong damping stops a motion soon.
         """
         k = self.coefficients
         scale = self.determinant + k.arm**2
         across = (k.disk_sine - k.disk_cosine) / (k.disk + k.disk_cosine)
         across = min(max(across, 1.0), _MOST_ACROSS)
         quick = 0.5 * math.sqrt(across * scale / self.determinant)
-        return min(max(1.0, quick), _MOST_QUICK)
+        stopped = _SOON * self._stopping / self.natural_frequency
+        return min(max(1.0, quick, stopped), _MOST_QUICK)
+
+    @property
+    def _stopping(self) -> float:
+        """Return the rate at which damping takes speed away with the pendulum upright [1/s]."""
+        k = self.coefficients
+        stops = k.pivot_damping * (k.disk + k.disk_cosine) + k.disk_damping * k.pendulum
+        return stops / self.determinant
 
     def disk_acceleration(self, torque: float) -> float:
         """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""

@@ -77,6 +77,10 @@ class CommandHistory:
         self._times.clear()
         self._controls.clear()
 
+    def take(self, other: CommandHistory) -> None:
+        """Remember what another history does, in place of what this one did."""
+        self._times, self._controls = [*other._times], [*other._controls]
+
     def between(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
         """Durations [s] and controls that make up [start, end]."""
         index = bisect_right(self._times, start)
@@ -167,6 +171,14 @@ class StateEstimator:
     def reset(self) -> None:
         """Forget every sample, and what delay and model's error were found to be."""
         self.stamp, self.delay, self._error_share = None, self._guess, 1.0
+
+    def go_on_from(self, other: StateEstimator) -> None:
+        """Take over commands and newest state, and the delay if it began with the same guess."""
+        self.history.take(other.history)
+        if self._guess == other._guess:
+            self.delay = other.delay
+        if other.stamp is not None:
+            self.observe(other.predict(other.stamp), other.stamp)
 
     def acting(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
         """Durations [s] and controls that make up [start, end], as they act on the plant."""

@@ -17,9 +17,8 @@ gravity is estimated on the way. Planned rates grow with the pace, planned torqu
 Where commands turn out to act later than was known at the start, it is played a little faster, so
 that it ends when it was to end.
 
-The other constants are estimated, too, and the damping of pivot and disk, of which the model has
-none. Their errors are a constant part of x: the feedback takes into account what they do along the
-rest of the plan.
+The other constants are estimated, too, and the damping of pivot and disk. Their errors are a
+constant part of x: the feedback takes into account what they do along the rest of the plan.
 
 After the plan's end the regulator about upright is active. It is active earlier where the plan is
 lost, and the state is inside the largest level set of the regulator's cost to go in which its
@@ -129,7 +128,7 @@ class EstimatedPendulum(PlantWithGains):
     the coupling and of what the disk feels of a tilted pendulum hardly differ. `disk_gain` is that
     of the inertia that the disk has beyond the least at which a rig with that arm is physical: the
     mass matrix is positive definite where it is positive. Damping of pivot and disk is 1 where
-    there is none, as in the model; one more would take rates away within 1/w0.
+    it is the model's; one more would take rates away within 1/w0.
     """
 
     state_names = (*RotaryPendulum.state_names, *GAINS)
@@ -225,6 +224,20 @@ class PendulumTracker(TrajectoryTracker):
         spring = _RECOVERY_STIFFNESS * plant.coefficients.disk * frequency**2
         damper = 2.0 * _RECOVERY_DAMPING * plant.coefficients.disk * frequency
         self.recovery_gain = np.array([0.0, spring, 0.0, damper])
+
+    @property
+    def found(self) -> dict[str, float]:
+        """Return what the samples say of commands and plant, by name and unit."""
+        found, estimator, k = super().found, self.estimator, self.parameters.plant.coefficients
+        if estimator.stamp is not None:
+            gains = dict(zip(GAINS, estimator.predict(estimator.stamp)[4:].tolist(), strict=True))
+            w0 = self.parameters.plant.natural_frequency
+            pivot, disk = (w0 * (gains[f'{name}_damping'] - 1.0) for name in ('pivot', 'disk'))
+            found['natural frequency [rad/s]'] = w0 * math.sqrt(max(gains['gravity_gain'], 0.0))
+            found['torque, of what is commanded'] = gains['torque_gain']
+            found['damping of the pivot [N m s]'] = k.pivot_damping + pivot * k.pendulum
+            found['damping of the disk [N m s]'] = k.disk_damping + disk * k.disk
+        return found
 
     def capture_share(self, state: Array, goal: Array) -> float:
         """Cost to go about upright, as a share of what its regulator takes without saturating."""

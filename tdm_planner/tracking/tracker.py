@@ -134,6 +134,11 @@ class TrajectoryTracker(ABC):
         """Say that the commands are too slow for the plant, where they are."""
         return self.parameters.too_slow(self.growth_rate)
 
+    @property
+    def found(self) -> dict[str, float]:
+        """Return what the samples say of the plant, by name and unit."""
+        return {'delay of commands [s]': self.estimator.delay}
+
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; gains to be estimated are 1."""
         if self.estimator.stamp is not None and stamp <= self.estimator.stamp:
@@ -377,12 +382,8 @@ class TrajectoryTracker(ABC):
             for motion in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
-        self.estimator.history = other.estimator.history
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
-        if self.parameters.command_delay == other.parameters.command_delay:
-            self.estimator.delay = other.estimator.delay
-        if (stamp := other.estimator.stamp) is not None:
-            self.estimator.observe(other.estimator.predict(stamp), stamp)
+        self.estimator.go_on_from(other.estimator)
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)
 

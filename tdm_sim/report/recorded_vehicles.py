@@ -283,7 +283,8 @@ def read_plans(
         vehicle = told[start].vehicles.get(site.name) if start in told else None
         try:
             interpolation = None if vehicle is None else vehicle.interpolation
-            plans[start] = read_plan(site.view.kind, motions[start], interpolation)
+            given = site.view.kind, motions[start], interpolation
+            plans[start] = read_plan(*given, rated=vehicle is not None)
         except (InvalidProblem, ValueError, IndexError) as error:
             reason = untrusted.text(str(error))
             notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')

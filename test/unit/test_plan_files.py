@@ -47,7 +47,7 @@ def test_json_csv_and_npz_keep_every_bit(swing_up: Any, tmp_path: Path) -> None:
         save_plan(solution.to_dict(), f'{tmp_path}/plan.{ending}')
     plan = load_plan(f'{tmp_path}/plan.json')
     again = Trajectory.from_dict(plan)
-    for name in ('times', 'states', 'controls'):
+    for name in ('times', 'states', 'controls', 'rates'):
         np.testing.assert_array_equal(getattr(again, name), getattr(original, name))
     assert plan['interpolation'] == 'zero_order_hold'
     assert plan['verification']['worst'] == solution.verification.worst

@@ -3,7 +3,7 @@
 
 """Rigs that people own, config/rigs, and rigs of random constants: planned, tracked, held."""
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, replace
 import math
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from ros_harness import SOURCE
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plant_views import view_of
-from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumDamping, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, pumping, shooting, switching_program
 from tdm_planner.tracking.motion import Phase
@@ -52,30 +52,34 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
     assert arrival(*mission.vehicles) < plan.duration + 3.0
 
 
-@dataclass
-class Damped:
-    """A rig whose rates, each alone, fall to 1/e within 1 / (0.03 w0)."""
-
-    ideal: RotaryPendulum
-    state_names, control_names = RotaryPendulum.state_names, RotaryPendulum.control_names
-
-    def derivative(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        k, w0 = self.ideal.coefficients, self.ideal.natural_frequency
-        b, j, _, _ = mechanics(k, state[0], *state[2:])
-        moments = -0.03 * w0 * np.array([k.pendulum, k.disk]) * state[2:]
-        slower = np.linalg.solve([[k.pendulum, b], [b, j]], moments)
-        return self.ideal.derivative(state, control) + np.array([0.0, 0.0, *slower])
+def damped(plant: RotaryPendulum, share: float) -> RotaryPendulum:
+    """Return a plant whose rates, each alone, fall to 1/e within 1 / (share w0)."""
+    k, rate = plant.coefficients, share * plant.natural_frequency
+    return replace(plant, damping=PendulumDamping(rate * k.pendulum, rate * k.disk))
 
 
 def test_damping_of_which_the_model_has_none_is_found_on_the_way() -> None:
     problem = replace(rig(240004), torque_reserve=0.2)
     plan = problem.solve(DEADLINE).trajectory
     vehicle = pendulum(tracker_of(problem), mismatch=0.05, noise=1.0)
-    vehicle.plant.setup = replace(vehicle.plant.setup, plant=Damped(vehicle.plant.setup.plant))
+    true = damped(vehicle.plant.setup.plant, 0.03)
+    vehicle.plant.setup = replace(vehicle.plant.setup, plant=true)
     longest = plan.duration + 24.0 / problem.plant.natural_frequency
     loop = Loop(vehicle).begin(plan).run(longest)
     assert loop.upright(1.0)
-    assert loop.tracker.estimator.predict(loop.now)[-2:] == pytest.approx(1.03, abs=0.005)
+    found = loop.tracker.found
+    assert found['natural frequency [rad/s]'] == pytest.approx(true.natural_frequency, rel=0.01)
+    for name, damping in zip(('pivot', 'disk'), astuple(true.damping), strict=True):
+        assert found[f'damping of the {name} [N m s]'] == pytest.approx(damping, rel=0.2)
+
+
+@pytest.mark.parametrize('seed', [231011, 231017, 231021])
+def test_damping_that_the_model_has_is_planned_for(seed: int) -> None:
+    """Of a weak motor, which cannot make up for it on the way."""
+    problem = replace(rig(seed), torque_reserve=0.2)
+    problem = replace(problem, plant=damped(problem.plant, 0.01))
+    plan = problem.solve(DEADLINE)
+    assert judge(fly(problem, plan, ClosedLoop(mismatch=0.05), 0)).reached
 
 
 @pytest.mark.parametrize(('seed', 'start', 'longest'), NARROW)

@@ -71,6 +71,12 @@ def test_malformed_trajectories_are_refused(changes, words):
         make(**changes)
     with pytest.raises(ValueError, match='read-only'):
         make().times[0] = 5.0
+    with pytest.raises(InvalidProblem, match="no state 'speed': it has x, v"):
+        make().state('speed')
+    with pytest.raises(InvalidProblem, match='a pair of 2 rates for each of 2 intervals'):
+        replace(make(), rates=np.zeros((2, 1, 2)))
+    with pytest.raises(InvalidProblem, match="no control 'uu': did you mean u"):
+        make().control('uu')
 
 
 @pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])

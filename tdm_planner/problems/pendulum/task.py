@@ -160,9 +160,12 @@ class SwingUpTask:
         Lower bound of the largest |psi| [rad], whatever the torque.
 
         The momentum L = J psi' + B theta' and the place Q = psi + G(theta), G = int B/J d theta,
-        follow L' = T, Q' = L / J: until L vanishes Q moves by L^2 / (2 T max J) at least.
+        follow L' = T, Q' = L / J: until L vanishes Q moves by L^2 / (2 T max J) at least. There is
+        no bound, -inf, where damping stops the disk, too.
         """
         k = self.plant.coefficients
+        if k.disk_damping > 0.0:
+            return -math.inf
         theta, psi, theta_dot, psi_dot = self.start
         b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
         upright, across = k.disk + k.disk_cosine, k.disk + k.disk_sine

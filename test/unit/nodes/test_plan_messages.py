@@ -76,6 +76,22 @@ def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> Non
     assert read.units == dict(zip(names, units, strict=False))
 
 
+@pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
+def test_between_its_points_a_plan_of_ours_is_read_as_it_was_planned(kind: PlantKind) -> None:
+    of = {joint.position: joint.velocity for joint in kind.joints if joint.position}
+    names = kind.state_names + kind.control_names
+
+    def rates(states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        values = dict(zip(names, [*states.T, *controls.T], strict=True))
+        found = [values.get(of.get(name, ''), 2.0 * values[name]) for name in kind.state_names]
+        return np.stack(found, axis=-1)
+
+    plan = replace(switched(kind), interpolation='linear').with_rates(rates)
+    read = reading.read_plan(kind, messages.plan_message(kind, plan, STAMP), 'linear', rated=True)
+    np.testing.assert_allclose(read.rates, plan.rates, rtol=1e-12, atol=1e-12)
+    assert reading.read_plan(kind, messages.plan_message(kind, plan, STAMP)).rates is None
+
+
 def test_a_robots_plan_is_one_message() -> None:
     robot = FloatingRobot()
     plan = switched(ROBOT).with_rates(robot.derivative)

@@ -27,7 +27,7 @@ from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, roll_lanes
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
-from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumDamping, PendulumInertia, RotaryPendulum
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, Effort, roll_to_ends, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
@@ -41,7 +41,10 @@ START = np.array([np.pi, 0.0, 0.0, 0.0])
 STATES = st.tuples(*(st.floats(-most, most) for most in (4.0, 2.0, 8.0, 8.0))).map(np.array)
 # Unequal across the rod, to tell the axes apart.
 INERTIA = PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3)
-OTHER = RotaryPendulum(mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA)
+DAMPING = PendulumDamping(pivot=0.02, disk=0.1)
+OTHER = RotaryPendulum(
+    mass=0.3, com_distance=0.2, arm_length=0.15, inertia=INERTIA, damping=DAMPING
+)
 TASK = SwingUpTask(PLANT, START, 0.09, 0.09, 2.0, None)
 ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
@@ -81,10 +84,29 @@ def random_batch(count):
     return ArcBatch(durations, torques, np.full(count, 5))
 
 
-@pytest.mark.parametrize('across', [5.0, 10.0, 20.0])
-def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
+@given(STATES, TORQUES)
+def test_energy_comes_from_the_torque_and_goes_into_damping(state, torque):
+    speed, step = OTHER.derivative(state, torque), 1e-4
+    change = OTHER.energy(state + step * speed) - OTHER.energy(state - step * speed)
+    lost = DAMPING.pivot * state[2] ** 2 + DAMPING.disk * state[3] ** 2
+    assert change / (2.0 * step) == pytest.approx(torque[0] * state[3] - lost, rel=1e-3, abs=1e-4)
+
+
+def test_damping_that_stops_every_motion_at_once_is_refused():
+    with pytest.raises(
+        InvalidProblem, match=r"'plant.damping.\*' stop a motion within .* or more"
+    ):
+        replace(PLANT, damping=PendulumDamping(pivot=1.0))
+
+
+@pytest.mark.parametrize(
+    ('across', 'damping'), [(5.0, 0.0), (10.0, 0.0), (20.0, 0.0), (0.3, 60.0)]
+)
+def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across, damping):
+    """Or damping is strong."""
     inertia = PendulumInertia(disk=0.05, x=across, y=0.01, z=across)
     plant = RotaryPendulum(1.0, com_distance=1.0, arm_length=0.8, inertia=inertia)
+    plant = replace(plant, damping=PendulumDamping(disk=damping))
     w0, fall = plant.natural_frequency, np.array([0.3, 0.0, 0.0, 0.0])
     durations, torques = np.full(8, 1.0 / w0), np.zeros(8)
     rates, exactly = lambda t, x: plant.derivative(x, np.zeros(1)), {'rtol': 1e-12, 'atol': 1e-13}

@@ -6,6 +6,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 import dataclasses
+from dataclasses import replace
 from functools import partial
 from time import process_time
 from types import SimpleNamespace
@@ -22,7 +23,12 @@ from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
-from tdm_planner.plants.rotary_pendulum import mechanics, PendulumInertia, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import (
+    mechanics,
+    PendulumDamping,
+    PendulumInertia,
+    RotaryPendulum,
+)
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum import candidates, switching_program
 from tdm_planner.problems.pendulum.candidates import Candidate, polish, with_new_arcs
@@ -68,7 +74,7 @@ def test_weak_motors_and_narrow_disks_are_planned_for_from_near_upright(torque, 
     """Pumping hardly ever arrives from there."""
     for start in (PendulumStart(0.003, 0.0), PendulumStart(0.02, 0.005), PendulumStart(0.0, 0.01)):
         made = problem(torque, start)
-        checked(dataclasses.replace(made, limits=PendulumLimits(torque, disk_angle)), 10.0)
+        checked(replace(made, limits=PendulumLimits(torque, disk_angle)), 10.0)
 
 
 def test_some_of_the_range_of_the_disk_is_left_to_the_feedback_where_the_start_allows_it():
@@ -154,7 +160,7 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way():
 @settings(max_examples=8)
 def test_any_plan_along_the_virtual_arc_lands_or_says_why_there_is_none(start, disk_angle):
     made = problem(start=start, method='virtual_arc')
-    made = dataclasses.replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
+    made = replace(made, limits=PendulumLimits(torque=0.09, disk_angle=disk_angle))
     try:
         checked(made, 1.0)
     except Infeasible as error:
@@ -194,8 +200,8 @@ def test_quick_swings_of_a_light_disk_lead_to_short_plans(seed, longest):
     # Integrated in too few steps none of the short swing-ups comes upright. One seed in six ends
     # in a longer one, and which it is depends on the processor's rounding.
     made = random_rig(seed)
-    solvers = [dataclasses.replace(made.solver, seed=start) for start in range(7)]
-    plans = [checked(dataclasses.replace(made, solver=solver)) for solver in solvers]
+    solvers = [replace(made.solver, seed=start) for start in range(7)]
+    plans = [checked(replace(made, solver=solver)) for solver in solvers]
     assert np.median([plan.duration for plan in plans]) < longest
 
 
@@ -260,9 +266,25 @@ def test_what_cannot_be_done_is_said_so(torque, start, others, seconds, words, c
     assert code in caught.value.code
 
 
+@pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])
+def test_damping_is_planned_for(torque, method):
+    plans = [
+        checked(problem(torque, method=method, plant=replace(PLANT, damping=damping)), 2.0)
+        for damping in (PendulumDamping(), PendulumDamping(3e-5, 1e-4), PendulumDamping(6e-5, 0.0))
+    ]
+    assert plans[0].duration < min(plan.duration for plan in plans[1:])
+
+
+def test_damping_may_stop_a_disk_that_the_torque_cannot():
+    turning = problem(0.09, PendulumStart(theta=np.pi, psi_dot=40.0))
+    with pytest.raises(Infeasible, match='keeps the disk inside'):
+        turning.solve(ENOUGH)
+    checked(replace(turning, plant=replace(PLANT, damping=PendulumDamping(0.0, 0.004))))
+
+
 @pytest.mark.parametrize('method', ['switching', 'smooth'])
 def test_a_disk_that_the_torque_cannot_stop_is_infeasible_at_once(method):
-    made = dataclasses.replace(random_rig(1067, hanging=False), method=method)
+    made = replace(random_rig(1067, hanging=False), method=method)
     with pytest.raises(Infeasible, match=r'it turns to 7\.47 rad at least'):
         made.solve(ENOUGH)
 
@@ -362,7 +384,7 @@ def test_a_motor_far_too_strong_for_the_rig_is_no_hang():
 
 def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     scaled, collocation = [0.61, 1.798, 2.336, 2.498, 2.689, 2.019, 0.681], 8.699
-    task = dataclasses.replace(random_rig(1079).task, whole_range=True)
+    task = replace(random_rig(1079).task, whole_range=True)
     budget = Budget(ENOUGH)
     w0, steps = task.plant.natural_frequency, 24
     torques = task.planned_torque * (-1.0) ** np.arange(len(scaled))
@@ -382,7 +404,7 @@ def test_new_arcs_shorten_a_minimum_to_that_of_collocation():
     assert further is None
     assert violation < 1e-8
     assert w0 * best.total == pytest.approx(collocation, rel=5e-3)
-    away = dataclasses.replace(first, durations=1e4 * first.durations)
+    away = replace(first, durations=1e4 * first.durations)
     assert with_new_arcs(task, away, steps, 60) is None
 
 
