@@ -210,10 +210,14 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _plan(options: argparse.Namespace) -> int:
+    from tdm_planner.problem_check import misspelt
+
     check_path(options.output)
     if options.plot is not None:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
     problem = _problem(options)
+    for doubt in misspelt(type(problem)):
+        _say(doubt)
     with Progress(options.quiet) as progress:
         tell_of_compilation(progress.line)
         progress.phase('preparing')

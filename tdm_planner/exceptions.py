@@ -6,9 +6,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 import json
+import linecache
+from pathlib import Path
 import traceback
 from typing import ClassVar
+
+_SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', 'tdm_planner')]
+_FOLDERS = [f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin]
+_LIBRARIES = (*_FOLDERS, '<frozen ', '<string>', f'{Path(traceback.__file__).parent}/importlib/')
 
 
 class TdmError(Exception):
@@ -96,6 +103,20 @@ ERRORS: tuple[type[TdmError], ...] = (
 def one_line(error: Exception) -> str:
     """Return what an exception says, on one line."""
     return ' '.join(str(error).split())
+
+
+def place_of(error: Exception) -> tuple[str, str]:
+    """
+    Return where in a user's source an exception arises, in words, and the source of that line.
+
+    Both are '' where that is in libraries or in this package.
+    """
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not frame.filename.startswith(_LIBRARIES):
+            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
+            name = frame.filename.rsplit('/', 1)[-1]
+            return f' in line {frame.lineno} of {name}, `{source}`', source
+    return '', ''
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 import re
 import sys
@@ -17,6 +18,7 @@ from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
 
 _LONGEST = 300  # letters of an error
+_MISSPELT = 0.9  # likeness of names, of which one is a slip
 
 
 def config_file(name: str) -> Path:
@@ -118,8 +120,8 @@ def ros_parameters(
     name, as well as a plain mapping of parameters. With a `namespace` only those sections count
     that a node of that name and namespace takes; of several that do, the later one wins.
 
-    Raise InvalidProblem if the document is not a mapping, or, where a section is `required`, holds
-    parameters only for other nodes.
+    Raise InvalidProblem if the document is not a mapping, a section has no ``ros__parameters`` or
+    a name that is a misspelt `node`, or, where one is `required`, there are only those of others.
     """
     if document is None:
         return {}
@@ -128,6 +130,11 @@ def ros_parameters(
             f'a parameter file must hold a mapping, not {type(document).__name__}'
         )
     sections = list(_sections(document))
+    for key, value in document.items():
+        if str(key).startswith('/') and not any(_sections({key: value})):
+            raise InvalidProblem(
+                f"section '{shown(key)}' of the parameter file has no 'ros__parameters' below it"
+            )
     if not sections:
         return flatten({str(key): value for key, value in document.items()})
     full_name = node
@@ -140,6 +147,12 @@ def ros_parameters(
             found.update(flatten(values))
         else:
             others.append(name)
+            last = name.rpartition('/')[2]
+            if last.isalpha() and get_close_matches(last, [node], cutoff=_MISSPELT):
+                raise InvalidProblem(
+                    f"section '{name}' of the parameter file is for no node of ours: did you mean "
+                    f'{node}?'
+                )
     if required and not found and others:
         raise InvalidProblem(
             f"the parameter file has no section for node '{full_name}', only for "

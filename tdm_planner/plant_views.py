@@ -14,11 +14,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, get_args, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation, told
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.drawing import (
     arena_drawing,
@@ -274,14 +274,14 @@ class StatedView(PlantView):
         """Return what the statement draws."""
         values = [x[name] for name in self.problem.state_names]
         try:
-            shapes = list(self.problem.drawing(values))
+            found = self.problem.drawing(values)
+            if isinstance(found, get_args(Shape)):
+                raise TypeError('one shape is returned, expected a sequence, such as (shape,)')
+            shapes = list(found)
             for shape in shapes:
                 points_of(shape, np.asarray(values[0]).size)
         except Exception as error:  # noqa: B902
-            raise InvalidProblem(
-                f'drawing of {type(self.problem).__name__} raises '
-                f"{type(error).__name__}: {error} (states may be arrays: use numpy's functions)"
-            ) from error
+            raise InvalidProblem(told(self.problem, 'drawing', error)) from error
         return shapes
 
 

@@ -5,12 +5,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from timeit import timeit
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
@@ -81,8 +84,8 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         table.add_row(name, *known)
     if limits:
         console.print(table)
-    for name, question in _misspelt(type(problem)).items():
-        console.print(f'[bold red]{name} is never called: {question}')
+    for doubt in misspelt(type(problem)):
+        console.print(f'[bold red]{doubt}')
     if program.trace.fixed:
         console.print(
             'constants of the traced functions, for `if`, math or float on them; to change one '
@@ -105,15 +108,19 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits)
 
 
-def _misspelt(problem: type[DirectProblem]) -> dict[str, str]:
-    """Return methods that are like, but not, those that the library calls: what was meant."""
+def misspelt(problem: type[Problem]) -> list[str]:
+    """Say which attributes of a statement are like, but not, those that the library uses."""
+    if not issubclass(problem, DirectProblem):
+        return []
+    kind: Any = problem
     own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
-    found = {name for kind in own for name, value in vars(kind).items() if callable(value)}
-    known = [name for name in dir(DirectProblem) if not name.startswith('_')]
+    found = {name for kind in own for name in vars(kind)} - {item.name for item in fields(kind)}
+    known = {*vars(Formulation), *Formulation.__annotations__, DirectProblem.drawing.__name__}
     functions = [value for kind in own for value in vars(kind).values()]
     used = {name for f in functions if hasattr(f, '__code__') for name in f.__code__.co_names}
-    others = sorted(name for name in found - {*known} - used if not name.startswith('_'))
-    return {name: question for name in others if (question := suggestion(name, known))}
+    others = sorted(name for name in found - known - used if not name.startswith('_'))
+    asked = [(name, suggestion(name, known)) for name in others]
+    return [f'{name} is never used: {question}' for name, question in asked if question]
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

@@ -187,10 +187,7 @@ def _plan_file(mission: Mission) -> dict[str, Any]:
 
 def _table(comparison: Comparison) -> Table:
     judged = comparison.verdict
-    title = 'not known'
-    if judged is not None and (judged.reached or judged.reasons):
-        title = 'goal reached and held' if judged.reached else 'goal missed'
-    table = Table('', title=title)
+    table = Table('', title='not known' if judged is None else judged.title.lower())
     for heading in ('planned', 'achieved'):
         table.add_column(heading, justify='right')
     for row in figures(comparison):

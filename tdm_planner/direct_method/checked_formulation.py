@@ -7,11 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from importlib.util import find_spec
-import linecache
 import math
-from pathlib import Path
-import traceback
 from typing import Any
 
 import numpy as np
@@ -26,8 +22,8 @@ from tdm_planner.direct_method.formulation import (
     Output,
     Outputs,
 )
-from tdm_planner.exceptions import InvalidProblem, one_line, TdmError
-from tdm_planner.parameters import short
+from tdm_planner.exceptions import InvalidProblem, one_line, place_of, TdmError
+from tdm_planner.parameters import short, suggestion, Validated
 
 Values = NDArray[Any]
 
@@ -55,8 +51,6 @@ ARGUMENTS = {  # of every function that is traced, but for the numbers
     'start_conditions': 'tx',
     'end_conditions': 'tx',
 }
-_SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', __name__)]
-_LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
 _LEFT = ', as what is left to a limit: 3 - x, not x < 3'
 HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
@@ -131,6 +125,11 @@ class CheckedFormulation:
         names = list(found)
         if self._margin_names is None:
             _check_strings('margins', names)
+            for name in {*names} & {*self._limit_margins(np.zeros(len(self.control_names)))}:
+                raise InvalidProblem(
+                    f"margins names '{name}', as a limit of control_limits is called: name it "
+                    'otherwise'
+                )
             self._margin_names = names
         if names != self._margin_names:
             raise InvalidProblem(
@@ -173,6 +172,15 @@ class CheckedFormulation:
             if math.isfinite(ends[1]):
                 found[f'{name}, highest'] = (high - value) / size
         return found
+
+    def size_of(self, margin: str) -> tuple[float, str]:
+        """Return what a margin of 1 is, and its unit: of a control's limit; of others they are."""
+        name = margin.rpartition(', ')[0]
+        if name not in self.control_limits:
+            return 1.0, ''
+        low, high = self.control_limits[name]
+        units = dict(zip(self.control_names, self.formulation.control_units, strict=False))
+        return 0.5 * (high - low) if math.isfinite(high - low) else 1.0, units[name]
 
     def reserves(self, names: Sequence[str]) -> Array:
         """Return the share of every limit, by its margin's name, that is kept for feedback."""
@@ -261,8 +269,11 @@ class CheckedFormulation:
         try:
             with np.errstate(all='ignore'):
                 return getattr(self.formulation, function)(*arguments)
-        except TdmError:
-            raise
+        except TdmError as error:
+            where, source = place_of(error)
+            if source.startswith('raise '):  # the user's own
+                raise
+            raise InvalidProblem(str(error) + where.replace(' in', ':', 1)) from error
         except Exception as error:  # noqa: B902
             raise InvalidProblem(told(self.formulation, function, error)) from error
 
@@ -355,12 +366,7 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
 
     In place of that it says what to write, where it is known; if the line is `traced`, always.
     """
-    where, source = '', ''
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if not frame.filename.startswith(_LIBRARIES):
-            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
-            where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
-            break
+    where, source = place_of(error)
     known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
     hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
@@ -370,6 +376,9 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
 
 def _usage(function: str, error: Exception, begun: bool) -> str:
     """Say how a function is called, and with what; '' where that is not what is wrong."""
+    if isinstance(error, AttributeError) and isinstance(error.obj, Formulation | Validated):
+        question = suggestion(error.name or '', dir(error.obj))
+        return f"{type(error.obj).__name__} has no '{error.name}'{question and ': ' + question}"
     if function not in ARGUMENTS:
         return ''
     if isinstance(error, TypeError) and not begun:

@@ -214,7 +214,7 @@ class Output:
                 '(x, x., x.., ...), or a mapping from order to value'
             ) from None
         return {
-            order: number(value, f'derivative {short(order)} at the {where}')
+            order: number(value, f'the value of order {short(order)} at the {where}')
             for order, value in pairs
             if value is not None
         }

@@ -215,7 +215,8 @@ class Transcription(NonlinearProgram):
         missed, margin = np.abs(ends), rest.min(initial=np.inf)
         if missed.max(initial=0.0) <= max(-margin, 0.0):
             name = self.trace.margin_names[int(np.argmin(rest)) // self.nodes.size]
-            return f'{name} by {-margin:.2g}'
+            size, unit = self._stated.size_of(name)
+            return f'{name} by {-margin * size:.2g} {unit}'.rstrip()
         row = int(np.argmax(missed))
         if row >= len(self._ended):
             where = 'end' if row < len(self._ended) + self._graphs.ends else 'start'

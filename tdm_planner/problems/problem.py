@@ -8,7 +8,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import Field, is_dataclass, replace
+from dataclasses import Field, fields, is_dataclass, replace
+from inspect import isroutine
+import re
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -33,6 +35,7 @@ from tdm_planner.verification import Constraint
 
 C = TypeVar('C')
 P = TypeVar('P', bound='Problem')
+_LIBRARY = 'tdm_planner.'  # where modules of ours begin
 _FEW = 30  # parameters that a message can list
 
 
@@ -135,6 +138,20 @@ class Problem(ABC):
         if not is_dataclass(cls) or any(isinstance(value, Field) for value in vars(cls).values()):
             raise InvalidProblem(
                 f'{cls.__name__} is no dataclass: put @dataclass(frozen=True) above it'
+            )
+        library = [vars(base) for base in cls.__mro__ if base.__module__.startswith(_LIBRARY)]
+        for item in fields(cls):
+            found = [base.get(item.name) for base in library]
+            hides = any(isroutine(value) or isinstance(value, property) for value in found)
+            if hides or item.name == 'name' or (item.name == 'solver' and item.metadata):
+                raise InvalidProblem(
+                    f"{cls.__name__} has a parameter '{item.name}', which hides what a problem "
+                    'has under that name: name it otherwise'
+                )
+        if not re.fullmatch(r'[A-Za-z]\w*', str(cls.name)):
+            raise InvalidProblem(
+                f'{cls.__name__}.name = {shown(cls.name)} is not allowed: must be a letter, then '
+                'letters, digits and _, as topics are named after it'
             )
         if cls.__abstractmethods__:
             missing = ', '.join(sorted(cls.__abstractmethods__))

@@ -17,8 +17,9 @@ from importlib import import_module
 from importlib.metadata import entry_points
 import os
 import sys
+from types import ModuleType
 
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, place_of
 from tdm_planner.parameters import suggestion
 from tdm_planner.problems.problem import Problem
 
@@ -51,7 +52,7 @@ def load_problem(name: str) -> type[Problem]:
         return _load(name, name)
     known = _registered()
     if name not in known:
-        hint = suggestion(name, known)
+        hint = suggestion(name, [*known, *SHORT_NAMES])
         raise InvalidProblem(
             f"parameter 'problem' = '{name}' is not allowed: must be one of {', '.join(known)}, "
             f'or a stated problem such as my_module:MyProblem{hint and f" ({hint})"}'
@@ -61,22 +62,20 @@ def load_problem(name: str) -> type[Problem]:
 
 def _load(name: str, address: str) -> type[Problem]:
     module, _, attribute = address.partition(':')
+    what = f"problem '{name}' cannot be loaded" + (f' from {address}' if address != name else '')
     try:
         found = getattr(import_module(module.strip()), attribute.strip())
     except Exception as error:  # noqa: B902
         # Whatever the registered package's import raises.
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
-        own = f'{module}.'.startswith(f'{absent}.')  # not a module that it imports
+        own = f'{module}.'.startswith(f'{absent}.') or '/' in module  # not one that it imports
         hint = ' (write module:Class, and run it in the folder of module.py)' if own else ''
-        raise InvalidProblem(
-            f"problem '{name}' cannot be loaded from {address}: "
-            f'{type(error).__name__}: {error}{hint}'
-        ) from error
+        if isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
+            hint = f' ({suggestion(attribute, vars(error.obj)) or "it has no such class"})'
+        where, _ = place_of(error)
+        raise InvalidProblem(f'{what}: {type(error).__name__}: {error}{hint}{where}') from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
-        raise InvalidProblem(
-            f"problem '{name}' cannot be loaded: {address} is not a subclass of "
-            'tdm_planner.problems.Problem'
-        )
+        raise InvalidProblem(f'{what}: {attribute} does not derive from DirectProblem or Problem')
     problem: type[Problem] = found
     problem.check_class()
     return problem

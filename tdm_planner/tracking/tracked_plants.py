@@ -25,7 +25,11 @@ from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParame
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
 
-_NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
+# Parameters of the nodes themselves; of the simulated plant, so that `tdm check` names them.
+_NODE = frozenset(('autostart', 'kind', 'problem'))
+PLANT_NODE = frozenset(('rate', 'real_time_factor', 'publish_clock', 'clock_followers', 'seed'))
+PLANT_NODE |= {'command_timeout', 'mismatch', 'mismatch_seed', 'held', 'disturbance', 'initial'}
+PLANT_NODE |= {'noise'}
 
 
 def stated_problem(name: str) -> type[DirectProblem]:
@@ -50,7 +54,7 @@ def with_parameters_of(
 
     Raise InvalidProblem if both have one of the same name.
     """
-    own = {item.name for item in fields(base)} | _NODE
+    own = {item.name for item in fields(base)} | _NODE | PLANT_NODE
     kind: Any = problem
     added = [item for item in fields(kind) if item.name not in besides]
     for item in added:

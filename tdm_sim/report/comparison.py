@@ -83,6 +83,8 @@ def _durations(mission: Mission) -> Iterator[Entry]:
 def _time_to_goal(vehicle: RecordedVehicle, note: str) -> Entry:
     first, last = vehicle.plans[0], vehicle.plans[-1]
     reached, due = arrival(vehicle), _due(vehicle)
+    if not vehicle.view.is_held(last.trajectory):
+        reached, note = None, 'the plan ends in motion: its end is not held'
     if reached is not None:
         latest = last.end + vehicle.view.settling(last.trajectory.duration)
         end = float(vehicle.states.times[-1])

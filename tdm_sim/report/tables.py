@@ -42,11 +42,11 @@ def _verdict(comparison: Comparison) -> str:
     if verdict is None:
         return ''
     if verdict.reached:
-        return '<p class="verdict good">Goal reached and held</p>'
+        return f'<p class="verdict good">{verdict.title}</p>'
     if not verdict.reasons:
-        return f'<p class="verdict">Not known: {escape(verdict.undecided)}</p>'
+        return f'<p class="verdict">{verdict.title}: {escape(verdict.undecided)}</p>'
     reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
-    return f'<p class="verdict bad">Goal missed</p><ul class="reasons">{reasons}</ul>'
+    return f'<p class="verdict bad">{verdict.title}</p><ul class="reasons">{reasons}</ul>'
 
 
 def figures(comparison: Comparison) -> list[tuple[str, str, str]]:

@@ -26,11 +26,19 @@ class Verdict:
     The verdict: `reasons` why the goal was missed.
 
     `undecided` says why there is no verdict: the measurements end too early, without a violation;
-    '' if there is one.
+    '' if there is one. `held` tells whether the plans' ends can be held.
     """
 
     reasons: tuple[str, ...]
     undecided: str = ''
+    held: bool = True
+
+    @property
+    def title(self) -> str:
+        """Return the verdict in a few words."""
+        if self.reached:
+            return 'Goal reached and held' if self.held else 'Goal reached in passing'
+        return 'Goal missed' if self.reasons else 'Not known'
 
     @property
     def reached(self) -> bool:
@@ -62,7 +70,8 @@ def judge(mission: Mission) -> Verdict | None:
             f'the recording ends at {min(ends):.1f} s, before the goal could be reached and held '
             f'for {HOLD_TIME:g} s'
         )
-    return Verdict(tuple(reasons), undecided)
+    held = all(vehicle.view.is_held(vehicle.plans[-1].trajectory) for vehicle in vehicles)
+    return Verdict(tuple(reasons), undecided, held)
 
 
 def held_from(times: Array, shares: Array) -> float:

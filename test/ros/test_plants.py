@@ -4,6 +4,7 @@
 """The simulated pendulum and robot; what all plant nodes have in common is tested on the first."""
 
 from collections.abc import Callable
+from dataclasses import fields
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,11 +13,18 @@ import numpy as np
 import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
+from stated import Cart
 from stepped_ros import Stepped
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.tracking.tracked_plants import PLANT_NODE
+from tdm_sim.stated_plant import _with_states
 
 OK, WARN = 0, 1
+
+
+def test_what_a_problem_cannot_call_its_parameters_are_those_of_the_simulated_plant() -> None:
+    assert {item.name for item in fields(_with_states(Cart))} == PLANT_NODE
 
 
 class Plant(Space):

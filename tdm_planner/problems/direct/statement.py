@@ -234,12 +234,11 @@ def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
 
 
 def short_of_reserve(stated: CheckedFormulation, left: Left) -> list[str]:
-    """Say of which limits the start leaves less than the reserve, by what `left_at_ends` found."""
+    """Say of which limits an end leaves less than the reserve, by what `left_at_ends` found."""
     return [
-        f"the start leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
-        for (name, (value, _)), share in zip(
-            left.items(), stated.reserves(tuple(left)), strict=True
-        )
+        f"the {where} leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
+        for (name, both), share in zip(left.items(), stated.reserves(tuple(left)), strict=True)
+        for where, value in zip(('start', 'end'), both, strict=True)
         if value is not None and 0.0 <= value < share
     ]
 

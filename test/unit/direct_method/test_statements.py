@@ -98,7 +98,7 @@ WHOLE = [
 ]
 NUMBERS = [(Integrated, 'the start of an integrated state'), (Duration, 'guess')]
 NUMBERS_OR_NONE = [
-    (lambda v: Output(start=(0.0, v)), 'derivative 1 at the start'),
+    (lambda v: Output(start=(0.0, v)), 'the value of order 1 at the start'),
     (lambda v: Output(scale=v), 'scale'),
     (lambda v: Duration(shortest=v), 'shortest'),
     (lambda v: Duration(longest=v), 'longest'),

@@ -69,6 +69,18 @@ BAD = [
     ({'reserve': {'speed': 0.1}}, ["reserve names 'speed'", 'pole']),
     ({'reserve': {'ax': 1.0}}, ["reserve gives 'ax' = 1"]),
     ({'first_guess': lambda s, at: {'z': at}}, ["first_guess names 'z'", 'x, y']),
+    (
+        margins_of(**{'ax, lowest': lambda x: x[0] + 9.0}),
+        ["margins names 'ax, lowest', as a limit of control_limits"],
+    ),
+    (
+        {'invert': lambda s, y, z: (s.contrl_names, y)},
+        ["Changed has no 'contrl_names': did you mean control_names", 'in line'],
+    ),
+    (
+        {'outputs': lambda s: {'x': Output(start=('2.0',))}},
+        ["the value of order 0 at the start = '2.0'", 'number: line', 'Output(start='],
+    ),
 ]
 FOR_OTHERS = [  # what only a tracker or a picture would meet
     (
@@ -77,7 +89,11 @@ FOR_OTHERS = [  # what only a tracker or a picture would meet
     ),
     (
         {'drawing': lambda self, x: [Disc((math.sin(x[0]), x[1]), 0.1)]},
-        ['drawing of Changed raises TypeError'],
+        ['drawing of Changed raises TypeError', "use numpy's functions", 'in line'],
+    ),
+    (
+        {'drawing': lambda self, x: Disc((x[0], x[1]), 0.1)},
+        ['drawing of Changed raises TypeError: one shape is returned, expected a sequence'],
     ),
     ({'joints': lambda s: {'arm': ('x',)}}, ['joints must give every joint by name the']),
 ]
@@ -162,6 +178,15 @@ def test_a_small_slip_is_named_by_the_check(rates):
     assert reason.startswith("derivative gives the rate of 'v' = ")
 
 
+@pytest.mark.parametrize('name', ['solve', 'duration', 'cost_to_go', 'name', 'solver'])
+def test_a_parameter_hides_nothing_and_a_problem_has_a_name_for_topics(name):
+    kind = changed(Cart, **{name: parameter(1.0, 'taken'), '__annotations__': {name: float}})
+    with pytest.raises(InvalidProblem, match=f"Changed has a parameter '{name}', which hides"):
+        dataclass(frozen=True)(kind)()
+    with pytest.raises(InvalidProblem, match=r'Changed.name = my cart! is not allowed'):
+        changed(Cart, name='my cart!')()
+
+
 def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
     of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
     of_its_own['derived'] = Cart.derivative  # it is called below
@@ -170,16 +195,17 @@ def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions(
     console = Console(record=True, width=300)
     assert check_problem(made(), console) == []
     told = console.export_text()
-    assert 'runing_cost is never called: did you mean running_cost' in told
+    assert 'runing_cost is never used: did you mean running_cost' in told
     assert 'end_conditions: 2 beside these' in told
-    assert told.count('is never called') + told.count('beside these') == 2
+    assert told.count('is never used') + told.count('beside these') == 2
     assert 'not refined' not in told
     at_rest = Output((0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), free=2)
     assert check_problem(changed(Cart, outputs=lambda s: {'x': at_rest})(), console) == []
     assert "neither a state nor a control: 'x' of order 3 at the end" in console.export_text()
-    rate = {'rate': parameter(1.0, 'taken'), '__annotations__': {'rate': float}}
-    (reason,) = check_problem(dataclass(frozen=True)(type('Taken', (Cart,), rate))())
-    assert reason == "parameter 'rate' of Taken is one of the node's own: name it otherwise"
+    for name in ('rate', 'mismatch'):
+        own = {name: parameter(1.0, 'taken'), '__annotations__': {name: float}}
+        (reason,) = check_problem(dataclass(frozen=True)(type('Taken', (Cart,), own))())
+        assert reason == f"parameter '{name}' of Taken is one of the node's own: name it otherwise"
 
 
 class Forgotten(Cart):

@@ -175,11 +175,16 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
     for name, says in (
         ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another or nothing\?\)"),
         ('zzz', "'zzz' is not allowed: must be one of pendulum_swing_up, .*my_module:MyP"),
-        ('a_function', 'another_package:solve is not a subclass'),
-        ('nothing', 'AttributeError'),
+        (
+            'a_function',
+            'from another_package:solve: solve does not derive from DirectProblem or Problem',
+        ),
+        ('nothing', r"has no attribute 'Missing' \(it has no such class\)$"),
+        ('another_package:Anothr', r'cannot be loaded: Attr.* \(did you mean Another\?\)$'),
+        ('./another_package:Another', 'write module:Class'),
         ('broken', 'ZeroDivisionError: division by zero'),
         ('nowhere:Cart', r"No module named 'nowhere' \(write module:Class, and run it in"),
-        ('absent_cart:Cart', "No module named 'absent'$"),
+        ('absent_cart:Cart', "'absent' in line 1 of absent_cart.py, `import absent`$"),
     ):
         with pytest.raises(InvalidProblem, match=says):
             load_problem(name)

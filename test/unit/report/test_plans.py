@@ -192,7 +192,7 @@ def test_a_goal_that_can_be_held_must_be() -> None:
 
 def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> None:
     """What is free is not judged, what comes afterwards neither."""
-    assert judged(PASSING, 1.5).reached
+    assert judged(PASSING, 1.5).title == 'Goal reached in passing'
     assert judged(PASSING, 1.5, v=0.02).reached
     assert 'off in x by 0.1 m' in judged(PASSING, 1.5, x=0.1).reasons[0]
     assert 'end condition 0' in judged(PASSING, 1.5, v=0.2).reasons[0]
