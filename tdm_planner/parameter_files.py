@@ -148,7 +148,7 @@ def ros_parameters(
         else:
             others.append(name)
             last = name.rpartition('/')[2]
-            if last.isalpha() and get_close_matches(last, [node], cutoff=_MISSPELT):
+            if last != node and last.isalpha() and get_close_matches(last, [node], 1, _MISSPELT):
                 raise InvalidProblem(
                     f"section '{name}' of the parameter file is for no node of ours: did you mean "
                     f'{node}?'

@@ -94,6 +94,7 @@ JSON_KEYS: Mapping[str, str] = {
     'controls.*': 'a control at the samples',
     'interpolation': 'how controls run between samples: zero_order_hold, linear or cubic',
     'units.*': 'unit of a state or control',
+    'rates.*': "a state's rates at the start and at the end of every interval; {} if not known",
     'robots.*': 'the plan of one robot, with the keys of a plan of a single vehicle',
     'vehicles.*.duration': 'until the arrival of one vehicle [s]',
     'vehicles.*.interpolation': 'how its controls run between samples',

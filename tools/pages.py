@@ -46,6 +46,7 @@ _OPEN = (
     'states',
     'controls',
     'units',
+    'rates',
     'robots',
     'parameters',
     'vehicles.*.units',

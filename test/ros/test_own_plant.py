@@ -292,7 +292,7 @@ class Kind(Rail):
         ('plant', 'crane', "'problem' = 'crane' is not allowed"),
         ('plant', f'{__name__}:Blurred', 'drawing of Changed raises IndexError'),
         ('planner', 'pendulum_swingup',
-         'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
+         'such as my_module:MyProblem (did you mean pendulum_swing_up or pendulum?)'),
         ('tracker', 'crane', "'kind' = 'crane' is not allowed: must be one of pendulum"),
         ('tracker', '3', "'kind' = 3 is not allowed: must be a string"),
         ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),

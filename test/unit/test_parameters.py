@@ -125,7 +125,7 @@ def test_a_problem_takes_a_files_document() -> None:
         ({'/**': {'ros_parameters': {'robots': ['a']}}}, r"'/\*\*' .* no 'ros__parameters' below"),
     ):
         with pytest.raises(InvalidProblem, match=says):
-            RobotFormation.from_parameters(slip)
+            ros_parameters(slip)
     others = {'/**/planner_server': {'ros__parameters': {'a': 1}}, **document}
     assert RobotFormation.from_parameters(others) == RobotFormation()
 

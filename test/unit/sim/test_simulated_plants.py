@@ -183,7 +183,7 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
         made = mismatched(plant, mismatch, seed)
         nominal, disturbed = to_mapping(plant), to_mapping(made)
         assert list(nominal) == list(disturbed)
-        assert all(abs(disturbed[name] / nominal[name] - 1.0) <= most for name in nominal)
+        assert all(abs(disturbed[n] - value) <= most * value for n, value in nominal.items())
         assert mismatched(plant, mismatch, seed) == made
         assert mismatched(plant, 0.0, seed) == plant
     full = mismatched(Filled(1.0), mismatch, seed).level
