@@ -52,8 +52,6 @@ _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
-# Of J's size: its rise on more intervals where a motion leaps; how much cheaper may leap as well.
-_LEAP, _SIMILAR = 0.25, 0.1
 _EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
@@ -100,7 +98,6 @@ class DirectSearch(Search[Candidate]):
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._closest, self._nearest_miss = np.inf, ''
-        self._leapt = np.inf  # J on the first intervals above which a motion leaps, too
 
     def candidates(self) -> Iterator[Candidate]:
         """
@@ -195,8 +192,7 @@ class DirectSearch(Search[Candidate]):
             if attempt == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
             motion = self._refinement.first(guess, until, eased=eased, patient=patient)
-            if motion is None or motion.cost > self._leapt:
-                self._aside += [motion] if motion else []  # it leaps, too
+            if motion is None:
                 continue
             if not solved:  # a plan to fall back on, and mostly the plan
                 if (settled := self._settled(motion)) is None:
@@ -248,31 +244,22 @@ class DirectSearch(Search[Candidate]):
                 yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
-        """
-        Solve on as many intervals as J asks for, in a hurry on few; put it aside if that fails.
-
-        A motion may leap over an obstacle once, as long as more intervals bring it round: it costs
-        more on them.
-        """
+        """Solve on as many intervals as J asks for, in a hurry few; put it aside if that fails."""
         solutions = _SOLUTIONS if self._best is None else 1
         last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _HURRY)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
-        first, leaps, failed = motion, False, False
+        failed = False
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
-            rises = finer is not None and finer.cost - motion.cost > _LEAP * finer.size
-            if finer is None or (leaps and rises):
+            if finer is None:
                 failed = True
                 break
-            leaps = rises and self._trace.obstacles  # between two nodes
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
             motion, intervals = finer, 2 * intervals
             if left <= _SETTLED * motion.size:
                 return motion
-        if leaps:
-            self._leapt = min(self._leapt, first.cost - _SIMILAR * first.size)
-        if leaps or (failed and motion.intervals == FIRST):
+        if failed and motion.intervals == FIRST:
             self._aside.append(motion)
             return None
         self._coarse |= not failed
