@@ -44,7 +44,7 @@ from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-TAIL_STEPS, _FINE_TAIL_STEPS = Steps(12, 1.0 / 4.0), Steps(12, 1.0 / 24.0)
+TAIL_STEPS = Steps(12, 1.0 / 4.0)
 _KEPT = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
@@ -194,16 +194,12 @@ def shoot_upright(
     return found
 
 
-def shoot_finely(task: SwingUpTask, landed: list[Candidate], until: Budget) -> list[Candidate]:
-    """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
-    quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
-    given = _FINE_TAIL_STEPS, until
-    found = shoot_upright(task, list(map(_with_last_varied, quickest)), *given)
-    return found or list(map(_with_last_varied, shoot_upright(task, quickest, *given)))
-
-
-def _with_last_varied(candidate: Candidate) -> Candidate:
-    return replace(candidate, fixed=max(candidate.fixed, candidate.durations.size - _POLISHED))
+def quickest(landed: list[Candidate]) -> list[Candidate]:
+    """Return the quickest, of which only the last arcs are to be varied."""
+    return [
+        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED))
+        for each in sorted(landed, key=lambda candidate: candidate.total)[:LANES]
+    ]
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:

@@ -40,11 +40,10 @@ from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     FEWEST_ARCS,
-    shoot_finely,
+    quickest,
     shoot_upright,
     TAIL_STEPS,
 )
-from tdm_planner.problems.pendulum.shooting import ArcBatch, roll_to_ends
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
@@ -52,7 +51,6 @@ _SHARE, _SHARE_OF_DISK = 0.15, 0.12  # a step, of `quick_time` and of a crossing
 _NEVER, _SHAKEN = -2.0, 0.9  # energies, in m g l, below which the disk goes to and fro
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY, _NEAR = 4.0, 1.5  # sums of squares that a motion must have seen first, and is landed from
-_FAR = 2.0  # times the disk's limit: a motion that another integration takes there is lost
 _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
 # Where rows of lanes begin in the flat array `x` (see pendulum_kernels), behind state, torque and
 # step: what the law says, then what it is made of.
@@ -329,26 +327,14 @@ def pumped_candidates(
             break
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
-    swings, landed = _nearest(task, swings), list[Candidate]()
+    swings.sort(key=lambda candidate: candidate.total)
+    landed = list[Candidate]()
     for first in range(0, len(swings), _AT_ONCE):
         if until.spent or len(landed) >= (1 if until.past(_ONE_DOES) else _ENOUGH):
             break
         some = slice(first, first + _AT_ONCE)
         landed += shoot_upright(task, swings[some], TAIL_STEPS, until, _ENOUGH)
-    return shoot_finely(task, landed, until), tried
-
-
-def _nearest(task: SwingUpTask, swings: list[Candidate]) -> list[Candidate]:
-    """Sort by what they promise, integrated again: near upright an error grows quickly."""
-    w0 = task.plant.natural_frequency
-    arcs = ArcBatch.of([(each.durations, each.torques) for each in swings])
-    limit = _FAR * max(task.planned_disk_angle, abs(task.start[1]))
-    ends, _ = roll_to_ends(task, arcs, TAIL_STEPS.share, limit)
-    goals = np.array([task.goal_nearest(end) for end in ends]).reshape(-1, 4)
-    distances = np.linalg.norm((ends - goals) / [1.0, 1.0, w0, w0], axis=1)
-    weight = _RANK * _over_drive(task, _WORK, _WEIGHT)
-    promises = [w0 * each.total for each in swings] + weight * distances
-    return [swings[i] for i in np.argsort(promises)]
+    return quickest(landed), tried
 
 
 def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list[Candidate]:

@@ -190,17 +190,6 @@ def _peak(
 
 
 @compiled
-def first_multipliers(point: ArcPoint) -> Array:
-    """Multipliers (4,) of the ends that come nearest to a stationary Lagrangian."""
-    columns, right = point.jacobian.T.copy(), -np.ones(point.xi.size)
-    for p in range(point.xi.size):
-        if not point.xi[p] > 1e-7:
-            columns[p], right[p] = 0.0, 0.0
-    duals: Array = np.linalg.lstsq(columns, right, 1e-6)[0].astype(np.float64)
-    return duals
-
-
-@compiled
 def _changes_side_by_side(program: SwitchingData, xi: Array, along: Array, duals: Array) -> Array:
     """Change (n, K) of the slopes of `duals` times the ends along (n, K); the last lane stays."""
     arcs, w0 = xi.size, program.w0
@@ -300,7 +289,7 @@ class SwitchingProgram(NonlinearProgram):
         at: ArcPoint = point.cache
         if self.budget is not None:
             self.budget.evaluations += max(at.xi.size - 4, 0)
-        duals = first_multipliers(at) if multipliers is None else multipliers.equalities
+        duals = np.zeros(4) if multipliers is None else multipliers.equalities
         near = np.flatnonzero((at.margins < NEAR_LIMIT) & (at.xi > 0.0))
         return Linearisation(
             gradient=np.ones(at.xi.size),

@@ -32,7 +32,7 @@ from tdm_planner.problems.pendulum.candidates import (
     FINE_STEPS,
     ONE_ROUND,
     polish,
-    shoot_finely,
+    quickest,
     shoot_upright,
     starts,
     TAIL_STEPS,
@@ -183,7 +183,7 @@ class SwitchingSearch(Search[Candidate]):
         until = self._part(_WARM_UNTIL)
         found = self._shot_again(previous, until)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
-            found = shoot_finely(self._task, found, until) or found
+            found = quickest(found)
         yield from distinct(found)[:_WARM_TRIED]
 
     def _shot_again(self, arcs: Candidate, until: Budget) -> list[Candidate]:
