@@ -218,8 +218,6 @@ class ThrustDirection:
             away = self.heading[0] - yaw[0] - alpha
             self.heading -= 2 * np.pi * np.round(away / (2 * np.pi))
         self.error = self._least_error(wanted)
-        if self.error > 0.002 * thrust:
-            self._reconsider_turns(wanted)
 
     def _headings(self, wanted: Array) -> Array:
         """Headings of the wanted accelerations, held where nothing is wanted (n,) rad."""
@@ -265,21 +263,6 @@ class ThrustDirection:
             if high < 1e-4 * self.thrust:
                 break
         return high
-
-    def _reconsider_turns(self, wanted: Array) -> None:
-        """Turn the other way round at a minimum of the thrust, where that is better."""
-        force = np.hypot(wanted[:, 0], wanted[:, 1])
-        step = np.diff(self._directions(wanted))
-        fast = np.abs(step) > 2 * self.rate * np.diff(self.times)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
-        for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            after = end + 1
-            at = begin + int(np.argmin(force[begin:after])) + 1
-            kept, error = self.heading.copy(), self.error
-            self.heading[at:] -= np.sign(step[begin:end].sum()) * 2 * np.pi
-            self.error = self._least_error(wanted)
-            if self.error >= error:
-                self.heading, self.error = kept, error
 
     def follow(self, wanted: Array) -> tuple[Array, Array]:
         """

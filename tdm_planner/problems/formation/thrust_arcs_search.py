@@ -27,10 +27,7 @@ from tdm_planner.problems.formation.search import (
     screened,
 )
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
-    CENTRE,
     Fleet,
-    HALF,
-    own_margins,
     positions,
     round_off,
     WEAKEST,
@@ -51,7 +48,6 @@ _OVERLAP = 0.35  # price of coming too near by a unit of length, in costs
 _SPARE = 1.02  # clearances wanted of a guess
 _MEETING = 1.1  # clearances within which it matters on which side robots pass
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
-_STRETCHES = 8  # times that a guess may be given more time
 Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
@@ -80,27 +76,6 @@ def _survey(choices: Array, fleet: Fleet, times: Array) -> tuple[Array, Array]:
     return paths, gas
 
 
-@compiled
-def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
-    """Have robots wait for their thrusters, and take longer, as long as they could not fly so."""
-    burns, slopes, margins = np.zeros((3, 4)), np.zeros((3, 4, 5)), np.zeros(3)
-    for i in range(len(x)):
-        for _ in range(_STRETCHES):
-            if not fleet.varied[i]:
-                break
-            round_off(x[i], fleet, i, burns, slopes)
-            own_margins(x[i], fleet, i, burns, margins)
-            coast = np.inf
-            for k in range(1, 3):
-                half = burns[k - 1, HALF] + burns[k, HALF]
-                coast = min(coast, burns[k, CENTRE] - burns[k - 1, CENTRE] - half)
-            if margins[0] >= 0.0 and coast >= fleet.pause:
-                break
-            x[i, 0] += max(0.0, -0.6 * margins[0] * fleet.time)
-            x[i, 4] = max(x[i, 4] * (1.2 if coast < fleet.pause else 1.0), 1.5 * x[i, 0])
-            x[i, 3] = x[i, 0] + share[i] * (x[i, 4] - x[i, 0])
-
-
 def guesses(
     program: ThrustArcProgram, rng: np.random.Generator, most: int, drawn: int
 ) -> Iterator[Array]:
@@ -125,7 +100,6 @@ def guesses(
         last = np.linalg.norm(task.goal - corner, axis=1)
         share = first / np.maximum(first + last, 1e-9)
         x[:, 1:3], x[:, 3], x[:, 4] = corner, share * durations, durations
-        _give_time(x, share, fleet)
         return x
 
     x = np.stack([guess(np.full(n, 0.5), np.full(n, bow)) for bow in _BOWS], axis=1)
