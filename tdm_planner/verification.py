@@ -214,6 +214,8 @@ def judge(
         reasons += _beyond(plant, away, allowed, '{0} begins {2} from the start')
     worst, worst_times, violated = check(constraints, times, states, controls)
     reasons += violated
+    if not np.isfinite(states).all():
+        reasons = ['its motion is too fast to be replayed']
     return Verification(
         ok=not reasons,
         terminal_error=error,

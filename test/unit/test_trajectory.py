@@ -13,7 +13,7 @@ from replays import by_scipy
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import ReplayedMotion, Trajectory
 from tdm_planner.verification import _least_between, Constraint, resolved, verify
 
 
@@ -130,6 +130,12 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
     check = verified(PLANT, replace(BANG_BANG, **changes), GOAL, TOLERANCE, LIMITS)
     assert not check.ok
     assert any(words in reason for reason in check.reasons), check.reasons
+
+
+def test_a_motion_whose_replay_breaks_off_is_said_to_be_too_fast():
+    broken = ReplayedMotion(BANG_BANG.times, lambda t: np.full((t.size, 2), np.nan))
+    check = verify(PLANT, BANG_BANG, broken, GOAL, TOLERANCE, LIMITS)
+    assert (check.ok, check.reasons) == (False, ('its motion is too fast to be replayed',))
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,8 @@ from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, even_times, judge, Verification
 
 TERMINAL_TOLERANCE = np.array([3.5e-3, 3.5e-3, 5e-3, 5e-3, 1e-2, 1e-2, np.inf])
-_RESOLUTION = 0.01
+_RESOLUTION = 0.01  # s, at most,
+_MISSED = 1e-4  # m by which robots may come nearer between two instants
 _ROUNDING = 1e-6
 _CONSISTENCY = np.full(7, 1e-5)
 
@@ -47,7 +49,8 @@ def assessed(
     """
     Return the robots' motions with their check and cost; `parameters` are Xi (m,).
 
-    Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
+    Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart, or
+    less where robots are so fast that they could come nearer between them.
     """
     tolerance = settings.solver.tolerance
     motions = {name: motions[name] for name in task.names}
@@ -55,7 +58,10 @@ def assessed(
         if motion.rates is None:
             motions[name] = motion.with_rates(task.plant.derivative)
     last = max(motion.duration for motion in motions.values())
-    times = even_times(0.0, last, _RESOLUTION)
+    # In a step h at a relative speed v the distance d of two robots falls by (v h)^2 / (8 d).
+    speed = 2.0 * max(np.hypot(m.state('u'), m.state('v')).max() for m in motions.values())
+    step = math.sqrt(8.0 * task.separation * _MISSED) / max(speed, 1e-9)
+    times = even_times(0.0, last, min(step, _RESOLUTION))
     limits, robots, every_state = robot_constraints(task), {}, []
     for i, name in enumerate(task.names):
         motion = motions[name]

@@ -19,6 +19,7 @@ from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.parameters import resized
 from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -122,6 +123,24 @@ def test_robots_keep_half_a_separation_from_every_wall(side, beyond):
     states[0, side] = (task.sides[side] if beyond else 0.0) + 0.1 * (1 if beyond else -1)
     margin = walls.margin(np.zeros(1), states, np.zeros((1, 3)))
     assert margin == pytest.approx([-0.1 - 0.5 * task.separation])
+
+
+def test_robots_that_pass_through_each_other_between_two_instants_collide() -> None:
+    """At 300 m/s, faster than instants 10 ms apart show."""
+    large = {'arena.length': 40.0, 'arena.width': 40.0}
+    places = (
+        pose('left', (10.0, 9.0, 0.0), (15.0, 9.0, 0.0)),
+        pose('right', (25.75, 9.0, 0.0), (20.0, 9.0, 0.0)),
+    )
+    problem = formation(**TWO, **large, **places[0], **places[1])
+    motions = {}
+    for name, first, speed in (('left', 10.0, 150.0), ('right', 25.75, -150.0)):
+        states = np.zeros((2, 7))
+        states[:, :3] = [[first, 9.0, speed], [first + 0.1 * speed, 9.0, speed]]
+        times, controls = np.array([0.0, 0.1]), np.zeros((2, 3))
+        motions[name] = Trajectory.of(problem.plant, times, states, controls)
+    worst = problem.assess(motions).verification.worst
+    assert min(worst.values()) < -0.9 * problem.arena.minimum_separation
 
 
 def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
