@@ -230,18 +230,6 @@ def _nearest(
             (thrust_arcs_kernels.positions(times, program.manoeuvre, i, every) - wanted).ravel()
         )
 
-    def missed_slope(z: Array) -> Array:
-        thrust_arcs_kernels.round_off(np.append(z, duration), program.manoeuvre, i, burns, slopes)
-        change, (centre, half) = burns[:, :2], burns[:, 2:].T
-        twice = np.maximum(2.0 * half, 1e-300)
-        burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)
-        way = 0.5 * burnt**2 / twice + np.maximum(times[:, None] - centre - half, 0.0)
-        later, longer = -burnt / twice, burnt / twice - (burnt / twice) ** 2
-        by = np.einsum('km,mav->kav', way, slopes[:, :2])
-        for each, shift in ((later, slopes[:, 2]), (longer, slopes[:, 3])):
-            by += np.einsum('km,ma,mv->kav', each, change, shift)
-        return np.asarray(by.reshape(wanted.size, -1)[:, :-1])
-
     corners = np.arange(1, program.size - 1, 3)
     share = np.arange(1, corners.size + 1) / (corners.size + 1)
     low, high = lower[:-1].copy(), upper[:-1].copy()
@@ -254,7 +242,7 @@ def _nearest(
     first[corners + 2] = share * duration
     room = 1e-6 * (high - low)
     first = np.clip(first, low + room, high - room)
-    best = least_squares(missed, first, missed_slope, bounds=(low, high), max_nfev=_EVALUATIONS)
+    best = least_squares(missed, first, bounds=(low, high), max_nfev=_EVALUATIONS)
     return np.append(best.x, duration)
 
 
