@@ -248,6 +248,12 @@ class RotaryPendulum(Validated, SymbolicPlant):
         return min(max(1.0, quick, stopped), _MOST_QUICK)
 
     @property
+    def loss(self) -> float:
+        """Share of the energy that damping of the pivot takes in half a small swing."""
+        k = self.coefficients
+        return -math.expm1(-math.pi * k.pivot_damping / k.pendulum / self.natural_frequency)
+
+    @property
     def _stopping(self) -> float:
         """Return the rate at which damping takes speed away with the pendulum upright [1/s]."""
         k = self.coefficients

@@ -194,7 +194,7 @@ def shoot_upright(
     return found
 
 
-def quickest(landed: list[Candidate]) -> list[Candidate]:
+def to_polish(landed: list[Candidate]) -> list[Candidate]:
     """Return the quickest, of which only the last arcs are to be varied."""
     return [
         replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED))

@@ -40,9 +40,9 @@ from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems.pendulum.candidates import (
     Candidate,
     FEWEST_ARCS,
-    quickest,
     shoot_upright,
     TAIL_STEPS,
+    to_polish,
 )
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
@@ -334,7 +334,7 @@ def pumped_candidates(
             break
         some = slice(first, first + _AT_ONCE)
         landed += shoot_upright(task, swings[some], TAIL_STEPS, until, _ENOUGH)
-    return quickest(landed), tried
+    return to_polish(landed), tried
 
 
 def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list[Candidate]:

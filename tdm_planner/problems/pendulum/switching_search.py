@@ -32,10 +32,10 @@ from tdm_planner.problems.pendulum.candidates import (
     FINE_STEPS,
     ONE_ROUND,
     polish,
-    quickest,
     shoot_upright,
     starts,
     TAIL_STEPS,
+    to_polish,
     trajectory,
     warm_starts,
     with_new_arcs,
@@ -62,6 +62,7 @@ _SEARCH_UNTIL = 0.85  # if none has; also the end of pumping, and no round begin
 _PUMPED_FIRST = 0.25  # below which pumping is tried first
 _ALWAYS_PUMPED = 0.1  # below which random starts hardly ever arrive
 _WEAK_DRIVE = 0.3  # below which a failure is put down to the torque
+_LOSS = 0.02  # of the energy in half a swing, from which on it is told
 
 # Minimising the time.
 _POLISHED, _POLISHED_PUMPED = 5, 2  # candidates, of random starts and pumped ones
@@ -183,7 +184,7 @@ class SwitchingSearch(Search[Candidate]):
         until = self._part(_WARM_UNTIL)
         found = self._shot_again(previous, until)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
-            found = quickest(found)
+            found = to_polish(found)
         yield from distinct(found)[:_WARM_TRIED]
 
     def _shot_again(self, arcs: Candidate, until: Budget) -> list[Candidate]:
@@ -383,5 +384,9 @@ class SwitchingSearch(Search[Candidate]):
                 f'; with a drive of {task.drive:.2g} it takes many swings, in each of which the '
                 'disk turns: try a longer solver.deadline, more limits.torque or '
                 'limits.disk_angle'
+            )
+        if task.plant.loss > _LOSS:
+            search += (
+                f'; plant.damping.pivot takes {task.plant.loss:.0%} of the energy in half a swing'
             )
         return search

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
-from stated import Car, Cart, changed, forced, LONG, QUICKEST, refused, solve
+from stated import Car, Cart, changed, forced, LONG, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import parameter
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
@@ -375,36 +375,6 @@ def test_a_function_that_fails_on_the_way():
     told = 'derivative of Changed raises ZeroDivisionError'
     with pytest.raises(exceptions.TdmError, match=told):
         solve(derivative=derivative)
-
-
-@pytest.mark.parametrize(
-    ('sign', 'words'), [(1, 'at its shortest allowed value, 0.03 s'), (-1, 'longest')]
-)
-def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
-    unlimited = {'margins': lambda s, t, x, u: {}, 'final_cost': lambda s, t, x: sign * t}
-    assert words in solve(**QUICKEST | unlimited).summary
-    made, quickest = changed(Cart, **QUICKEST)(), solve(**QUICKEST)
-    assert 'allowed value' not in quickest.summary
-    assert 2.0 < quickest.cost == pytest.approx(quickest.duration)
-    assert made.cost_to_go(quickest, 0.0) == pytest.approx(quickest.cost)
-
-
-def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_where_all_fail():
-    """The integrand exists only for |u| < 1.7; the least effort of 1.5 is found all the same."""
-    logarithm = {'running_cost': lambda s, t, x, u: u[0] ** 2 - 1e-9 * np.log(1.7 - u[0])}
-    assert solve(**logarithm).cost == pytest.approx(12 / 2.0**3, rel=1e-5)
-
-    def invert(self, y, z):
-        x, v, u = y['x']
-        return (x, v), (u + 0 * np.sqrt(0.8 - u),)
-
-    # The cheapest at the nodes goes to where the formula ends, and beyond between them.
-    solution = solve(**QUICKEST | {'invert': invert})
-    assert np.isfinite(solution.trajectory.controls).all()
-    assert 'allowed value' not in solution.summary
-    ending = {'derivative': lambda s, x, u: (x[1], u[0] + 0 * np.sqrt(0.9 - u[0]))}
-    with pytest.raises(VerificationFailed, match="derivative gives the rate of 'v' = nan"):
-        solve(**QUICKEST | ending)
 
 
 def test_a_parameter_that_is_not_finite_is_told_where_it_spoils_the_motion():

@@ -326,17 +326,6 @@ def test_a_solution_nearby_begins_with_the_multipliers_of_the_last():
     assert iterations[1] < 0.7 * iterations[0]
 
 
-@pytest.mark.parametrize(('solver', 'best'), [(LONG, 2.0), (DIRECT, 2.156)])
-@pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
-def test_neither_unit_nor_constant_of_the_cost_changes_the_plan(unit, constant, solver, best):
-    def cost(s, t, x):
-        return unit * t + constant
-
-    plan = solve(solver, **QUICKEST | {'final_cost': cost})
-    assert plan.duration == pytest.approx(best, rel=1e-3)
-    assert plan.cost == pytest.approx(cost(None, plan.duration, None))
-
-
 def test_an_initial_guess_at_which_the_cost_is_stationary_tells_how_large_it_is():
     """The cubic is the optimum without a limit."""
     plan = changed(Cart, **ABRUPT)(limit=0.6, time=3.0, solver=DIRECT).solve()

@@ -1,23 +1,26 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Ways round what is stated by a maximum: one of two limits will do; and what J a plan tells."""
+"""Ways round what is stated by a maximum, where formulas have no value; what J a plan tells."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 import pytest
-from stated import Cart, changed, LONG, Quickest
+from stated import Cart, changed, LONG, QUICKEST, Quickest, solve
 from tdm_planner.direct_method import Budget, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
 from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.guesses import Guesses
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, Refinement
+
+DIRECT = DirectSolverParameters(deadline=60.0, refine=False)
 
 
 def upright(self, y, z):
@@ -168,3 +171,44 @@ TANKS = changed(
 def test_a_motion_beyond_the_plant_does_not_accuse_the_statement(seed) -> None:
     """Of a random flow below zero invert and derivative differ, and of no motion of the plant."""
     assert TANKS(solver=LONG).solve(seed=seed).verification.ok
+
+
+@pytest.mark.parametrize(('solver', 'best'), [(LONG, 2.0), (DIRECT, 2.156)])
+@pytest.mark.parametrize(('unit', 'constant'), [(1.0, 1e6), (1.0, -1e4), (1e-12, 0.0), (1e9, 1.0)])
+def test_neither_unit_nor_constant_of_the_cost_changes_the_plan(unit, constant, solver, best):
+    def cost(s, t, x):
+        return unit * t + constant
+
+    plan = solve(solver, **QUICKEST | {'final_cost': cost})
+    assert plan.duration == pytest.approx(best, rel=1e-3)
+    assert plan.cost == pytest.approx(cost(None, plan.duration, None))
+
+
+@pytest.mark.parametrize(
+    ('sign', 'words'), [(1, 'at its shortest allowed value, 0.03 s'), (-1, 'longest')]
+)
+def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
+    unlimited = {'margins': lambda s, t, x, u: {}, 'final_cost': lambda s, t, x: sign * t}
+    assert words in solve(**QUICKEST | unlimited).summary
+    made, quickest = changed(Cart, **QUICKEST)(), solve(**QUICKEST)
+    assert 'allowed value' not in quickest.summary
+    assert 2.0 < quickest.cost == pytest.approx(quickest.duration)
+    assert made.cost_to_go(quickest, 0.0) == pytest.approx(quickest.cost)
+
+
+def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_where_all_fail():
+    """The integrand exists only for |u| < 1.7; the least effort of 1.5 is found all the same."""
+    logarithm = {'running_cost': lambda s, t, x, u: u[0] ** 2 - 1e-9 * np.log(1.7 - u[0])}
+    assert solve(**logarithm).cost == pytest.approx(12 / 2.0**3, rel=1e-5)
+
+    def invert(self, y, z):
+        x, v, u = y['x']
+        return (x, v), (u + 0 * np.sqrt(0.8 - u),)
+
+    # The cheapest at the nodes goes to where the formula ends, and beyond between them.
+    solution = solve(**QUICKEST | {'invert': invert})
+    assert np.isfinite(solution.trajectory.controls).all()
+    assert 'allowed value' not in solution.summary
+    ending = {'derivative': lambda s, x, u: (x[1], u[0] + 0 * np.sqrt(0.9 - u[0]))}
+    with pytest.raises(VerificationFailed, match="derivative gives the rate of 'v' = nan"):
+        solve(**QUICKEST | ending)
