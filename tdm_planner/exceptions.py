@@ -15,7 +15,8 @@ from typing import ClassVar
 
 _SPECS = [find_spec(name) for name in ('casadi', 'numpy', 'scipy', 'tdm_planner')]
 _FOLDERS = [f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin]
-_LIBRARIES = (*_FOLDERS, '<frozen ', '<string>', f'{Path(traceback.__file__).parent}/importlib/')
+_LIBRARIES = *_FOLDERS, '<frozen ', '<string>'
+_STANDARD = f'{Path(traceback.__file__).parent}/'  # library; other packages may be below it
 
 
 class TdmError(Exception):
@@ -112,7 +113,8 @@ def place_of(error: Exception) -> tuple[str, str]:
     Both are '' where that is in libraries or in this package.
     """
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if not frame.filename.startswith(_LIBRARIES):
+        standard = frame.filename.startswith(_STANDARD) and '-packages/' not in frame.filename
+        if not standard and not frame.filename.startswith(_LIBRARIES):
             source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
             name = frame.filename.rsplit('/', 1)[-1]
             return f' in line {frame.lineno} of {name}, `{source}`', source

@@ -131,7 +131,8 @@ def ros_parameters(
         )
     sections = list(_sections(document))
     for key, value in document.items():
-        if str(key).startswith('/') and not any(_sections({key: value})):
+        named = isinstance(value, Mapping) and 'ros__parameters' not in value
+        if named and value and str(key).startswith('/') and not any(_sections({key: value})):
             raise InvalidProblem(
                 f"section '{shown(key)}' of the parameter file has no 'ros__parameters' below it"
             )
@@ -147,12 +148,13 @@ def ros_parameters(
             found.update(flatten(values))
         else:
             others.append(name)
-            last = name.rpartition('/')[2]
-            if last != node and last.isalpha() and get_close_matches(last, [node], 1, _MISSPELT):
-                raise InvalidProblem(
-                    f"section '{name}' of the parameter file is for no node of ours: did you mean "
-                    f'{node}?'
-                )
+    nodes = {name.rpartition('/')[2]: name for name, _ in sections}
+    slips = get_close_matches(node, filter(str.isalpha, nodes), 1, _MISSPELT)
+    if slips and node not in nodes:
+        raise InvalidProblem(
+            f"section '{nodes[slips[0]]}' of the parameter file is for no node of ours: did you "
+            f'mean {node}?'
+        )
     if required and not found and others:
         raise InvalidProblem(
             f"the parameter file has no section for node '{full_name}', only for "

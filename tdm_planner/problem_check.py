@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from timeit import timeit
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ from tdm_planner.problems.direct.statement import (
 )
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.motion import TrackerParameters
-from tdm_planner.tracking.tracked_plants import with_parameters_of
+from tdm_planner.tracking.tracked_plants import PLANT_NODE, with_parameters_of
 
 _REPEATED = 20  # evaluations that are timed
 
@@ -102,10 +104,12 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             'nothing is varied: no output has `free` parameters, and the duration is fixed'
         )
     try:
-        with_parameters_of(TrackerParameters, type(problem))
+        with_parameters_of(TrackerParameters, type(problem), taken=PLANT_NODE)
     except InvalidProblem as error:
         reasons.append(str(error))
-    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits)
+    for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
+        console.print(f'[bold red]{doubt}')
+    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits, 'start')
 
 
 def misspelt(problem: type[Problem]) -> list[str]:
@@ -116,11 +120,19 @@ def misspelt(problem: type[Problem]) -> list[str]:
     own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
     found = {name for kind in own for name in vars(kind)} - {item.name for item in fields(kind)}
     known = {*vars(Formulation), *Formulation.__annotations__, DirectProblem.drawing.__name__}
-    functions = [value for kind in own for value in vars(kind).values()]
-    used = {name for f in functions if hasattr(f, '__code__') for name in f.__code__.co_names}
-    others = sorted(name for name in found - known - used if not name.startswith('_'))
+    used = {name for kind in own for value in vars(kind).values() for name in _names_in(value)}
+    others = sorted(n for n in found - known - {*dir(DirectProblem)} - used if n[0] != '_')
     asked = [(name, suggestion(name, known)) for name in others]
     return [f'{name} is never used: {question}' for name, question in asked if question]
+
+
+def _names_in(value: Any) -> Iterator[str]:
+    """Yield the names of attributes that a function or property uses, or one within it."""
+    code = getattr(getattr(value, 'fget', value), '__code__', value)
+    if isinstance(code, CodeType):
+        yield from code.co_names
+        for inner in code.co_consts:
+            yield from _names_in(inner)
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

@@ -260,7 +260,7 @@ class Trajectory:
         try:
             states, controls = dict(data['states']), dict(data['controls'])
             units = {str(name): str(unit) for name, unit in data.get('units', {}).items()}
-            rates = [data['rates'][name] for name in states] if data.get('rates') else None
+            rates = [data['rates'].get(name, ()) for name in states] if data.get('rates') else None
             return cls(
                 times=np.asarray(data['times'], dtype=float),
                 states=np.asarray(list(states.values()), dtype=float).T,

@@ -148,7 +148,7 @@ class Problem(ABC):
                     f"{cls.__name__} has a parameter '{item.name}', which hides what a problem "
                     'has under that name: name it otherwise'
                 )
-        if not re.fullmatch(r'[A-Za-z]\w*', str(cls.name)):
+        if not re.fullmatch(r'[A-Za-z]\w*', str(cls.name), re.ASCII):
             raise InvalidProblem(
                 f'{cls.__name__}.name = {shown(cls.name)} is not allowed: must be a letter, then '
                 'letters, digits and _, as topics are named after it'

@@ -17,7 +17,6 @@ from importlib import import_module
 from importlib.metadata import entry_points
 import os
 import sys
-from types import ModuleType
 
 from tdm_planner.exceptions import InvalidProblem, place_of
 from tdm_planner.parameters import suggestion
@@ -70,7 +69,7 @@ def _load(name: str, address: str) -> type[Problem]:
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
         own = f'{module}.'.startswith(f'{absent}.') or '/' in module  # not one that it imports
         hint = ' (write module:Class, and run it in the folder of module.py)' if own else ''
-        if isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
+        if isinstance(error, AttributeError) and error.obj is sys.modules.get(module.strip()):
             hint = f' ({suggestion(attribute, vars(error.obj)) or "it has no such class"})'
         where, _ = place_of(error)
         raise InvalidProblem(f'{what}: {type(error).__name__}: {error}{hint}{where}') from error

@@ -172,13 +172,20 @@ class StateEstimator:
         """Forget every sample, and what delay and model's error were found to be."""
         self.stamp, self.delay, self._error_share = None, self._guess, 1.0
 
-    def go_on_from(self, other: StateEstimator) -> None:
-        """Take over commands and newest state, and the delay if it began with the same guess."""
+    def go_on_from(self, other: StateEstimator, alike: bool) -> None:
+        """
+        Take over commands and newest state, and the delay if it began with the same guess.
+
+        Gains, too, if the models are `alike`: they are shares of the model's constants.
+        """
         self.history.take(other.history)
         if self._guess == other._guess:
             self.delay = other.delay
         if other.stamp is not None:
-            self.observe(other.predict(other.stamp), other.stamp)
+            state = other.predict(other.stamp).copy()
+            if not alike:
+                state[self.noise.measurement.size :] = 1.0
+            self.observe(state, other.stamp)
 
     def acting(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
         """Durations [s] and controls that make up [start, end], as they act on the plant."""

@@ -39,6 +39,7 @@ from tdm_planner.parameters import group, parameter, positive, Validated
 from tdm_planner.plants.rotary_pendulum import (
     accelerations_by,
     Coefficients,
+    PendulumDamping,
     PendulumLimits,
     RotaryPendulum,
 )
@@ -211,7 +212,8 @@ class PendulumTracker(TrajectoryTracker):
         try:
             a, b = plant.jacobians(np.zeros(4), np.zeros(1))
             falling = float(np.linalg.eigvals(a).real.max())
-            self.growth_rate = max(falling, frequency * plant.quickness, disk)
+            undamped = replace(plant, damping=PendulumDamping())
+            self.growth_rate = max(falling, frequency * undamped.quickness, disk)
             self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)
         except np.linalg.LinAlgError as error:
             raise InvalidProblem(
@@ -221,6 +223,9 @@ class PendulumTracker(TrajectoryTracker):
         gain, cost = self.upright
         spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
         self._capture_level = float(limit**2 / spread)
+        k = plant.coefficients
+        damping = k.pivot_damping / k.pendulum, k.disk_damping / k.disk
+        self._damping = np.array(damping) / frequency  # of the model, as in `GAINS`
         spring = _RECOVERY_STIFFNESS * plant.coefficients.disk * frequency**2
         damper = 2.0 * _RECOVERY_DAMPING * plant.coefficients.disk * frequency
         self.recovery_gain = np.array([0.0, spring, 0.0, damper])
@@ -264,7 +269,9 @@ class PendulumTracker(TrajectoryTracker):
         planned = motion.pace**2 * mean_controls(law.trajectory, [first, first + step])[0]
         reference = law.trajectory.sample(first).state * self._scale(motion.pace)
         gain, off = law.gain(elapsed), state[4:].copy()
-        off[0] /= motion.pace**2  # at its own pace the plan is that of its gravity
+        # At its own pace the plan is that of its gravity; damping grows with the pace alone.
+        off[0] /= motion.pace**2
+        off[-2:] = 1.0 + (self._damping + off[-2:] - 1.0) / motion.pace - self._damping
         return self._action(planned - gain[:, 4:] @ (off - 1.0), gain[:, :4], state, reference)
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:

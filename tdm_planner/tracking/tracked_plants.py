@@ -9,7 +9,7 @@ Planner, tracker and plant declare a stated problem's parameters under the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from copy import copy
 from dataclasses import dataclass, fields, make_dataclass
 from typing import Any, get_type_hints
@@ -25,8 +25,8 @@ from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParame
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
 
-# Parameters of the nodes themselves; of the simulated plant, so that `tdm check` names them.
-_NODE = frozenset(('autostart', 'kind', 'problem'))
+_NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
+# Of the simulated plant: a problem that has one, too, cannot be simulated.
 PLANT_NODE = frozenset(('rate', 'real_time_factor', 'publish_clock', 'clock_followers', 'seed'))
 PLANT_NODE |= {'command_timeout', 'mismatch', 'mismatch_seed', 'held', 'disturbance', 'initial'}
 PLANT_NODE |= {'noise'}
@@ -47,14 +47,17 @@ def stated_problem(name: str) -> type[DirectProblem]:
 
 
 def with_parameters_of(
-    base: type[Any], problem: type[DirectProblem], besides: Sequence[str] = ('solver', 'start')
+    base: type[Any],
+    problem: type[DirectProblem],
+    besides: Sequence[str] = ('solver', 'start'),
+    taken: Set[str] = frozenset(),
 ) -> type[Any]:
     """
     Return the dataclass of a node's parameters: those of `base`, and the problem's but `besides`.
 
-    Raise InvalidProblem if both have one of the same name.
+    Raise InvalidProblem if both have one of the same name, or one is `taken`.
     """
-    own = {item.name for item in fields(base)} | _NODE | PLANT_NODE
+    own = {item.name for item in fields(base)} | _NODE | taken
     kind: Any = problem
     added = [item for item in fields(kind) if item.name not in besides]
     for item in added:

@@ -383,7 +383,7 @@ class TrajectoryTracker(ABC):
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
         self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
-        self.estimator.go_on_from(other.estimator)
+        self.estimator.go_on_from(other.estimator, self.plant == other.plant)
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)
 

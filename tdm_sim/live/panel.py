@@ -246,7 +246,8 @@ def slider_of(descriptor: Any, value: Any) -> Slider | None:
     """
     Return the slider of a parameter's descriptor and value; None where it has none.
 
-    If the declared range is very wide, it covers a few times the value instead.
+    If the declared range is very wide, it covers a few times the value instead; there is none if
+    that is the least allowed.
     """
     number = descriptor.type in (_DOUBLE, _INTEGER)
     if not number or descriptor.read_only or not isinstance(value, float | int):
@@ -258,6 +259,8 @@ def slider_of(descriptor: Any, value: Any) -> Slider | None:
     low, high = (
         (declared[0].from_value, declared[0].to_value) if declared else (-math.inf, math.inf)
     )
+    if value == low and high - low > WIDEST:  # how large it may sensibly be is not known
+        return None
     low, high = shown_range(float(value), float(low), float(high))
     step = (high - low) / _STEPS
     if whole:

@@ -73,9 +73,9 @@ def problem_of(figures: PlanFigures, given: type[Problem] | None) -> tuple[Probl
     """
     name = figures.problem
     if given is None or given.name != name:
-        if given is not None:
-            return None, f"The plan is of '{name}', not of '{given.name}' that `--problem` states."
         if name not in problem_names():
+            if given is not None:
+                return None, f"The plan is of '{name}', not of '{given.name}', the `--problem`."
             absent = (
                 f"The problem '{name}' is not installed: goal, limits and picture are not known. "
                 '`--problem module:Class` tells them.'

@@ -121,13 +121,17 @@ def test_a_problem_takes_a_files_document() -> None:
     with pytest.raises(InvalidProblem, match=r'no section for node'):
         RobotFormation.from_parameters({'other': {'ros__parameters': {'robots': ['a']}}})
     for slip, says in (
-        ({'/**/planer': {'ros__parameters': {}}, **document}, r"'/\*\*/planer' .* mean planner"),
+        (
+            {'/**': {'ros__parameters': {}}, '/**/planer': {'ros__parameters': {'a': 1}}},
+            'mean planner',
+        ),
         ({'/**': {'ros_parameters': {'robots': ['a']}}}, r"'/\*\*' .* no 'ros__parameters' below"),
     ):
         with pytest.raises(InvalidProblem, match=says):
             ros_parameters(slip)
-    others = {'/**/planner_server': {'ros__parameters': {'a': 1}}, **document}
-    assert RobotFormation.from_parameters(others) == RobotFormation()
+    for other in ('planner_server', 'planners', 'planner2'):  # others' nodes may be called so
+        both = {f'/**/{other}': {'ros__parameters': {'a': 1}}, **document}
+        assert RobotFormation.from_parameters(both) == RobotFormation()
 
 
 def test_a_field_of_a_type_that_no_parameter_has_is_named():

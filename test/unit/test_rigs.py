@@ -71,7 +71,19 @@ def test_damping_of_which_the_model_has_none_is_found_on_the_way() -> None:
     longest = plan.duration + 24.0 / problem.plant.natural_frequency
     loop = Loop(vehicle).begin(plan).run(longest)
     assert loop.upright(1.0)
+    # Taken over, they are the model's, and count once.
     found = loop.tracker.found
+    taken = (float(found[f'damping of the {name} [N m s]']) for name in ('pivot', 'disk'))
+    parameters = loop.tracker.parameters
+    parameters = replace(
+        parameters, plant=replace(parameters.plant, damping=PendulumDamping(*taken))
+    )
+    after = PendulumTracker(parameters)
+    after.adopt(loop.tracker)
+    for name in ('pivot', 'disk'):
+        assert after.found[f'damping of the {name} [N m s]'] == pytest.approx(
+            found[f'damping of the {name} [N m s]']
+        )
     assert found['natural frequency [rad/s]'] == pytest.approx(true.natural_frequency, rel=0.01)
     for name, damping in zip(('pivot', 'disk'), astuple(true.damping), strict=True):
         assert found[f'damping of the {name} [N m s]'] == pytest.approx(damping, rel=0.2)
@@ -129,6 +141,23 @@ def test_a_narrow_range_of_the_disk_takes_more(seed: int, start: int, longest: f
     assert rig(seed).solve(DEADLINE, seed=start).duration < longest
 
 
+def test_at_its_own_pace_a_plan_is_followed_with_damping_that_grows_with_the_pace() -> None:
+    """Gravity, and so the square of the pace, is a tenth less than the model's."""
+    model = damped(RotaryPendulum(), 0.2)
+    problem = PendulumSwingUp(plant=model, limits=PendulumLimits(0.05), torque_reserve=0.3)
+    plan = problem.solve(DEADLINE).trajectory
+    loop = Loop(pendulum(tracker_of(problem)))
+    slower = replace(loop.plant.setup.plant, gravity=0.9 * model.gravity)
+    loop.plant.setup = replace(loop.plant.setup, plant=slower)
+    loop.begin(plan)
+    away = []
+    while loop.tracker.phase is not Phase.HOLDING:
+        loop.run(0.02)
+        if (motion := loop.tracker.current) is not None and loop.now < motion.end:
+            away.append(loop.plant.state[0] - motion.reference(loop.now)[0])
+    assert np.abs(away).max() < 0.02  # .033 where all of the torque is scaled alike
+
+
 @pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9697, True)])
 def test_a_swing_up_that_uses_all_it_may_of_the_range_is_held(seed: int, slow: bool) -> None:
     """Sensors are noisy, it settles at its own pace; a tenth of the torque's reserve is left."""
@@ -173,6 +202,10 @@ def test_scales_follow_the_rig() -> None:
     least = f'must be {12 * falls:.0f} Hz or more'
     assert large.warning == f'rate = 200 Hz is too slow for this plant: {least}'
     assert given[2:] == pytest.approx([0.3, 0.3])
+    # Strong damping asks for short steps, not for quick commands: it slows the fall.
+    damped_strongly = pendulum_tracker(plant__damping__disk=0.05, limits__torque=0.09)
+    assert damped_strongly.plant.quickness > 4.0
+    assert damped_strongly.warning == ''
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(None, np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(None, np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6

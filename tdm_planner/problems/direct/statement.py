@@ -233,13 +233,13 @@ def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
     return left
 
 
-def short_of_reserve(stated: CheckedFormulation, left: Left) -> list[str]:
-    """Say of which limits an end leaves less than the reserve, by what `left_at_ends` found."""
+def short_of_reserve(stated: CheckedFormulation, left: Left, where: str) -> list[str]:
+    """Say of which limits start or end leave less than the reserve; `left` by `left_at_ends`."""
+    side = ('start', 'end').index(where)
     return [
         f"the {where} leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
         for (name, both), share in zip(left.items(), stated.reserves(tuple(left)), strict=True)
-        for where, value in zip(('start', 'end'), both, strict=True)
-        if value is not None and 0.0 <= value < share
+        if (value := both[side]) is not None and 0.0 <= value < share
     ]
 
 

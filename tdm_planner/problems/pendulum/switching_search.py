@@ -366,7 +366,7 @@ class SwitchingSearch(Search[Candidate]):
         return []
 
     def _missed(self) -> str:
-        task = self._task
+        task, w0 = self._task, self._task.plant.natural_frequency
         search = (
             f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
             f'{task.planned_torque:.3g} N m (limits.torque less torque_reserve) '
@@ -384,6 +384,11 @@ class SwitchingSearch(Search[Candidate]):
                 f'; with a drive of {task.drive:.2g} it takes many swings, in each of which the '
                 'disk turns: try a longer solver.deadline, more limits.torque or '
                 'limits.disk_angle'
+            )
+        if 0.0 < task.planned_torque < task.plant.damping.disk * w0:
+            search += (
+                '; plant.damping.disk keeps the disk below '
+                f'{task.planned_torque / task.plant.damping.disk:.2g} rad/s'
             )
         if task.plant.loss > _LOSS:
             search += (

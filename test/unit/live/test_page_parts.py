@@ -60,6 +60,7 @@ def test_range_unit_and_description_come_from_the_declaration() -> None:
     assert all(isinstance(v, int) for v in (whole.low, whole.high, whole.step, whole.value))
     assert slider('method', 'switching', 4) is slider('goal.turns', None, 2) is None
     assert slider('limits.torque', 0.02, read_only=True) is None
+    assert slider('plant.damping.disk', 0.0) is None
     for name in ('start.delay', 'solver.deadline', 'replan.rate'):
         assert slider(name, 0.5) is None
 

@@ -78,18 +78,29 @@ def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> Non
 
 @pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
 def test_between_its_points_a_plan_of_ours_is_read_as_it_was_planned(kind: PlantKind) -> None:
-    of = {joint.position: joint.velocity for joint in kind.joints if joint.position}
-    names = kind.state_names + kind.control_names
+    speeds = {joint.velocity: joint.position for joint in kind.joints if joint.velocity}
+    times, names = np.linspace(0.0, 2.0, 30), kind.state_names + kind.control_names
 
-    def rates(states: np.ndarray, controls: np.ndarray) -> np.ndarray:
-        values = dict(zip(names, [*states.T, *controls.T], strict=True))
-        found = [values.get(of.get(name, ''), 2.0 * values[name]) for name in kind.state_names]
-        return np.stack(found, axis=-1)
+    def history(name: str, order: int) -> np.ndarray:
+        """A sine, of which velocities are the derivatives by time."""
+        if of := speeds.get(name):
+            return history(of, order + 1)
+        return np.sin(times + names.index(name) + order * np.pi / 2)
 
-    plan = replace(switched(kind), interpolation='linear').with_rates(rates)
-    read = reading.read_plan(kind, messages.plan_message(kind, plan, STAMP), 'linear', rated=True)
+    states, controls = (
+        np.stack([history(name, 0) for name in each], axis=-1)
+        for each in (kind.state_names, kind.control_names)
+    )
+    rates = np.stack([history(name, 1) for name in kind.state_names], axis=-1)
+    plan = Trajectory.of(kind, times, states, controls, 'linear')
+    plan = replace(plan, rates=np.stack([rates[:-1], rates[1:]], axis=1))
+    made = messages.plan_message(kind, plan, STAMP)
+    read = reading.read_plan(kind, made, 'linear', rated=True)
     np.testing.assert_allclose(read.rates, plan.rates, rtol=1e-12, atol=1e-12)
-    assert reading.read_plan(kind, messages.plan_message(kind, plan, STAMP)).rates is None
+    assert reading.read_plan(kind, made).rates is None
+    # Rates that are not known are written as zeros.
+    unknown = messages.plan_message(kind, replace(plan, rates=None), STAMP)
+    assert reading.read_plan(kind, unknown, 'linear', rated=True).rates is None
 
 
 def test_a_robots_plan_is_one_message() -> None:

@@ -189,8 +189,9 @@ def test_a_parameter_hides_nothing_and_a_problem_has_a_name_for_topics(name):
 
 def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
     of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
-    of_its_own['derived'] = Cart.derivative  # it is called below
+    of_its_own |= {'derived': Cart.derivative, 'margin': lambda s, x: x[0] + 9.0}  # called below
     of_its_own['derivative'] = lambda s, x, u: s.derived(x, u)
+    of_its_own['margins'] = lambda s, t, x, u: {'pole': (lambda: s.margin(x))()}
     made = changed(Cart, **of_its_own, end_conditions=lambda s, t, x: [x[1], t - 2.0])
     console = Console(record=True, width=300)
     assert check_problem(made(), console) == []
