@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import gc
-import math
 import os
 import signal
 import sys
@@ -30,6 +29,7 @@ from tdm_planner.parameters import shown
 from tdm_planner.starting import ignore_signals, SIGNALS
 
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
+_GRACE = 2.0  # s after the first signal, in which others are let pass
 
 
 def fault_of(name: str, validate: Callable[[str], object] = validate_topic_name) -> str:
@@ -61,33 +61,6 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-class StopSignal:
-    """
-    Records SIGINT and SIGTERM: `asked` says that one has arrived.
-
-    The handler does not raise KeyboardInterrupt: in a finaliser it would be lost, a second one
-    would interrupt the clean-up, and an executor that it interrupts aborts when it is freed. Only
-    a signal that arrives `GRACE` s after the first raises it.
-    """
-
-    GRACE = 2.0
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._first = math.inf
-
-    def catch(self) -> None:
-        """Install the handlers."""
-        for number in SIGNALS:
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        now = time.monotonic()
-        self.asked, self._first = True, min(self._first, now)
-        if now - self._first > self.GRACE:
-            raise KeyboardInterrupt
-
-
 def run(make_node: Callable[[], Node]) -> int:
     """
     Make the node, spin it until SIGINT or SIGTERM, and return the exit code of the process.
@@ -99,9 +72,18 @@ def run(make_node: Callable[[], Node]) -> int:
     node: Node | None = None
     executor: Executor | None = None
     started = broken = False
-    end = StopSignal()
+    asked: list[float] = []  # instants of signals
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        # KeyboardInterrupt would be lost in a finaliser, interrupt the clean-up the second time,
+        # and abort an executor when it is freed: only a signal long after the first raises it.
+        asked.append(time.monotonic())
+        if asked[-1] - asked[0] > _GRACE:
+            raise KeyboardInterrupt
+
     try:
-        end.catch()
+        for number in SIGNALS:
+            signal.signal(number, on_signal)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         started = True
         node = make_node()
@@ -111,7 +93,7 @@ def run(make_node: Callable[[], Node]) -> int:
         executor = make_executor()
         executor.add_node(node)
         # EventsExecutor.spin() does not return on a signal, spin_once() does.
-        while rclpy.ok() and not end.asked:
+        while rclpy.ok() and not asked:
             executor.spin_once(timeout_sec=LONGEST_WAIT)
     except ExternalShutdownException:
         pass
@@ -120,7 +102,7 @@ def run(make_node: Callable[[], Node]) -> int:
     except Exception as error:  # noqa: B902
         # rclpy raises when a signal or the end of the context interrupts it: the process ends.
         broken = True
-        if not end.asked and (rclpy.ok() or not started):
+        if not asked and (rclpy.ok() or not started):
             invalid = isinstance(error, InvalidProblem)
             code = 2 if invalid else 1
             what = '' if invalid else f'{type(error).__name__}: '

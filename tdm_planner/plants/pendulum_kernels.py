@@ -66,7 +66,7 @@ def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
     determinant = k.pendulum * j - k.arm * k.arm * cosine * cosine
     pull = j * (k.gravity + abs(k.coupling) * v * v) + abs(bend) * w * w
     stop = k.pivot_damping * j + k.disk_damping * k.pendulum
-    return math.sqrt(determinant / (pull + stop * stop / determinant))
+    return determinant / math.sqrt(determinant * pull + stop * stop)
 
 
 @compiled

@@ -141,16 +141,18 @@ def test_signals_while_it_leaves_are_let_pass(monkeypatch, capfd):
     assert told(capfd) == []
 
 
-def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros):
-    end = runtime.StopSignal()
-    assert not end.asked
-    end._on_signal(signal.SIGINT, None)
-    assert end.asked
-    ros.step_to(ros.now + 1_900_000_000)
-    end._on_signal(signal.SIGINT, None)
-    ros.step_to(ros.now + 200_000_000)
-    with pytest.raises(KeyboardInterrupt):
-        end._on_signal(signal.SIGINT, None)
+@pytest.mark.parametrize(('later', 'whole'), [(1.9, True), (2.1, False)])
+def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros, later, whole):
+    done = []
+
+    def acts() -> None:
+        ask()
+        ros.step_to(ros.now + round(later * 1e9))
+        ask()
+        done.append('whole')
+
+    assert run(node_that(acts)) == 0
+    assert bool(done) is whole
 
 
 def test_a_signal_does_not_interrupt_what_the_executor_of_a_demo_does(ros, monkeypatch, tmp_path):
