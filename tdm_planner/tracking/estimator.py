@@ -182,9 +182,9 @@ class StateEstimator:
         if self._guess == other._guess:
             self.delay = other.delay
         if other.stamp is not None:
-            state = other.predict(other.stamp).copy()
+            state, measured = other.predict(other.stamp).copy(), self.noise.measurement.size
             if not alike:
-                state[self.noise.measurement.size :] = 1.0
+                state[measured:] = 1.0
             self.observe(state, other.stamp)
 
     def acting(self, start: float, end: float) -> Iterator[tuple[float, Array]]:

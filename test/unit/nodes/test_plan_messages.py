@@ -82,7 +82,7 @@ def test_between_its_points_a_plan_of_ours_is_read_as_it_was_planned(kind: Plant
     times, names = np.linspace(0.0, 2.0, 30), kind.state_names + kind.control_names
 
     def history(name: str, order: int) -> np.ndarray:
-        """A sine, of which velocities are the derivatives by time."""
+        """Return a sine, of which velocities are the derivatives by time."""
         if of := speeds.get(name):
             return history(of, order + 1)
         return np.sin(times + names.index(name) + order * np.pi / 2)
