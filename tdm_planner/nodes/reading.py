@@ -24,7 +24,7 @@ from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
 
 _UNIT_TOLERANCE = 1e-3
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
-_FIT = 0.1  # share of a state's largest rate, by which its changes may differ
+_FIT, _RESTING = 0.1, 1e-6  # share of a state's largest rate that is no fit; rates at rest
 _RATES = ('velocities', 'accelerations', 'effort')  # where the rates of those that are states are
 
 
@@ -51,8 +51,9 @@ def read_plan(
     A message does not say how controls run between its points. Unless `interpolation` or the
     plant's kind says so, efforts that stay equal over most intervals are held (switched controls),
     others are read as linear between the points. `rated` says that velocities and accelerations
-    are the rates of the states, as a planner of ours writes them if it knows them: where they fit,
-    states are read by them between the points. Held controls have two rates at a switch: no.
+    are the rates of the states, as a planner of ours writes them if it knows them. States are read
+    by them between the points where they fit, and controls are not held: those have two rates at a
+    switch.
 
     Raise InvalidProblem for another frame, joints that are missing, lengths that do not match,
     values that are not finite, or times that do not increase strictly from 0 or later.
@@ -83,7 +84,7 @@ def read_plan(
     columns = _columns(kind.joints, message.joint_names, {*kind.state_names}, points, _RATES, told)
     rates, slopes = stacked(kind.state_names), np.diff(plan.states.T) / np.diff(plan.times)
     away = np.abs(0.5 * (rates[:-1] + rates[1:]).T - slopes)
-    if (away > _FIT * np.abs(slopes).max(axis=1, keepdims=True) + _FIT).any():
+    if (away > _FIT * np.abs(slopes).max(axis=1, keepdims=True) + _RESTING).any():
         return plan
     return replace(plan, rates=np.stack([rates[:-1], rates[1:]], axis=1))
 

@@ -245,7 +245,7 @@ class DirectSearch(Search[Candidate]):
                 yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
-        """Solve on as many intervals as J asks for, in a hurry few; put it aside if that fails."""
+        """Solve on as many intervals as J asks for, few in a hurry; put aside what fails."""
         solutions = _SOLUTIONS if self._best is None else 1
         last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _HURRY)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals

@@ -99,7 +99,8 @@ def test_between_its_points_a_plan_of_ours_is_read_as_it_was_planned(kind: Plant
     np.testing.assert_allclose(read.rates, plan.rates, rtol=1e-12, atol=1e-12)
     assert reading.read_plan(kind, made).rates is None
     # Rates that are not known are written as zeros.
-    unknown = messages.plan_message(kind, replace(plan, rates=None), STAMP)
+    slow = replace(plan, rates=None, states=1e-3 * plan.states)
+    unknown = messages.plan_message(kind, slow, STAMP)
     assert reading.read_plan(kind, unknown, 'linear', rated=True).rates is None
 
 
