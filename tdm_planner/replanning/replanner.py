@@ -135,12 +135,14 @@ class Review:
     """
     The outcome of a review; `plan` is the one to take over, None if the old one is kept.
 
-    `necessary` says that the old one fails or answers another question.
+    `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
+    where nothing had to be solved.
     """
 
     plan: ActivePlan | None
     reason: str
     necessary: bool = False
+    solve_time: float = 0.0
 
 
 class Replanner:
@@ -185,14 +187,15 @@ class Replanner:
             new_problem = self.execution.problem_from(problem, predicted)
             new = self._solve(new_problem, predicted, at, allowed)
         except TdmError as error:
-            return Review(None, f'{error.code}: {error}', necessary)
+            spent = time.perf_counter() - began
+            return Review(None, f'{error.code}: {error}', necessary, spent)
         supersedes, reason = decide(outlook, changed, new.cost, self.parameters.improvement)
         taking_over = None
         if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
             taking_over = ActivePlan(new_problem, new, at, whole, plan.request_parameters)
-        return Review(taking_over, reason, necessary)
+        return Review(taking_over, reason, necessary, time.perf_counter() - began)
 
     def _may_improve(self, outlook: Outlook, now: float) -> bool:
         """Whether to look for a better plan though the old one does: not often, it costs time."""
