@@ -69,7 +69,7 @@ class Trajectory:
     rates: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ('times', 'states', 'controls', *['rates'] * (self.rates is not None)):
+        for name in ('times', 'states', 'controls'):
             values = np.array(getattr(self, name), dtype=float)
             if not np.isfinite(values).all():
                 raise InvalidProblem(f"trajectory '{name}' holds a value that is not finite")
@@ -260,7 +260,10 @@ class Trajectory:
         try:
             states, controls = dict(data['states']), dict(data['controls'])
             units = {str(name): str(unit) for name, unit in data.get('units', {}).items()}
-            rates = [data['rates'].get(name, ()) for name in states] if data.get('rates') else None
+            told = [data['rates'].get(name, ()) for name in states] if data.get('rates') else None
+            rates = None if told is None else np.moveaxis(np.asarray(told, float), 0, -1)
+            if rates is not None and not np.isfinite(rates).all():
+                raise InvalidProblem("trajectory 'rates' holds a value that is not finite")
             return cls(
                 times=np.asarray(data['times'], dtype=float),
                 states=np.asarray(list(states.values()), dtype=float).T,
@@ -270,7 +273,7 @@ class Trajectory:
                 interpolation=data['interpolation'],
                 state_units=tuple(units.get(name, '') for name in states) if units else (),
                 control_units=tuple(units.get(name, '') for name in controls) if units else (),
-                rates=None if rates is None else np.moveaxis(np.asarray(rates, float), 0, -1),
+                rates=rates,
             )
         except KeyError as error:
             raise InvalidProblem(f'the trajectory has no {error}') from None

@@ -166,7 +166,7 @@ class CheckedFormulation:
         found = {}
         for name, (low, high) in (limits or self.control_limits).items():
             value, ends = u[self.control_names.index(name)], self.control_limits[name]
-            size = 0.5 * (high - low) if np.isfinite(ends).all() else 1.0
+            size = self._size(name, low, high)
             if math.isfinite(ends[0]):
                 found[f'{name}, lowest'] = (value - low) / size
             if math.isfinite(ends[1]):
@@ -178,9 +178,12 @@ class CheckedFormulation:
         name = margin.rpartition(', ')[0]
         if name not in self.control_limits:
             return 1.0, ''
-        low, high = self.control_limits[name]
-        units = dict(zip(self.control_names, self.formulation.control_units, strict=False))
-        return 0.5 * (high - low) if math.isfinite(high - low) else 1.0, units[name]
+        unit = self.formulation.control_units[self.control_names.index(name)]
+        return self._size(name, *self.control_limits[name]), unit
+
+    def _size(self, control: str, low: Any, high: Any) -> Any:
+        """Return half a control's range, of which its margins are shares; 1 if it is infinite."""
+        return 0.5 * (high - low) if np.isfinite(self.control_limits[control]).all() else 1.0
 
     def reserves(self, names: Sequence[str]) -> Array:
         """Return the share of every limit, by its margin's name, that is kept for feedback."""

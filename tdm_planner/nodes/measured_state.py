@@ -52,12 +52,19 @@ class MeasuredState:
         self._joints = JointState()  # the newest
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
+        self._node, self._subscriptions = node, list[Any]()
         self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
         for name in dict.fromkeys([self._leading, 'joint_states']):
             take = partial(self._receive, name)
             message_type = Odometry if name == 'odom' else JointState
             subscription = node.create_subscription(message_type, prefix + name, take, qos)
+            self._subscriptions.append(subscription)
             self._topics[name] = subscription.topic_name
+
+    def close(self) -> None:
+        """Receive nothing any more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
     @property
     def topic(self) -> str:

@@ -84,7 +84,7 @@ def read_plan(
     columns = _columns(kind.joints, message.joint_names, {*kind.state_names}, points, _RATES, told)
     rates, slopes = stacked(kind.state_names), np.diff(plan.states.T) / np.diff(plan.times)
     away = np.abs(0.5 * (rates[:-1] + rates[1:]).T - slopes)
-    if (away > _FIT * np.abs(slopes).max(axis=1, keepdims=True) + _RESTING).any():
+    if not (away <= _FIT * np.abs(slopes).max(axis=1, keepdims=True) + _RESTING).all():
         return plan
     return replace(plan, rates=np.stack([rates[:-1], rates[1:]], axis=1))
 

@@ -27,9 +27,10 @@ from tdm_planner.tracking.tracker import TrajectoryTracker
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 # Of the simulated plant: a problem that has one, too, cannot be simulated.
-PLANT_NODE = frozenset(('rate', 'real_time_factor', 'publish_clock', 'clock_followers', 'seed'))
-PLANT_NODE |= {'command_timeout', 'mismatch', 'mismatch_seed', 'held', 'disturbance', 'initial'}
-PLANT_NODE |= {'noise'}
+PLANT_NODE = frozenset((
+    'rate', 'real_time_factor', 'publish_clock', 'clock_followers', 'command_timeout', 'mismatch',
+    'mismatch_seed', 'seed', 'held', 'disturbance', 'initial', 'noise',
+))  # fmt: skip
 
 
 def stated_problem(name: str) -> type[DirectProblem]:

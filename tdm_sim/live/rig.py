@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 from tdm_planner.arrays import Array
 from tdm_planner.client import PlanResult
 from tdm_planner.drawing import COLOURS, rgb
@@ -54,7 +53,6 @@ class Rig:
         self.view = PlantView(PENDULUM)
         self.vehicles: dict[str, MeasuredState] = {}
         self.motions: dict[str, Motion] = {}
-        self._subscriptions: list[Subscription[Any]] = []  # of the vehicles' states
         self.plan: PlanResult | None = None
         self.solve_times: deque[float] = deque(maxlen=_KEPT)  # of the last plans [s]
         self.chosen = ''
@@ -73,13 +71,11 @@ class Rig:
         others = self.problem is None or self.view.kind != view.kind
         others |= names != list(self.vehicles)
         if others:
-            node = self._listener.states
-            for subscription in self._subscriptions:
-                node.destroy_subscription(subscription)
-            before = len(list(node.subscriptions))
+            for state in self.vehicles.values():
+                state.close()
             self.vehicles = {
                 name: MeasuredState(
-                    node,
+                    self._listener.states,
                     self._clock,
                     view.kind,
                     f'{name}/' if several else '',
@@ -88,7 +84,6 @@ class Rig:
                 )
                 for name in names
             }
-            self._subscriptions = list(node.subscriptions)[before:]
             self.chosen, self.plan, self.motions = names[0], None, {}
         self.problem, self.view = problem, view
         return others

@@ -101,7 +101,7 @@ def test_nodes_and_their_parameters_are_known_pushes_and_resets_are_followed(see
     assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
     # Of vehicles that are gone nothing is read any more.
     read = len(list(listener.states.subscriptions))
-    seen.rig.vehicles = {}
+    seen.rig.problem = None
     assert seen.rig.follow(seen.values(PLANNING))
     assert len(list(listener.states.subscriptions)) == read
 

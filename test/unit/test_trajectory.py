@@ -75,6 +75,9 @@ def test_malformed_trajectories_are_refused(changes, words):
         make().state('speed')
     with pytest.raises(InvalidProblem, match='a pair of 2 rates for each of 2 intervals'):
         replace(make(), rates=np.zeros((2, 1, 2)))
+    unknown = make().with_rates(lambda x, u: np.nan * x)  # as where a formula has no value
+    with pytest.raises(InvalidProblem, match="'rates' holds a value that is not finite"):
+        Trajectory.from_dict(unknown.to_dict())
     with pytest.raises(InvalidProblem, match="no control 'uu': did you mean u"):
         make().control('uu')
 

@@ -140,8 +140,8 @@ class DirectSearch(Search[Candidate]):
             reason = 'no search from a guess finished'
         else:
             reason = 'no initial guess gives a motion that is finite everywhere'
-        short = [short_of_reserve(self._stated, self._left, where) for where in ('start', 'end')]
-        reason = '; '.join([reason, *short[0], *short[1]])
+        for where in ('start', 'end'):
+            reason = '; '.join([reason, *short_of_reserve(self._stated, self._left, where)])
         if self._until_check.spent:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return (VerificationFailed if self.rejected else Infeasible)(reason)
