@@ -37,6 +37,7 @@ from tdm_planner.exceptions import ERRORS, InvalidProblem, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import fault_of
+from tdm_planner.parameters import flatten
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import joined, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -161,7 +162,8 @@ class PlanClient:
         Parameters
         ----------
         parameters, more
-            Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one.
+            Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one. Groups may
+            be mappings, as in a parameter file.
         timeout
             Longest wait [s] for the planner, its answer and the messages together.
 
@@ -175,7 +177,8 @@ class PlanClient:
         """
         end = time.monotonic() + timeout
         self.wait(timeout)
-        given = [_message(name, value) for name, value in {**(parameters or {}), **more}.items()]
+        asked_for = flatten({**(parameters or {}), **more})
+        given = [_message(name, value) for name, value in asked_for.items()]
         asked = self._client.call_async(SetParametersAtomically.Request(parameters=given))
         asked.add_done_callback(lambda _: self._news.set())
         try:

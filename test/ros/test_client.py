@@ -48,7 +48,7 @@ def test_a_plan_comes_as_a_trajectory_with_its_figures(ros, space, user, served)
         assert (trajectory.units['torque'], trajectory.interpolation) == ('N m', 'zero_order_hold')
         assert trajectory.duration == pytest.approx(plan.duration)
         assert PendulumSwingUp.from_parameters(plan.parameters).limits.torque == 0.09
-        other = ros.do(client.plan_with, {'goal.turns': np.int64(2), 'start.theta': 3})
+        other = ros.do(client.plan_with, {'goal': {'turns': np.int64(2)}, 'start.theta': 3})
         assert (other.plan_id, other.trajectory.states[0, 0]) == (plan.plan_id + 1, 3.0)
         assert other.trajectory.states[-1, 0] == pytest.approx(4 * math.pi, abs=1e-4)
         smooth = ros.do(partial(client.plan_with, method='smooth'))

@@ -287,11 +287,14 @@ class DirectSearch(Search[Candidate]):
     def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
         """Remember what the minimum violates that is nearest to a feasible motion."""
         if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
-            self._closest = minimum.point.violation
+            self._closest, allowed = minimum.point.violation, self._stated.duration()
             self._nearest_miss = (
-                f'no initial guess led to a feasible motion of {self._stated.duration().allowed}; '
+                f'no initial guess led to a feasible motion of {allowed.allowed}; '
                 f'the nearest violated {program.violated(minimum.point)}'
             )
+            takes, longest = program.motion(minimum.point.xi).times[-1], allowed.bounds[1]
+            if takes > (1.0 - 1e-6) * longest and not allowed.fixed:
+                self._nearest_miss += f' and took {longest:.3g} s, the longest that is allowed'
 
     @cached_property
     def _minima(self) -> DirectMinima:
