@@ -12,6 +12,7 @@ Nonlinear Programming*, chapter 4.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import threading
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from tdm_planner.arrays import Array
+from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation_program import CollocationProgram
 from tdm_planner.direct_method.graphs import Call, IpoptStop
@@ -27,7 +28,10 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import to_nanoseconds
 
-_LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
+# A state or control is scaled by its size along the guess, or by a share of the largest of its
+# unit; where all of those are nearly zero, of the largest of all.
+_SCALE_SHARE, _NEARLY_ZERO = 1e-3, 1e-6
+_LEAST_KINK = 1e-9  # by which a kink is rounded
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
 LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
 _IPOPT: dict[str, Any] = {
@@ -269,14 +273,15 @@ class Collocation:
             inside = running(*along)[0], motion(*along[1:])[0], limits(*along)[0]
             largest = [np.abs(np.nan_to_num(v)).max(axis=0, initial=0.0) for v in inside]
             # How far the kinks of the running cost, the rates and the limits are rounded.
-            kinks = [by * v + _LEAST_SCALE[1] for by, v in zip(shares, largest, strict=True)]
+            kinks = [by * v + _LEAST_KINK for by, v in zip(shares, largest, strict=True)]
             lost = np.nan_to_num(rows - self._rounded_limits(*along, kinks[2])[0])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit]
         # What is given may be on a limit, or in its kink, but for rounding.
         kept[[0, -1]] -= _IPOPT['constr_viol_tol'] * sl + np.maximum(lost[[0, -1]], 0.0)
-        sx, su, st = _scales(states), _scales(controls), guess.duration
+        x_units, u_units = self.trace.units
+        sx, su, st = _scales(states, x_units), _scales(controls, u_units), guess.duration
         program = self._program
         bounds = []
         single = program.pieces.simple.bounds(numbers, kept)
@@ -324,8 +329,9 @@ def _with_ends(values: Array, given: Array) -> Array:
     return found
 
 
-def _scales(values: Array) -> Array:
-    """Return the sizes of columns."""
-    share, least = _LEAST_SCALE
+def _scales(values: Array, units: Sequence[str]) -> Array:
+    """Return the sizes of columns, which may lie orders of magnitude apart."""
     sizes = np.abs(values).max(axis=0)
-    return np.asarray(np.maximum(sizes, share * sizes.max() + least))
+    alike = largest_of_unit(sizes, units)
+    largest = np.where(alike > _NEARLY_ZERO, alike, sizes.max() + _NEARLY_ZERO)
+    return np.maximum(sizes, _SCALE_SHARE * largest)

@@ -104,6 +104,7 @@ class Trace:
         self.symbolic = tuple(symbolic)
         self.fixed = {name: value for name, value in found.items() if name not in symbolic}
         self.margin_names = stated.limit_names
+        self.units = stated.formulation.state_units, stated.formulation.control_units
         self._made_of_it: dict[Any, Any] = {}
         symbols = {name: ca.SX.sym(name, found[name].size) for name in symbolic}
         twin = CheckedFormulation(twin_of(stated.formulation, symbols))

@@ -52,6 +52,7 @@ Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found
+_LONGER = 1.3  # times the usual durations, up to which theirs are
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
 _ACCURACY = 1e-3  # predicted decrease of J at which a minimum is one
@@ -83,15 +84,15 @@ def guesses(
     Yield initial guesses x (n, 5) for a program with three burns a robot.
 
     `most` screened ones at most, each the best of its set of sides, the best set first; then
-    `drawn` ones with random corners.
+    `drawn` ones with random corners and durations.
     """
     task, fleet, n = program.task, program.manoeuvre, program.task.n
-    durations, way = program.usual_durations(), task.goal - task.start
+    usual, way = program.usual_durations(), task.goal - task.start
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
     size = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     normal *= np.maximum(1.0, _LEAST_BOW * fleet.length / size)[:, None]
 
-    def guess(share: Array, bow: Array) -> Array:
+    def guess(share: Array, bow: Array, durations: Array) -> Array:
         """Parameters (n, 5): corners at shares of way and time, off by bows."""
         x = np.zeros((n, 5))
         corner = task.start + share[:, None] * way + bow[:, None] * normal
@@ -102,15 +103,16 @@ def guesses(
         x[:, 1:3], x[:, 3], x[:, 4] = corner, share * durations, durations
         return x
 
-    x = np.stack([guess(np.full(n, 0.5), np.full(n, bow)) for bow in _BOWS], axis=1)
-    paths, gas = _survey(x, fleet, np.linspace(0.0, durations.max(), INSTANTS))
+    x = np.stack([guess(np.full(n, 0.5), np.full(n, bow), usual) for bow in _BOWS], axis=1)
+    paths, gas = _survey(x, fleet, np.linspace(0.0, usual.max(), INSTANTS))
     price = _OVERLAP * program.scale / fleet.length
     alike = np.zeros(_BOWS.size)  # a detour that avoids no robot gives no other minimum
     given = paths, task.weights[2] * gas, alike, _MEETING, _SPARE, price, rng
     for chosen in screened(program, *given)[:most]:
         yield x[np.arange(n), chosen]
     for _ in range(drawn):
-        yield guess(rng.uniform(0.3, 0.7, n), rng.uniform(-0.3, 0.3, n))
+        corners = rng.uniform(0.3, 0.7, n), rng.uniform(-0.3, 0.3, n)
+        yield guess(*corners, usual * rng.uniform(1.0, _LONGER))
 
 
 class ArcSearch(FormationSearch[Arcs | Solution]):

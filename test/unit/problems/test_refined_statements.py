@@ -18,7 +18,7 @@ from replays import replayed
 from scipy.linalg import expm
 from stated import Car, Cart, changed, LONG, noted, QUICKEST, Quickest
 from tdm_planner.arrays import exponentials
-from tdm_planner.direct_method import Budget, Integrated, Output
+from tdm_planner.direct_method import Budget, Duration, Integrated, Output
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter
@@ -362,3 +362,36 @@ def test_no_initial_guess_is_minimised_twice(monkeypatch):
     with pytest.raises(Infeasible):
         changed(Cart, **QUICKEST)(solver=LONG).solve()
     assert len(set(tried)) == len(tried) > 2 * Cart.starts
+
+
+def test_states_of_any_size() -> None:
+    """An orbit raised in SI units, 7e6 m beside 1e-3 rad/s: it stayed 4 % above the optimum."""
+    mu, low, high = 3.986004418e14, 6.778e6, 6.978e6
+    raised = changed(
+        Quickest,
+        states={'r': 'm', 'angle': 'rad', 'climb': 'm/s', 'rate': 'rad/s'},
+        controls={'up': 'm/s^2', 'along': 'm/s^2'},
+        outputs=lambda s: {
+            'r': Output((low, 0.0), (high, 0.0), free=8),
+            'angle': Output((0.0, math.sqrt(mu / low**3)), (None, math.sqrt(mu / high**3)), free=8),
+        },
+        duration=lambda s: Duration(5000.0, fixed=True),
+        invert=lambda s, y, z: (
+            (y['r'][0], y['angle'][0], y['r'][1], y['angle'][1]),
+            (
+                y['r'][2] - y['r'][0] * y['angle'][1] ** 2 + mu / y['r'][0] ** 2,
+                y['r'][0] * y['angle'][2] + 2.0 * y['r'][1] * y['angle'][1],
+            ),
+        ),
+        derivative=lambda s, x, u: (
+            x[2],
+            x[3],
+            u[0] + x[0] * x[3] ** 2 - mu / x[0] ** 2,
+            (u[1] - 2.0 * x[2] * x[3]) / x[0],
+        ),
+        control_limits=lambda s: {'up': (-0.06, 0.06), 'along': (-0.06, 0.06)},
+        running_cost=lambda s, t, x, u: u[0] ** 2 + u[1] ** 2,
+        final_cost=lambda s, t, x: 0.0,
+    )
+    plan = raised(solver=LONG).solve()
+    assert plan.cost == pytest.approx(2.527404, rel=1e-3)  # on 160 intervals, scaled by hand

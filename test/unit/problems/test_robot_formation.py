@@ -4,6 +4,7 @@
 """Plans of robot formations, integrated by equations of their own; robots added or left out."""
 
 from dataclasses import replace
+import math
 
 from closed_loop import FORMATION
 from hypothesis import given, settings
@@ -219,6 +220,20 @@ def test_bad_input_gets_one_clear_sentence(changes, words):
     assert words in refused(lambda: RobotFormation.from_parameters(changes))
     with pytest.raises(InvalidProblem, match="robot 'stranger' is not among"):
         RobotFormation(starts={'stranger': RobotStart(x=1.0, y=1.0)})
+
+
+@given(
+    distance=st.floats(0.004, 0.3),
+    way=st.floats(0.0, 6.28),
+    alpha=st.floats(-3.0, 3.0),
+    rate=st.floats(0.6, 6.0),
+)
+@settings(max_examples=25)
+def test_a_short_way_leaves_the_thruster_time_to_turn(distance, way, alpha, rate):
+    goal = 2.0 + distance * math.cos(way), 2.0 + distance * math.sin(way), 0.0
+    short = alone((2.0, 2.0, 0.0), goal, alpha=alpha) | {'method': 'thrust_arcs'}
+    problem = formation(**short, **{'limits.thruster_rate': rate, 'solver.deadline': 0.5})
+    flown(problem, counted=True)
 
 
 @pytest.mark.parametrize('changes', [{}, {'robot1.start.u': 0.01}])
