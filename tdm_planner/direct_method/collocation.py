@@ -334,4 +334,4 @@ def _scales(values: Array, units: Sequence[str]) -> Array:
     sizes = np.abs(values).max(axis=0)
     alike = largest_of_unit(sizes, units)
     largest = np.where(alike > _NEARLY_ZERO, alike, sizes.max() + _NEARLY_ZERO)
-    return np.maximum(sizes, _SCALE_SHARE * largest)
+    return np.asarray(np.maximum(sizes, _SCALE_SHARE * largest))

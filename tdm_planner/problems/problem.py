@@ -80,6 +80,11 @@ class Search(ABC, Generic[C]):
         """Take a verified plan; return whether it ends the search at once."""
         return True
 
+    @property
+    def remark(self) -> str:
+        """Return what the plan's summary is to say beside its figures."""
+        return ''
+
     def widen(self) -> bool:
         """Prepare another round after one without a plan; False ends the search."""
         return True
@@ -268,8 +273,12 @@ class Problem(ABC):
         budget = Budget(allowed, count if counted else None)
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
         with _computed():
-            plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
-        return self._with_figures(plan, budget.evaluations, budget.age)
+            plan, remark = self.standing_plan(), ''
+            if plan is None:
+                search = self.search(budget, rng, warm_start)
+                plan, remark = search.run(), search.remark
+        plan = self._with_figures(plan, budget.evaluations, budget.age)
+        return replace(plan, summary=plan.summary + remark)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """

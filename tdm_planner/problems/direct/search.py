@@ -146,6 +146,14 @@ class DirectSearch(Search[Candidate]):
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return (VerificationFailed if self.rejected else Infeasible)(reason)
 
+    @property
+    def remark(self) -> str:
+        """Say where there was no time for as many intervals as J asks for."""
+        best = self._best
+        if self._coarse and isinstance(best, CollocatedMotion) and best.intervals < FINEST:
+            return f', on {best.intervals} intervals: J may be lower with a longer solver.deadline'
+        return ''
+
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the plan; after a failed check, better refined."""
         self._checked: Candidate = candidate
@@ -219,6 +227,7 @@ class DirectSearch(Search[Candidate]):
                 yield settled
                 origin = motion.cost if self._least < least else origin
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
+            self._coarse = False
             finer = self._settled(self._best, FINEST)
             yield from [finer] if finer else []
 

@@ -367,13 +367,14 @@ def test_no_initial_guess_is_minimised_twice(monkeypatch):
 def test_states_of_any_size() -> None:
     """An orbit raised in SI units, 7e6 m beside 1e-3 rad/s: it stayed 4 % above the optimum."""
     mu, low, high = 3.986004418e14, 6.778e6, 6.978e6
+    first, last = (math.sqrt(mu / r**3) for r in (low, high))
     raised = changed(
         Quickest,
         states={'r': 'm', 'angle': 'rad', 'climb': 'm/s', 'rate': 'rad/s'},
         controls={'up': 'm/s^2', 'along': 'm/s^2'},
         outputs=lambda s: {
             'r': Output((low, 0.0), (high, 0.0), free=8),
-            'angle': Output((0.0, math.sqrt(mu / low**3)), (None, math.sqrt(mu / high**3)), free=8),
+            'angle': Output((0.0, first), (None, last), free=8),
         },
         duration=lambda s: Duration(5000.0, fixed=True),
         invert=lambda s, y, z: (

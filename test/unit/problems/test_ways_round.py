@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import re
+
+from auv import Auv
 import casadi as ca
 import numpy as np
 import pytest
@@ -194,6 +197,14 @@ def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
     assert 'allowed value' not in quickest.summary
     assert 2.0 < quickest.cost == pytest.approx(quickest.duration)
     assert made.cost_to_go(quickest, 0.0) == pytest.approx(quickest.cost)
+
+
+def test_the_summary_tells_what_the_deadline_cut_short():
+    hurried, patient = (Auv().solve(deadline=seconds, counted=True) for seconds in (0.15, 3.0))
+    told = re.search(r', on (\d+) intervals: J may be lower with a longer', hurried.summary)
+    assert int(told[1]) == hurried.trajectory.times.size - 1 < patient.trajectory.times.size - 1
+    assert patient.cost < hurried.cost
+    assert 'intervals' not in patient.summary
 
 
 def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_where_all_fail():
