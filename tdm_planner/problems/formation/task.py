@@ -23,6 +23,7 @@ _NUMERICAL_RESERVE = 0.01
 # Robots nearer than this to their goal, and slower, have arrived already.
 _ARRIVED = 1e-4
 _ROUNDING = 1e-9
+_TURNS = 2.25  # half-turns of the thruster that a motion is given time for at first
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +233,8 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
     way = np.linalg.norm(task.goal - task.departure, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     later = task.interval * np.arange(task.n) - task.coast
+    # Of a short way the thruster's turns, before the first burn and the last one, take longer.
+    least = np.where(task.staying, least, np.maximum(least, _TURNS * math.pi / task.thruster_rate))
     quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
     first = max(float((quickest - later).max()), 0.02)
     times = np.geomspace(first, max(task.longest, 1.01 * first), 200)

@@ -31,7 +31,6 @@ _RATE_SHARE = 0.97  # of the thruster's rate, with which turns are reckoned
 _SPEED = 0.02  # of a typical speed, by which |p| is rounded off
 _PAUSE = 1e-3  # of a typical duration: the shortest coast
 _FREELY = 20.0  # times the unit of other arrivals, that of robots that stay
-_TURNS = 2.25  # half-turns of the thruster that a typical duration leaves time for
 _THERE = 0.01  # of a typical duration, in which robots that stay are at their goals
 _SAMPLES = 50  # of a motion at least, for those that draw it or follow it
 _TURNED = 2e-5  # rad: how far a held rate may let the thrust turn from its direction in a burn
@@ -66,10 +65,7 @@ class ThrustArcProgram(FormationProgram):
         # Torque, and a thruster that holds its direction, allow no earlier arrivals.
         holding = 2.0 * np.abs(turn) / (_RATE_SHARE * task.thruster_rate)
         least = np.maximum(least_time(turn, task.yaw_rate, 0.999 * task.torque), holding)
-        # Of a short way the thruster's turns, before the first burn and the last one, take longer.
-        turning = _TURNS * math.pi / (_RATE_SHARE * task.thruster_rate)
-        usual = np.where(task.staying, least, np.maximum(least, turning))
-        first = first_arrival(task, usual, task.thrust)
+        first = first_arrival(task, least, task.thrust)
         length, time = 1.25 * float(task.separation), 0.25 * first
         units = np.tile([time, *[length, length, time] * (count - 2), time], (task.n, 1))
         units[task.staying, -1] *= _FREELY  # nothing bends along with these
