@@ -95,6 +95,7 @@ class DirectSearch(Search[Candidate]):
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
+        self._tried = list[CollocatedMotion]()  # those that were checked
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._closest, self._nearest_miss = np.inf, ''
@@ -114,9 +115,11 @@ class DirectSearch(Search[Candidate]):
             yield from aside
 
     def is_worth_checking(self, candidate: Candidate, plan: Solution) -> bool:
-        """Whether its cost is lower by more than rounding."""
+        """Whether its cost is lower by more than rounding, and it is no minimum tried before."""
         if isinstance(candidate, CollocatedMotion):
-            return candidate.cost < plan.cost - _WORTHWHILE * candidate.size
+            n, cost, worth = candidate.intervals, candidate.cost, _WORTHWHILE * candidate.size
+            again = any(n == m.intervals and abs(cost - m.cost) < worth for m in self._tried)
+            return cost < plan.cost - worth and not again
         program = self._minima.program
         return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
@@ -160,6 +163,7 @@ class DirectSearch(Search[Candidate]):
         if isinstance(candidate, Minimum):
             yield from self._minimised(candidate)
             return
+        self._tried.append(candidate)
         refinement, names = self._refinement, self._trace.margin_names
         found: CollocatedMotion | None = candidate
         reserve, before = np.zeros(len(names)), np.inf
@@ -192,9 +196,7 @@ class DirectSearch(Search[Candidate]):
         for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break
-            eased = (
-                attempt % 2 == 0
-            )  # kinks: that shows the way more often, and more often the same
+            eased = attempt % 2 == 0  # kinks show the way more often, and more often the same
             patient = attempt >= _HASTY and not solved
             if attempt >= TRIED and self._best:  # the first intervals may rank motions wrongly
                 guess = self._refinement.spread(guess, COARSE)
@@ -285,12 +287,10 @@ class DirectSearch(Search[Candidate]):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
                 break
             minimum = minima.tight(minima.program, xi, until)
-            if minimum is None:
-                continue
-            if minima.feasible(minimum):
+            if minimum is not None and minima.feasible(minimum):
                 found = self._found = True
                 yield minimum
-            else:
+            elif minimum is not None:
                 self._keep_nearest(minima.program, minimum)
 
     def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
