@@ -106,6 +106,7 @@ class TrackerNode(ManagedNode):
             self._ignore_state,
             lambda: self.tracker.parameters.state_timeout,
         )
+        self._sources = self._measured.count_sources(self._diagnostics.update)
 
     def activate(self) -> None:
         """Begin like a node that was just started; a plan received meanwhile is examined."""
@@ -334,7 +335,8 @@ class TrackerNode(ManagedNode):
         phase, problem = self._last
         timeless, slow = '' if self._time.runs else NO_TIME, self._rate.problem()
         rejection = self._rejection if self._latest_rejected else ''
-        told = [timeless, rejection, self._planners.warning, self.tracker.warning]
+        several = [count.warning for count in (self._planners, *self._sources)]
+        told = [timeless, rejection, *several, self.tracker.warning]
         told = [*filter(None, told), *([f'commands at {slow}'] if slow else [])]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

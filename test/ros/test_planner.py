@@ -26,6 +26,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
+OK, WARN = 0, 1
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
@@ -313,6 +314,16 @@ def test_the_measured_state_of_every_robot_is_needed(fleet):
     assert "'robot2.start.x' has no effect" in refused.reason
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     fleet.set('planner', start__source='parameters')
+
+
+def test_a_second_source_of_a_robots_state_is_told_of(ros, fleet):
+    fleet.plan()
+    name, told = '/robots/planner: planning', '2 nodes publish /robots/robot2/odom: '
+    assert ros.says(name, level=OK)
+    other = fleet.publisher('robot2/odom')
+    assert ros.says(name, told, level=WARN)
+    ros.node.destroy_publisher(other)
+    assert ros.says(name, level=OK)
 
 
 def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):

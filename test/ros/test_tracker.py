@@ -24,7 +24,7 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
-OK, ERROR = 0, 2
+OK, WARN, ERROR = 0, 1, 2
 STRONG = {'limits.torque': 0.09}
 SOON = 0.2  # s from publishing to the start
 EVERY = 0.005  # s between scripted states
@@ -158,6 +158,15 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
     ros.settle()
     assert idle.status.message.startswith('waiting')
     assert 'rejected' not in idle.status.message
+
+
+def test_a_second_source_of_states_is_told_of(ros, idle):
+    told = f'2 nodes publish {idle.space}/joint_states: '
+    other = idle.publisher('joint_states')
+    assert idle.says(told, level=WARN)
+    assert told in idle.tracker.output
+    ros.node.destroy_publisher(other)
+    assert idle.says('idle', level=OK)
 
 
 def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan, monkeypatch):
