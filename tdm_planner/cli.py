@@ -5,8 +5,8 @@
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
 Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
-goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything
-else that SIGINT or SIGTERM ended.
+goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129, 130,
+143 anything else that SIGHUP, SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations

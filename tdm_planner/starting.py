@@ -27,7 +27,9 @@ from typing import NoReturn
 from tdm_planner.exceptions import InvalidProblem
 
 PACKAGE = 'tdm_planner'
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# A hang-up is let pass where it is ignored from the start, as under nohup.
+_HANG_UP = () if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *_HANG_UP)
 
 NODES = {  # modules, by executable
     'planner': 'tdm_planner.nodes.planner',
@@ -147,7 +149,7 @@ def limit_threads() -> None:
 
 def end_quietly_on_signals() -> None:
     """
-    End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
+    End the process on one of `SIGNALS`, if it is that of a node or of `tdm`.
 
     The code is 0 for nodes, which have done what they were asked to.
     """
@@ -209,7 +211,7 @@ def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
+    """Let the first of `SIGNALS` raise `Interrupted`, and further ones pass."""
     interrupted: list[Interrupted] = []
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:

@@ -165,7 +165,7 @@ def record(
     shown: Progress | None = None,
 ) -> Figures:
     """
-    Record topics to the new folder `output` until SIGINT or SIGTERM; return the final figures.
+    Record topics to the new folder `output` until one of `SIGNALS`; return the final figures.
 
     `is_wanted` says what is recorded, also of topics that appear later. Raise RecordingError if
     the folder exists or cannot be made, or the storage is unknown; IncompleteRecording if the disk

@@ -63,7 +63,7 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
 
 def run(make_node: Callable[[], Node]) -> int:
     """
-    Make the node, spin it until SIGINT or SIGTERM, and return the exit code of the process.
+    Make the node, spin it until one of `SIGNALS`, and return the exit code of the process.
 
     An error ends the process with one line: with code 2 if the node was started with invalid
     parameters (InvalidProblem), else with code 1.

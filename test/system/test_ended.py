@@ -61,7 +61,7 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
 
 ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
         ('starting tdm', 'SIGINT'), ('solving planner', 'double Ctrl-C'),
-        ('following tracker', 'SIGTERM')]  # fmt: skip
+        ('following tracker', 'SIGTERM'), ('idle tracker', 'SIGHUP')]  # fmt: skip
 
 
 @pytest.mark.parametrize(('scene', 'way'), ENDS)

@@ -114,7 +114,7 @@ def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, m
     assert found == workspace / 'share/tdm_planner/config/pendulum.yaml'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', starting.SIGNALS)
 def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
     before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
@@ -139,6 +139,13 @@ def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: sig
             work(whole)
         assert (done, found.value.code) == (expected, 128 + number)
         assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize(('given', 'handled'), [('SIG_DFL', True), ('SIG_IGN', False)])
+def test_a_hang_up_is_handled_unless_it_is_ignored_as_under_nohup(given, handled):
+    program = f'import signal; signal.signal(signal.SIGHUP, signal.{given})\n'
+    program += 'from tdm_planner.starting import SIGNALS; print(signal.SIGHUP in SIGNALS)'
+    assert python('-c', program).stdout == f'{handled}\n'
 
 
 OURS = {
