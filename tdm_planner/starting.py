@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import ctypes
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -27,6 +28,7 @@ from typing import NoReturn
 from tdm_planner.exceptions import InvalidProblem
 
 PACKAGE = 'tdm_planner'
+PARENT = 'TDM_PARENT'  # environment variable: process whose end, if killed, ends this one
 # A hang-up is let pass where it is ignored from the start, as under nohup.
 _HANG_UP = () if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)
 SIGNALS = (signal.SIGINT, signal.SIGTERM, *_HANG_UP)
@@ -71,6 +73,7 @@ def begin() -> None:
             sys.exit(fault)  # as a sentence, with code 1
         limit_threads()
         end_quietly_on_signals()
+        _end_with_parent()
 
 
 def require_packages() -> None:
@@ -163,6 +166,16 @@ def end_quietly_on_signals() -> None:
 
     for number in SIGNALS:
         signal.signal(number, end)
+
+
+def _end_with_parent() -> None:
+    """On Linux, be interrupted when the thread of the process `PARENT` that started this ends."""
+    parent = os.environ.pop(PARENT, '')
+    if parent and sys.platform == 'linux':
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
+        if os.getppid() != int(parent):  # it ended before
+            os._exit(0)
 
 
 def started_as() -> str:
