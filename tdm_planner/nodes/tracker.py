@@ -73,7 +73,7 @@ class TrackerNode(ManagedNode):
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
         self._preparation = self._deviation = self._delay = 0.0
-        self._asked_at = -np.inf
+        self._asked_at = -np.inf  # or answered
         self._answer: Future | None = None
         self._intake = PlanIntake(self._time, self._look_at)
         self.bring_up()
@@ -305,7 +305,7 @@ class TrackerNode(ManagedNode):
         self._diagnostics.update()
 
     def _ask_for_plan(self) -> None:
-        """Request a new plan, one at a time and at most every `replan.interval`."""
+        """Request a new plan, one at a time; others may ask for `replan.interval` in between."""
         replan = self.tracker.parameters.replan
         now = time.monotonic()
         waiting = self._answer is not None and now - self._asked_at < LONGEST_PLANNING
@@ -323,7 +323,7 @@ class TrackerNode(ManagedNode):
         self._answer.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Future) -> None:
-        self._answer = None
+        self._answer, self._asked_at = None, time.monotonic()
         response = answer.result()
         if response is not None and not response.success:
             self.get_logger().warning(f'no new plan: {response.message}')

@@ -46,7 +46,7 @@ class ReplanOnDeviation(Validated):
     on_deviation: bool = parameter(
         False, 'when the motion is aborted, bring the plant to rest and ask for a new plan'
     )
-    interval: float = positive(1.0, 'least time between two such requests', 's')
+    interval: float = positive(1.0, 'time from the answer to such a request until the next', 's')
 
 
 @dataclass(frozen=True)
