@@ -26,7 +26,7 @@ from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.starting import ignore_signals, Interrupted, interruptible, NO_ROS, started_as
-from tdm_sim.progress import Progress
+from tdm_sim.progress import printing, Progress
 
 EXTRAS = dict.fromkeys(('dask', 'distributed', 'pyarrow'), 'study') | {'viser': 'live'}
 
@@ -241,7 +241,9 @@ def _check(options: argparse.Namespace) -> int:
     from rich.console import Console
     from tdm_planner.problem_check import check_problem
 
-    reasons = check_problem(_problem(options), Console())
+    problem = _problem(options)
+    with printing():
+        reasons = check_problem(problem, Console())
     for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')
     return EXIT_USAGE if reasons else EXIT_DONE

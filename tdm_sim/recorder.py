@@ -22,9 +22,8 @@ import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.nodes.runtime import check_topic, fault_of, LONGEST_WAIT, make_executor
+from tdm_planner.nodes.runtime import check_namespace, check_topic, LONGEST_WAIT, make_executor
 from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
@@ -173,8 +172,7 @@ def record(
     """
     for topic in topics:
         check_topic(topic, 'TOPIC')
-    if namespace and (why := fault_of(f'/{namespace.strip("/")}', validate_namespace)):
-        raise InvalidProblem(f"'--namespace' = '{namespace}' is not allowed: {why}")
+    check_namespace(namespace or '', "'--namespace'")
     ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
     with (
         handled_by(lambda *_: ended.set()),  # instead of interrupting a write

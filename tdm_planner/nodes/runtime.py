@@ -23,6 +23,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_topic_name import validate_topic_name
 from tdm_planner.exceptions import InvalidProblem, one_line
 from tdm_planner.parameters import shown
@@ -44,6 +45,12 @@ def fault_of(name: str, validate: Callable[[str], object] = validate_topic_name)
 def check_topic(name: str, of: str) -> None:
     """Raise InvalidProblem if a name cannot be that of a topic or service; `of` says whose."""
     if why := fault_of(name):
+        raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}")
+
+
+def check_namespace(name: str, of: str) -> None:
+    """Raise InvalidProblem if a name cannot be that of a namespace; `of` says whose."""
+    if why := fault_of(f'/{name.strip("/")}', validate_namespace):
         raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}")
 
 
