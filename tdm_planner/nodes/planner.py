@@ -169,7 +169,12 @@ class Planner(ManagedNode):
             given = [Parameter.from_parameter_msg(message) for message in messages]
         except (TypeError, ValueError) as error:
             raise InvalidProblem(f'the parameters cannot be read: {error}') from None
-        own = self.checked(given)
+        own, names = self.checked(given), [item.name for item in given]
+        if len(own) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InvalidProblem(
+                f"parameter '{twice}' is given twice in the request: must be once"
+            )
         if reviews := [name for name in own if name.startswith('replan.')]:
             raise InvalidProblem(
                 f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"

@@ -136,7 +136,7 @@ def _instants(points: Sequence[Any]) -> Array:
 
 
 def check_frame(kind: PlantKind, message: Any, what: str, *, named: bool = False) -> None:
-    """Raise InvalidProblem for another frame than the plant's; '' passes unless it must be `named`."""
+    """Raise InvalidProblem for another frame than the plant's; '' passes unless it is `named`."""
     allowed = {kind.frame} if named else {'', kind.frame}
     if kind.odometry and message.header.frame_id not in allowed:
         raise InvalidProblem(

@@ -14,7 +14,7 @@ from pendulum_rig import measured_state
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from replays import by_scipy
-from ros_harness import Space
+from ros_harness import parameters, Space
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import odometry, to_stamp
@@ -210,6 +210,7 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
             "'start.psi' has no effect while start",
         ),
         ({'odd': [UNREADABLE]}, 'cannot be read'),
+        ({'goal__turns': 1, 'odd': parameters({'goal.turns': -1})}, "'goal.turns' is given twice"),
         ({'limits__torque': 1e-4, 'solver__deadline': 0.3}, ''),
     ],
     ids=str,
