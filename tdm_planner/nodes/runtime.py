@@ -23,6 +23,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_topic_name import validate_topic_name
 from tdm_planner.exceptions import InvalidProblem, one_line
@@ -91,6 +92,11 @@ def run(make_node: Callable[[], Node]) -> int:
     try:
         for number in SIGNALS:
             signal.signal(number, on_signal)
+        if others := remove_ros_args(sys.argv)[1:]:
+            raise InvalidProblem(
+                f"argument '{shown(others[0])}' is unknown: must follow --ros-args, as in "
+                '--ros-args -p NAME:=VALUE'
+            )
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         started = True
         node = make_node()

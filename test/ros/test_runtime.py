@@ -115,6 +115,9 @@ def invalid() -> Node:
         (asked_in_a_finaliser, [], 0, ''),
         (invalid, [], 2, 'fatal: there is no such problem'),
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
+        (Planner, ['--help'], 2, "argument '--help' is unknown: must follow"),
+        (Planner, ['-p', 'method:=smooth'], 2, "argument '-p' is unknown: must follow --ros-args"),
+        (Planner, ['--ros-args', '-p', 'method:=foo', '--', 'bar'], 2, "argument 'bar' is"),
         (Planner, ['--ros-args', '-p', 'method:=foo'], 2, "'method' = 'foo' is not allowed: must"),
         (
             TrackerNode,
