@@ -5,8 +5,8 @@
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
 Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
-goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything
-else that SIGINT or SIGTERM ended.
+goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129, 130,
+143 anything else that SIGHUP, SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.starting import ignore_signals, Interrupted, interruptible, NO_ROS, started_as
-from tdm_sim.progress import Progress
+from tdm_sim.progress import printing, Progress
 
 EXTRAS = dict.fromkeys(('dask', 'distributed', 'pyarrow'), 'study') | {'viser': 'live'}
 
@@ -241,7 +241,9 @@ def _check(options: argparse.Namespace) -> int:
     from rich.console import Console
     from tdm_planner.problem_check import check_problem
 
-    reasons = check_problem(_problem(options), Console())
+    problem = _problem(options)
+    with printing():
+        reasons = check_problem(problem, Console())
     for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')
     return EXIT_USAGE if reasons else EXIT_DONE

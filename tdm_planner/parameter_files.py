@@ -39,7 +39,7 @@ class _Loader(yaml.SafeLoader):
     YAML as ROS 2 reads it, without objects of Python.
 
     ``1e-4`` is a number (PyYAML alone takes it for a string). Aliases are rejected, as in ROS 2:
-    a few of them make a document without end.
+    a few of them make a document without end. So are keys given twice, of which PyYAML drops one.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
@@ -47,6 +47,15 @@ class _Loader(yaml.SafeLoader):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem='aliases are not supported', problem_mark=mark)
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[str]()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f"'{shown(key.value)}' is given twice, again in line {line}")
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver(

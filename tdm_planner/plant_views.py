@@ -35,10 +35,9 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
 from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
-from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker
+from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker, StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -245,7 +244,7 @@ class StatedView(PlantView):
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
         """Return the range of every state (nx,) along a plan, and whether its end can be held."""
         if plan not in self._known:
-            law = StatedTracker(self.problem, TrackerParameters()).prepare(plan)
+            law = StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan)
             self._known[plan] = law.ranges, law.end is not None
         return self._known[plan]
 

@@ -34,7 +34,7 @@ from tdm_planner.problems.direct.statement import (
     violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
-from tdm_planner.tracking.motion import TrackerParameters
+from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
 from tdm_planner.tracking.tracked_plants import PLANT_NODE, with_parameters_of
 
 _REPEATED = 20  # evaluations that are timed
@@ -104,7 +104,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             'nothing is varied: no output has `free` parameters, and the duration is fixed'
         )
     try:
-        with_parameters_of(TrackerParameters, type(problem), taken=PLANT_NODE)
+        with_parameters_of(StatedTrackerParameters, type(problem), taken=PLANT_NODE)
     except InvalidProblem as error:
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import ctypes
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -27,7 +28,10 @@ from typing import NoReturn
 from tdm_planner.exceptions import InvalidProblem
 
 PACKAGE = 'tdm_planner'
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+PARENT = 'TDM_PARENT'  # environment variable: process whose end, if killed, ends this one
+# A hang-up is let pass where it is ignored from the start, as under nohup.
+_HANG_UP = () if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *_HANG_UP)
 
 NODES = {  # modules, by executable
     'planner': 'tdm_planner.nodes.planner',
@@ -69,6 +73,7 @@ def begin() -> None:
             sys.exit(fault)  # as a sentence, with code 1
         limit_threads()
         end_quietly_on_signals()
+        _end_with_parent()
 
 
 def require_packages() -> None:
@@ -147,7 +152,7 @@ def limit_threads() -> None:
 
 def end_quietly_on_signals() -> None:
     """
-    End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
+    End the process on one of `SIGNALS`, if it is that of a node or of `tdm`.
 
     The code is 0 for nodes, which have done what they were asked to.
     """
@@ -161,6 +166,16 @@ def end_quietly_on_signals() -> None:
 
     for number in SIGNALS:
         signal.signal(number, end)
+
+
+def _end_with_parent() -> None:
+    """On Linux, be interrupted when the thread of the process `PARENT` that started this ends."""
+    parent = os.environ.pop(PARENT, '')
+    if parent and sys.platform == 'linux':
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
+        if os.getppid() != int(parent):  # it ended before
+            os._exit(0)
 
 
 def started_as() -> str:
@@ -209,7 +224,7 @@ def handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
+    """Let the first of `SIGNALS` raise `Interrupted`, and further ones pass."""
     interrupted: list[Interrupted] = []
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:

@@ -27,7 +27,7 @@ from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import make_folder, save_plan, UnusableFile, VEHICLE_FIGURES
 from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
-from tdm_sim.progress import Progress
+from tdm_sim.progress import printing, Progress
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import write_report
@@ -87,7 +87,8 @@ def run_demo(
         write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
     table = _table(comparison)
-    Console(highlight=False).print(table.title if quiet else table)
+    with printing():
+        Console(highlight=False).print(table.title if quiet else table)
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     unjudged = ('too little was recorded to judge it',)
     told = unjudged if judged is None else (*judged.reasons, judged.undecided)

@@ -149,14 +149,17 @@ class PlantNode(ParameterNode):
         self.simulation = SimulatedPlant(self._setup(given), given.seed)
         self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
         diagnostics = Diagnostics(self, 'simulation', self._report)
-        self._clock_source = self._clocks = None
+        harm = 'the plant follows the newest of their commands; run only one of them'
+        self._counted = [PublisherCount(self, 'joint_command', harm, diagnostics.update, 'nodes')]
+        self._clock_source = None
         for topic in given.clock_followers:
             check_topic(topic, "parameter 'clock_followers'")
         if given.publish_clock:
             speed = given.real_time_factor
             self._clock_source = ClockSource(self, 1.0 / given.rate, speed, given.clock_followers)
             harm = 'simulated time leaps; let only one of them publish it'
-            self._clocks = PublisherCount(self, CLOCK_TOPIC, harm, diagnostics.update, 'nodes')
+            clocks = PublisherCount(self, CLOCK_TOPIC, harm, diagnostics.update, 'nodes')
+            self._counted.append(clocks)
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._skipped = 0.0
@@ -298,7 +301,7 @@ class PlantNode(ParameterNode):
         simulation, slow = self.simulation, self._rate.problem()
         lost = f'reset {simulation.breakdowns} times: the motion could not be integrated'
         errors = [lost] if simulation.breakdowns else []
-        warnings = [] if self._clocks is None else [self._clocks.warning]
+        warnings = [count.warning for count in self._counted]
         if self._skipped > 0.0:
             warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled')
         warnings.append(slow and f'states at {slow}')

@@ -40,7 +40,7 @@ from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import Part, robot_nodes
-from tdm_planner.starting import NODES, uninterrupted
+from tdm_planner.starting import NODES, PARENT, uninterrupted
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.untrusted import read_summary
@@ -68,7 +68,8 @@ class NodeProcesses:
     """
     Python modules run as processes, each in a group of its own, output to ``FOLDER/NAME.log``.
 
-    As a context manager it ends everything on leaving, in the reverse order of starting.
+    As a context manager it ends everything on leaving, in the reverse order of starting. On Linux
+    a process also ends with the thread that started it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -87,6 +88,7 @@ class NodeProcesses:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                env={**os.environ, PARENT: str(os.getpid())},
             )
 
     @property

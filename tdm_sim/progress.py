@@ -5,8 +5,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+import io
 import sys
 import time
+
+from tdm_planner.plan_files import UnusableFile
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Raise UnusableFile where standard output cannot be written; nothing is written any more."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None:  # of a file that a statement reads
+            raise
+        sys.stdout = io.StringIO()  # what is left would be tried again as the process ends
+        raise UnusableFile(f'standard output cannot be written: {error.strerror}') from None
 
 
 class Progress:
@@ -22,7 +39,7 @@ class Progress:
         from rich.progress import Progress as Bars
         from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        self.live = not quiet and sys.stdout.isatty()
+        self.live = not quiet and sys.stdout is not None and sys.stdout.isatty()
         self._started = time.monotonic()
         self._console = Console(highlight=False, emoji=False, quiet=quiet)
         self._bars = Bars(
@@ -41,7 +58,8 @@ class Progress:
 
     def line(self, text: str) -> None:
         """Print a line that stays."""
-        self._console.print(text, markup=False, soft_wrap=True)
+        with printing():
+            self._console.print(text, markup=False, soft_wrap=True)
 
     def update(self, text: str) -> None:
         """Replace the live line."""

@@ -22,9 +22,8 @@ import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.nodes.runtime import check_topic, fault_of, LONGEST_WAIT, make_executor
+from tdm_planner.nodes.runtime import check_namespace, check_topic, LONGEST_WAIT, make_executor
 from tdm_planner.starting import handled_by
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import Progress
@@ -165,7 +164,7 @@ def record(
     shown: Progress | None = None,
 ) -> Figures:
     """
-    Record topics to the new folder `output` until SIGINT or SIGTERM; return the final figures.
+    Record topics to the new folder `output` until one of `SIGNALS`; return the final figures.
 
     `is_wanted` says what is recorded, also of topics that appear later. Raise RecordingError if
     the folder exists or cannot be made, or the storage is unknown; IncompleteRecording if the disk
@@ -173,8 +172,7 @@ def record(
     """
     for topic in topics:
         check_topic(topic, 'TOPIC')
-    if namespace and (why := fault_of(f'/{namespace.strip("/")}', validate_namespace)):
-        raise InvalidProblem(f"'--namespace' = '{namespace}' is not allowed: {why}")
+    check_namespace(namespace or '', "'--namespace'")
     ended, begun, shown = threading.Event(), False, shown or Progress(quiet=True)
     with (
         handled_by(lambda *_: ended.set()),  # instead of interrupting a write

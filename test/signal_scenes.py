@@ -26,13 +26,14 @@ from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 
-INT, TERM = signal.SIGINT, signal.SIGTERM
+INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 TORQUE = {'limits.torque': 0.09}
 PLANNING = {**TORQUE, 'solver.deadline': ENOUGH, 'start.source': 'parameters'}
 # Signals, and the times between them [s].
 WAYS: dict[str, list[tuple[signal.Signals, float]]] = {
     'SIGINT': [(INT, 0.0)],
     'SIGTERM': [(TERM, 0.0)],
+    'SIGHUP': [(HUP, 0.0)],
     'double Ctrl-C at once': [(INT, 0.0), (INT, 0.0)],
     'double Ctrl-C': [(INT, 0.02), (INT, 0.0)],
     'Ctrl-C while it ends': [(INT, 0.1), (INT, 0.05), (TERM, 0.0)],

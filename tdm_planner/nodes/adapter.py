@@ -140,7 +140,7 @@ class Vehicle:
         parameter, anchor = f'formation.{self.name}', self._values['formation.anchor']
         title, at = f"goal_pose of '{self.name}' rejected", message.pose.position
         try:
-            check_frame(self._plant.kind, message, 'goal_pose')
+            check_frame(self._plant.kind, message, 'goal_pose', named=True)
             if not (math.isfinite(at.x) and math.isfinite(at.y)):
                 raise InvalidProblem(
                     f"the pose's position is ({at.x:g}, {at.y:g}) m: must be finite numbers"

@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.diagnostics import PublisherCount
 from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
@@ -65,6 +66,12 @@ class MeasuredState:
         """Receive nothing any more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
+
+    def count_sources(self, changed: Callable[[], None]) -> list[PublisherCount]:
+        """Count the publishers of every topic; `changed` is that of `PublisherCount`."""
+        harm = 'their states are taken for those of one plant; run only one of them'
+        topics = self._topics.values()
+        return [PublisherCount(self._node, topic, harm, changed, 'nodes') for topic in topics]
 
     @property
     def topic(self) -> str:

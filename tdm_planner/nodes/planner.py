@@ -73,12 +73,9 @@ class Planner(ManagedNode):
     def configure(self) -> None:
         """Connect the problem, and begin to prepare it."""
         self._summary = self.create_publisher(String, _SUMMARY, LATCHED)
-        self._planners = PublisherCount(
-            self,
-            _SUMMARY,
-            'trackers follow the plan that starts last; run only one of them',
-            self._diagnostics.update,
-        )
+        changed = self._diagnostics.update
+        harm = 'trackers follow the plan that starts last; run only one of them'
+        self._counts = [PublisherCount(self, _SUMMARY, harm, changed)]
         for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
             create_plan_service(self, kind, name, self._on_request)
         problem, values = self._problem_class, self.parameter_values
@@ -88,6 +85,8 @@ class Planner(ManagedNode):
                 f'{problem.name} has no parameters start.<state>: plans begin at its stated '
                 'start, whatever is measured'
             )
+        for vehicle in self._adapter.vehicles.values():
+            self._counts += vehicle.measured.count_sources(changed)
         assessed = self._adapter.kind.state_names and problem.assess is not Problem.assess
         recoverable = self._adapter.vehicles if assessed else {}
         trackers = {name: vehicle.tracker for name, vehicle in recoverable.items()}
@@ -170,7 +169,12 @@ class Planner(ManagedNode):
             given = [Parameter.from_parameter_msg(message) for message in messages]
         except (TypeError, ValueError) as error:
             raise InvalidProblem(f'the parameters cannot be read: {error}') from None
-        own = self.checked(given)
+        own, names = self.checked(given), [item.name for item in given]
+        if len(own) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InvalidProblem(
+                f"parameter '{twice}' is given twice in the request: must be once"
+            )
         if reviews := [name for name in own if name.startswith('replan.')]:
             raise InvalidProblem(
                 f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"
@@ -320,7 +324,8 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        if told := [*filter(None, [self._planners.warning, self._unfollowed])]:
+        several = [count.warning for count in self._counts]
+        if told := [*filter(None, [*several, self._unfollowed])]:
             return Level.WARN, '; '.join(told)
         if not self._prepared:
             return Level.OK, 'preparing'

@@ -22,7 +22,7 @@ from tdm_planner.parameters import LARGEST, shown
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
 
-_UNIT_TOLERANCE = 1e-3
+_UNIT_TOLERANCE, _LEANING = 1e-3, 0.1  # of a quaternion: of its length, and its part x, y
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 _FIT, _RESTING = 0.1, 1e-6  # share of a state's largest rate that is no fit; rates at rest
 _RATES = ('velocities', 'accelerations', 'effort')  # where the rates of those that are states are
@@ -135,9 +135,10 @@ def _instants(points: Sequence[Any]) -> Array:
     return np.asarray(nanoseconds * NANOSECOND)
 
 
-def check_frame(kind: PlantKind, message: Any, what: str) -> None:
-    """Raise InvalidProblem where a message is in another frame than the plant's."""
-    if kind.odometry and message.header.frame_id not in ('', kind.frame):
+def check_frame(kind: PlantKind, message: Any, what: str, *, named: bool = False) -> None:
+    """Raise InvalidProblem for another frame than the plant's; '' passes unless it is `named`."""
+    allowed = {kind.frame} if named else {'', kind.frame}
+    if kind.odometry and message.header.frame_id not in allowed:
         raise InvalidProblem(
             f"{what} 'frame_id' = '{shown(message.header.frame_id)}' must be '{kind.frame}'"
         )
@@ -209,7 +210,8 @@ def yaw_of(rotation: Any) -> float:
     """
     Return the angle about the vertical [rad], in [-pi, pi].
 
-    Raise InvalidProblem if the quaternion is not of unit length.
+    Raise InvalidProblem if the quaternion is not of unit length, or leans by more than some 10
+    degrees.
     """
     x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
     length = math.sqrt(x * x + y * y + z * z + w * w)
@@ -217,5 +219,10 @@ def yaw_of(rotation: Any) -> float:
         raise InvalidProblem(
             f'the orientation ({x:g}, {y:g}, {z:g}, {w:g}) has length {length:g}: must be a unit '
             'quaternion'
+        )
+    if math.hypot(x, y) > _LEANING:
+        raise InvalidProblem(
+            f'the orientation ({x:g}, {y:g}, {z:g}, {w:g}) is upside down or leans: must be a '
+            'rotation about z'
         )
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -23,6 +23,8 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_topic_name import validate_topic_name
 from tdm_planner.exceptions import InvalidProblem, one_line
 from tdm_planner.parameters import shown
@@ -47,6 +49,12 @@ def check_topic(name: str, of: str) -> None:
         raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}")
 
 
+def check_namespace(name: str, of: str) -> None:
+    """Raise InvalidProblem if a name cannot be that of a namespace; `of` says whose."""
+    if why := fault_of(f'/{name.strip("/")}', validate_namespace):
+        raise InvalidProblem(f"{of} = '{shown(name)}' is not allowed: {why}")
+
+
 def make_executor(context: rclpy.Context | None = None) -> Executor:
     """
     Return the executor of the nodes: event-driven where this rclpy has it.
@@ -63,7 +71,7 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
 
 def run(make_node: Callable[[], Node]) -> int:
     """
-    Make the node, spin it until SIGINT or SIGTERM, and return the exit code of the process.
+    Make the node, spin it until one of `SIGNALS`, and return the exit code of the process.
 
     An error ends the process with one line: with code 2 if the node was started with invalid
     parameters (InvalidProblem), else with code 1.
@@ -84,6 +92,11 @@ def run(make_node: Callable[[], Node]) -> int:
     try:
         for number in SIGNALS:
             signal.signal(number, on_signal)
+        if others := remove_ros_args(sys.argv)[1:]:
+            raise InvalidProblem(
+                f"argument '{shown(others[0])}' is unknown: must follow --ros-args, as in "
+                '--ros-args -p NAME:=VALUE'
+            )
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         started = True
         node = make_node()

@@ -73,7 +73,7 @@ class TrackerNode(ManagedNode):
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
         self._preparation = self._deviation = self._delay = 0.0
-        self._asked_at = -np.inf
+        self._asked_at = -np.inf  # or answered
         self._answer: Future | None = None
         self._intake = PlanIntake(self._time, self._look_at)
         self.bring_up()
@@ -106,6 +106,7 @@ class TrackerNode(ManagedNode):
             self._ignore_state,
             lambda: self.tracker.parameters.state_timeout,
         )
+        self._sources = self._measured.count_sources(self._diagnostics.update)
 
     def activate(self) -> None:
         """Begin like a node that was just started; a plan received meanwhile is examined."""
@@ -304,7 +305,7 @@ class TrackerNode(ManagedNode):
         self._diagnostics.update()
 
     def _ask_for_plan(self) -> None:
-        """Request a new plan, one at a time and at most every `replan.interval`."""
+        """Request a new plan, one at a time; others may ask for `replan.interval` in between."""
         replan = self.tracker.parameters.replan
         now = time.monotonic()
         waiting = self._answer is not None and now - self._asked_at < LONGEST_PLANNING
@@ -322,7 +323,7 @@ class TrackerNode(ManagedNode):
         self._answer.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Future) -> None:
-        self._answer = None
+        self._answer, self._asked_at = None, time.monotonic()
         response = answer.result()
         if response is not None and not response.success:
             self.get_logger().warning(f'no new plan: {response.message}')
@@ -334,7 +335,8 @@ class TrackerNode(ManagedNode):
         phase, problem = self._last
         timeless, slow = '' if self._time.runs else NO_TIME, self._rate.problem()
         rejection = self._rejection if self._latest_rejected else ''
-        told = [timeless, rejection, self._planners.warning, self.tracker.warning]
+        several = [count.warning for count in (self._planners, *self._sources)]
+        told = [timeless, rejection, *several, self.tracker.warning]
         told = [*filter(None, told), *([f'commands at {slow}'] if slow else [])]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

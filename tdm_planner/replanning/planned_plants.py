@@ -50,6 +50,7 @@ from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTrackerParameters
+from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Values = Mapping[str, Any]
@@ -217,4 +218,4 @@ def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
     kind = kind_of(problem())
     known = tuple(name for name in kind.state_names if name in wanted)
     kind = replace(kind, state_names=known) if len(known) == len(wanted) else named_kind(wanted)
-    return PlannedPlant(problem, kind, TrackerParameters)
+    return PlannedPlant(problem, kind, StatedTrackerParameters)

@@ -26,12 +26,7 @@ NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed w
 
 @dataclass(frozen=True)
 class Tolerances(Validated):
-    """
-    How far the state may be from the trajectory.
-
-    The pendulum's deviation is an angle, a robot's a distance; a stated plant's is a share of its
-    states' ranges.
-    """
+    """How far the pendulum may be from the trajectory; others have their own."""
 
     start: float = positive(
         0.3, 'largest deviation at the start for a trajectory to be accepted', 'rad'
@@ -46,7 +41,7 @@ class ReplanOnDeviation(Validated):
     on_deviation: bool = parameter(
         False, 'when the motion is aborted, bring the plant to rest and ask for a new plan'
     )
-    interval: float = positive(1.0, 'least time between two such requests', 's')
+    interval: float = positive(1.0, 'time from the answer to such a request until the next', 's')
 
 
 @dataclass(frozen=True)

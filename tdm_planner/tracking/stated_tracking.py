@@ -18,11 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
 from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.parameters import group, positive
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, TrackerParameters
+from tdm_planner.tracking.motion import Action, Motion, Tolerances, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -36,6 +37,29 @@ _SHARES = 10.0  # weight of a deviation as large as the range, against that of t
 _LEAST_RANGE, _SHORT = 1e-2, 0.1
 _LEAST_REACH = 1e-4  # of what the controls could change a state by
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
+
+
+@dataclass(frozen=True)
+class StatedTolerances(Tolerances):
+    """How far the state may be from the trajectory, in shares of the ranges of a plan's states."""
+
+    start: float = positive(
+        0.3,
+        'largest deviation at the start for a trajectory to be accepted, as a share of the range '
+        "of a plan's state",
+    )
+    path: float = positive(
+        0.5,
+        'deviation from the plan at which the motion is aborted, as a share of the range of a '
+        "plan's state",
+    )
+
+
+@dataclass(frozen=True)
+class StatedTrackerParameters(TrackerParameters):
+    """Parameters of a stated plant's tracker, beside those of its problem."""
+
+    tolerance: StatedTolerances = group(StatedTolerances)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
-from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
@@ -123,6 +123,6 @@ def tracker_type(kind: str) -> TrackerType:
     problem = stated_problem(kind)
     return TrackerType(
         kind_of(problem()),
-        with_parameters_of(TrackerParameters, problem),
+        with_parameters_of(StatedTrackerParameters, problem),
         lambda parameters: StatedTracker(problem_of(problem, parameters), parameters),
     )

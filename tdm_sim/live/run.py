@@ -20,12 +20,13 @@ import webbrowser
 
 from rclpy.context import Context
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
+from tdm_planner.nodes.runtime import check_namespace, LONGEST_WAIT, make_executor
 from tdm_planner.plan_files import make_folder
 from tdm_sim.live.listener import Listener
 from tdm_sim.live.operations import Recordings
 from tdm_sim.live.page import Page
 from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
+from tdm_sim.progress import printing
 import viser
 
 FRAME_RATE = 25.0  # Hz
@@ -51,8 +52,8 @@ def run_live(
     `nodes` are a namespace in which they run, or a plant whose nodes are started here if none run
     in its namespace. Recordings and logs go to the folder `output`.
 
-    Raise InvalidProblem if there is no such problem, or the parameter file or the address cannot
-    be used; UnusableFile if the folder cannot be made.
+    Raise InvalidProblem if there is no such problem, or the namespace, the parameter file or the
+    address cannot be used; UnusableFile if the folder cannot be made.
     """
     _check_address(host)
     namespace, scene = _meant(nodes, parameters)
@@ -72,7 +73,8 @@ def run_live(
         page = Page(server, listener, Recordings(output, namespace), title)
         stack.callback(page.close)
         address = f'http://{host}:{server.get_port()}'
-        print(f'{address} (Ctrl-C ends it)', flush=True)
+        with printing():
+            print(f'{address} (Ctrl-C ends it)', flush=True)
         if not _is_local(host):
             print(
                 'tdm live: whoever reaches this computer over the network can move the plants',
@@ -86,6 +88,7 @@ def run_live(
 def _meant(nodes: str, parameters: Path | None) -> tuple[str, Scene | None]:
     """Return the namespace that a word means, and the scene to start there if nothing runs."""
     if nodes.startswith('/'):
+        check_namespace(nodes, "'NAMESPACE'")
         return nodes, None
     try:
         scene = make_scene(nodes, parameters)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import io
 from pathlib import Path
 
 from matplotlib.artist import Artist
@@ -25,6 +26,7 @@ from tdm_planner.drawing import (
     SWITCH,
     way_of,
 )
+from tdm_planner.plan_files import write_file
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_sim.report.animation import planned_frames
@@ -38,9 +40,15 @@ _COLOURS = {'limit': LIMIT, 'reach': SWITCH, 'force': STYLE_COLOURS['force']}
 
 
 def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
-    """Write the picture of a solution, with the problem's limits, to `path`."""
-    vehicles = planned_vehicles(problem, solution.trajectories)
-    plot_plan(Mission(solution.summary, problem.name, vehicles)).savefig(path, dpi=110)
+    """
+    Write the picture of a solution, with the problem's limits, to `path`.
+
+    Raise UnusableFile if it cannot be written.
+    """
+    vehicles, picture = planned_vehicles(problem, solution.trajectories), io.BytesIO()
+    figure = plot_plan(Mission(solution.summary, problem.name, vehicles))
+    figure.savefig(picture, format=path.suffix[1:].lower(), dpi=110)
+    write_file(path, picture.getvalue())
 
 
 def plot_plan(mission: Mission) -> Figure:

@@ -26,7 +26,7 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking.motion import TrackerParameters, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
-from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Sample
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
@@ -101,7 +101,7 @@ def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:
     Raise InvalidProblem if no tracker for plants of the problem is known.
     """
     if isinstance(problem, DirectProblem):
-        return StatedTracker(problem, TrackerParameters(**values))
+        return StatedTracker(problem, StatedTrackerParameters(**values))
     if isinstance(problem, (PendulumSwingUp, RobotFormation)):
         values |= {'plant': problem.plant, 'limits': problem.limits}
         if isinstance(problem, PendulumSwingUp):

@@ -49,10 +49,10 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
             yield client
         return
     with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
-        # Threads and processes ignore SIGINT, which a terminal sends to all of them; in this
-        # thread it is pending meanwhile. A resource tracker that starts later unblocks it.
+        # Threads and processes ignore what a terminal sends to all of them; in this thread it is
+        # pending meanwhile. A resource tracker that starts later unblocks it.
         resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         try:
             local = LocalCluster(
                 n_workers=count or len(os.sched_getaffinity(0)),

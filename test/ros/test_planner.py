@@ -14,7 +14,7 @@ from pendulum_rig import measured_state
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from replays import by_scipy
-from ros_harness import Space
+from ros_harness import parameters, Space
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import odometry, to_stamp
@@ -26,6 +26,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
+OK, WARN = 0, 1
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
 UNREADABLE = Parameter(name='method', value=ParameterValue(type=255))
@@ -209,6 +210,7 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner):
             "'start.psi' has no effect while start",
         ),
         ({'odd': [UNREADABLE]}, 'cannot be read'),
+        ({'goal__turns': 1, 'odd': parameters({'goal.turns': -1})}, "'goal.turns' is given twice"),
         ({'limits__torque': 1e-4, 'solver__deadline': 0.3}, ''),
     ],
     ids=str,
@@ -313,6 +315,16 @@ def test_the_measured_state_of_every_robot_is_needed(fleet):
     assert "'robot2.start.x' has no effect" in refused.reason
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     fleet.set('planner', start__source='parameters')
+
+
+def test_a_second_source_of_a_robots_state_is_told_of(ros, fleet):
+    fleet.plan()
+    name, told = '/robots/planner: planning', '2 nodes publish /robots/robot2/odom: '
+    assert ros.says(name, level=OK)
+    other = fleet.publisher('robot2/odom')
+    assert ros.says(name, told, level=WARN)
+    ros.node.destroy_publisher(other)
+    assert ros.says(name, level=OK)
 
 
 def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):

@@ -84,6 +84,19 @@ def test_unknown_parameters_and_commands_that_are_malformed_or_do_not_come_are_t
     assert rig.told('command time-outs')[2] == [1]
 
 
+def test_a_second_node_that_commands_the_plant_is_told_of(ros):
+    rig, told = Plant(ros, 'pendulum_plant', 'twice', {}), '2 nodes publish /twice/joint_command: '
+    assert rig.told()[:2] == (OK, 'no command')
+    other = rig.publisher('joint_command')
+    level, message, _ = rig.told()
+    assert level == WARN
+    assert message.startswith(told)
+    assert told in rig.process.output
+    ros.node.destroy_publisher(other)
+    assert ros.meet(lambda: ros.node.count_publishers('/twice/joint_command') == 1)
+    assert rig.told()[:2] == (OK, 'no command')
+
+
 def test_a_push_too_violent_to_integrate_is_told_of(ros):
     rig = Plant(ros, 'pendulum_plant', 'violent', {'disturbance.impulse': 1e12})
     rig.trigger('push')

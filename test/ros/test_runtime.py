@@ -22,7 +22,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import runtime
 from tdm_planner.nodes.planner import Planner
 from tdm_planner.nodes.tracker import TrackerNode
-from tdm_planner.starting import ignore_signals, Interrupted, interruptible
+from tdm_planner.starting import ignore_signals, Interrupted, interruptible, SIGNALS
 from tdm_sim import demo
 from tdm_sim.progress import Progress
 
@@ -39,7 +39,7 @@ def _left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         raise Left(code)
 
     monkeypatch.setattr(runtime, 'os', SimpleNamespace(_exit=leave))
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
     yield
     for number, handler in handlers.items():
         signal.signal(number, handler)
@@ -88,7 +88,8 @@ def fail() -> None:
 
 # A signal interrupts rclpy while it takes a message; a conversion, before the context is down.
 INTERRUPTED = (rclpy.shutdown, fail), (ask, fail)
-ENDS = (ask,), (partial(ask, signal.SIGTERM),), (ask_twice,), (rclpy.shutdown,), (fail,)
+ASKED = [(partial(ask, number),) for number in SIGNALS]
+ENDS = *ASKED, (ask_twice,), (rclpy.shutdown,), (fail,)
 
 
 @pytest.mark.parametrize('acts', [*ENDS, *INTERRUPTED])
@@ -114,6 +115,9 @@ def invalid() -> Node:
         (asked_in_a_finaliser, [], 0, ''),
         (invalid, [], 2, 'fatal: there is no such problem'),
         (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
+        (Planner, ['--help'], 2, "argument '--help' is unknown: must follow"),
+        (Planner, ['-p', 'method:=smooth'], 2, "argument '-p' is unknown: must follow --ros-args"),
+        (Planner, ['--ros-args', '-p', 'method:=foo', '--', 'bar'], 2, "argument 'bar' is"),
         (Planner, ['--ros-args', '-p', 'method:=foo'], 2, "'method' = 'foo' is not allowed: must"),
         (
             TrackerNode,

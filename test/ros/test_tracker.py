@@ -16,15 +16,17 @@ import pytest
 from ros_harness import Space
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
+from tdm_planner.exceptions import Failure
 from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.messages import plan_message, to_stamp
+from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
-OK, ERROR = 0, 2
+OK, WARN, ERROR = 0, 1, 2
 STRONG = {'limits.torque': 0.09}
 SOON = 0.2  # s from publishing to the start
 EVERY = 0.005  # s between scripted states
@@ -160,6 +162,15 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
     assert 'rejected' not in idle.status.message
 
 
+def test_a_second_source_of_states_is_told_of(ros, idle):
+    told = f'2 nodes publish {idle.space}/joint_states: '
+    other = idle.publisher('joint_states')
+    assert idle.says(told, level=WARN)
+    assert told in idle.tracker.output
+    ros.node.destroy_publisher(other)
+    assert idle.says('idle', level=OK)
+
+
 def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan, monkeypatch):
     """All of them would take more time than the commands leave; the last must not be lost."""
     counter = partial(next, itertools.count(0.0, 0.04))  # s to look at a plan
@@ -216,24 +227,29 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     assert np.abs(held).max() < 0.06
     assert np.abs([e.position[0] for e in rig.errors[taken:]]).max() < 0.06
     assert np.abs([c.effort[0] for c in rig.commands]).max() <= STRONG['limits.torque']
-    # It falls: a new plan is asked for, over and over.
-    asked, answer = list[int](), '{"code": "INFEASIBLE", "reason": "test"}'
+    # It falls: a new plan is asked for, over and over; between two searches others may ask.
+    asked, answered = list[int](), list[int]()
 
-    def serve(*_):
+    def serve(request: Request, _):
         asked.append(ros.now)
-        return Trigger.Response(success=False, message=answer)
+
+        def answer() -> None:
+            ros.node.destroy_timer(timer)
+            answered.append(ros.now)
+            request.answer(Failure('INFEASIBLE', 'test'))
+
+        timer = ros.node.create_timer(0.3, answer)
 
     rig.put(2.8)
     assert rig.says('recovering', 'tolerance.path', level=ERROR)
     assert ros.spin_until(lambda: 'no planner serves plan: ' in rig.tracker.output)
-    service = ros.node.create_service(Trigger, '/rig/plan', serve)
+    create_plan_service(ros.node, Trigger, '/rig/plan', serve)
     assert ros.spin_until(lambda: len(asked) >= 3)
-    assert 0.2e9 <= min(np.diff(asked)) <= max(np.diff(asked)) < 0.22e9
-    ros.settle()
-    assert f'no new plan: {answer}' in rig.tracker.output
+    pauses = np.subtract(asked[1:3], answered[:2])
+    assert 0.2e9 <= pauses.min() <= pauses.max() < 0.22e9
+    assert 'no new plan: {"code": "INFEASIBLE", "reason": "test"}' in rig.tracker.output
     # at rest nothing is commanded, as plans assume
     assert rig.commands[-1].effort[0] == 0.0
-    ros.node.destroy_service(service)
     rig.put(math.pi)
     rig.follow(plan)
     assert rig.says('holding', level=OK)

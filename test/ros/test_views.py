@@ -10,7 +10,7 @@ import json
 import math
 import re
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -28,6 +28,7 @@ import yaml
 
 RIG = {'body', 'force', 'trail'}
 ROBOT = {'body', 'reach', 'force', 'name', 'trail'}
+OVER = Quaternion(x=1.0, w=0.0)
 HASTY = {'limits__thruster_rate': 0.01, 'solver__deadline': 1e-6}
 LIFETIMES = {**dict.fromkeys(ROBOT, LIFETIME), 'rejected': 8.0}
 
@@ -103,9 +104,11 @@ class Robots(Space):
         for received in (self.trajectories, self.picture.arrays, self.live.arrays):
             received.clear()
 
-    def goal(self, x: float, y: float, yaw: float = 0.0, frame: str = 'arena') -> None:
+    def goal(
+        self, x: float, y: float, yaw: float = 0.0, frame: str = 'arena', turned=None
+    ) -> None:
         message = PoseStamped()
-        message.header.frame_id, message.pose.orientation = frame, to_quaternion(yaw)
+        message.header.frame_id, message.pose.orientation = frame, turned or to_quaternion(yaw)
         message.pose.position.x, message.pose.position.y = x, y
         self._goals.publish(message)
 
@@ -155,7 +158,9 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros):
     [
         ({'x': 9.0, 'y': 1.0}, {}, ['INVALID_PROBLEM', 'robot1', 'outside the arena']),
         ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
+        ({'x': 1.0, 'y': 1.0, 'frame': ''}, {}, ["'frame_id' = ''", "'arena'"]),
         ({'x': 1.0, 'y': 1.0, 'yaw': math.nan}, {}, ['unit quaternion']),
+        ({'x': 1.0, 'y': 1.0, 'turned': OVER}, {}, ['(1, 0, 0, 0)', 'must be a rotation about z']),
         ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
         ({'x': 1.0, 'y': 3.0}, HASTY, ['DEADLINE', 'no feasible plan within']),
     ],

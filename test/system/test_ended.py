@@ -3,7 +3,9 @@
 
 """Demos that end early, alone in the domain; nodes that are asked to end, or killed."""
 
+import os
 from pathlib import Path
+import signal
 
 from action_msgs.msg import GoalStatus
 from bag_contents import read_with_mcap
@@ -51,6 +53,18 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     assert read_with_mcap(out / 'bag')['/pendulum/trajectory']
 
 
+def test_the_nodes_of_a_demo_that_is_killed_end(ros):
+    demo = SCENES['demo asking'](ros)
+    mark = f'TDM_TEST_MARK={demo.space}'
+    demo.process.process.kill()
+    demo.process.process.wait()
+    try:
+        assert ros.spin_until(lambda: not survivors(mark), timeout=20.0)
+    finally:
+        for left in survivors(mark):
+            os.kill(left, signal.SIGKILL)
+
+
 def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
     rig = held_rig(ros)
     for name in ('plant killed while holding', 'tracker killed in mid-swing',
@@ -61,7 +75,7 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros):
 
 ENDS = [('starting planner', 'SIGINT'), ('starting tracker', 'double Ctrl-C at once'),
         ('starting tdm', 'SIGINT'), ('solving planner', 'double Ctrl-C'),
-        ('following tracker', 'SIGTERM')]  # fmt: skip
+        ('following tracker', 'SIGTERM'), ('idle tracker', 'SIGHUP')]  # fmt: skip
 
 
 @pytest.mark.parametrize(('scene', 'way'), ENDS)

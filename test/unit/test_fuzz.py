@@ -48,6 +48,8 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(DOUBLED)
     ('text', 'says'),
     [
         *((text, r'parameters.yaml.* is not YAML') for text in (BOMB, 'a: &a [*a]', '[' * 5_000)),
+        ('planner: {ros__parameters: {a: 1, b: 2, a: 1}}', "'a' is given twice, again in line 1"),
+        ('/**:\n  a: {ros__parameters: {}}\n/**:\n  b: {}', r"'/\*\*' is given .* in line 3"),
         *(
             (f'planner: {{ros__parameters: {{robots: {tag} }} }}', 'not determine a constructor')
             for tag in ('!!python/object/apply:os.system ["touch owned"]',

@@ -16,7 +16,7 @@ import pytest
 from stated import changed
 from tdm_planner.drawing import LIMIT, SWITCH
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plan_files import check_path, load_plan, save_plan
+from tdm_planner.plan_files import check_path, load_plan, save_plan, UnusableFile
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -145,3 +145,6 @@ def test_every_kind_of_file_and_plant(swing_up, formation, tmp_path):
         plot_solution(problem, plan, path)
         assert path.read_bytes().startswith(start)
     assert (tmp_path / 'plan.svg').stat().st_size > 50_000
+    (tmp_path / 'full.png').symlink_to('/dev/full')
+    with pytest.raises(UnusableFile, match=r'full.png. cannot be written: No space left'):
+        plot_solution(*swing_up, tmp_path / 'full.png')

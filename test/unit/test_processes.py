@@ -114,7 +114,7 @@ def test_a_workspace_comes_before_the_environment_before_the_sources(tmp_path, m
     assert found == workspace / 'share/tdm_planner/config/pendulum.yaml'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', starting.SIGNALS)
 def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
     before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
@@ -139,6 +139,13 @@ def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: sig
             work(whole)
         assert (done, found.value.code) == (expected, 128 + number)
         assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize(('given', 'handled'), [('SIG_DFL', True), ('SIG_IGN', False)])
+def test_a_hang_up_is_handled_unless_it_is_ignored_as_under_nohup(given, handled):
+    program = f'import signal; signal.signal(signal.SIGHUP, signal.{given})\n'
+    program += 'from tdm_planner.starting import SIGNALS; print(signal.SIGHUP in SIGNALS)'
+    assert python('-c', program).stdout == f'{handled}\n'
 
 
 OURS = {
@@ -262,6 +269,27 @@ def test_mistakes_get_a_sentence_and_a_code(command, code, words, folder, monkey
     assert not list((folder / 'folder').iterdir())
 
 
+@pytest.mark.parametrize(
+    ('command', 'code', 'told'),
+    [
+        ('plan pendulum -o plan.json > /dev/full', 2, 'No space left on device'),
+        ('check stated:Cart > /dev/full', 2, 'No space left on device'),
+        ('report plan.json >&-', 2, ''),
+    ],
+)
+def test_standard_output_that_cannot_be_written_or_is_closed(command, code, told, folder):
+    (folder / 'plan.json').write_text('{}')
+    path = os.pathsep.join([str(SOURCE), str(SOURCE / 'test')])
+    line, environment = f'"{sys.executable}" -m tdm_planner.cli {command}', {'PYTHONPATH': path}
+    shown = {'stderr': subprocess.PIPE, 'text': True, 'env': {**os.environ, **environment}}
+    done = subprocess.run(['sh', '-c', line], timeout=120, **shown)
+    assert done.returncode == code, done.stderr
+    expected = (
+        f'standard output cannot be written: {told}' if told else 'not a plan written by tdm'
+    )
+    assert re.fullmatch(f'tdm: FILE: .*{expected}\n', done.stderr), done.stderr
+
+
 def test_usage_version_and_without_a_package_the_way_out_are_told(monkeypatch, capsys):
     wrong = ['live', '--port', '99999'], ['study', 'pendulum', '--processes', '-3']
     for words in ([], ['plan', 'pendulum'], *wrong, ['--version']):
@@ -293,8 +321,9 @@ def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreig
         assert "FILE: the folder '/proc/out' cannot be made" in capsys.readouterr().err
     assert main(['live', '/pendulum', '--host', '192.0.2.1']) == 2
     assert "cannot serve on '--host' 192.0.2.1" in capsys.readouterr().err
-    for name in (['bad topic'], ['--namespace', 'bad ns']):
-        assert main(['record', '-o', 'out', *name]) == 2
+    record = ['record', '-o', 'out']
+    for words in ([*record, 'bad topic'], [*record, '--namespace', 'bad ns'], ['live', '/bad ns']):
+        assert main(words) == 2
         assert 'must not contain characters' in capsys.readouterr().err
     mine = folder / foreign
     mine.parent.mkdir(exist_ok=True)

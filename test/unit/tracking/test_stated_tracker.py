@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems import DirectProblem
-from tdm_planner.tracking.motion import Phase, TrackerParameters, TrajectoryRejected
-from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.motion import Phase, TrajectoryRejected
+from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 
@@ -18,7 +18,7 @@ class Rig:
     """A tracker and its plant, without delay; plans are accepted `ahead` s before they start."""
 
     def __init__(self, problem: DirectProblem, state: np.ndarray) -> None:
-        self.tracker = StatedTracker(problem, TrackerParameters())
+        self.tracker = StatedTracker(problem, StatedTrackerParameters())
         self.state, self.now = state.copy(), 0.0
         self.tracker.observe(self.state, self.now)
 
@@ -51,6 +51,19 @@ def test_a_plan_from_the_goal_to_the_goal_does_not_make_deviations_large(kind) -
         rig.run(1.0)
         assert rig.tracker.phase is Phase.HOLDING
         assert np.abs(rig.state - plan.states[-1]).max() < 1e-3
+
+
+def test_a_plant_that_is_thrown_back_to_the_start_gets_no_control() -> None:
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration + 1.0)
+    assert rig.tracker.phase is Phase.HOLDING
+    rig.now += rig.tracker.parameters.interval
+    rig.tracker.observe(plan.states[0], rig.now)
+    assert not rig.tracker.command(rig.now).control.any()
+    assert rig.tracker.phase is Phase.STOPPED
+    assert 'more than tolerance.path' in rig.tracker.reason
 
 
 def test_a_plan_that_starts_elsewhere_is_rejected_at_once() -> None:
