@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, fields, is_dataclass, replace
+from functools import wraps
 from inspect import isroutine
 import re
 from typing import Any, ClassVar, Generic, TypeVar
@@ -19,6 +20,7 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, one_line, Verific
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import (
     build,
+    check_fields,
     flatten,
     NON_NEGATIVE,
     ParameterSpec,
@@ -119,13 +121,25 @@ class Problem(ABC):
     An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
 
     Subclasses are frozen dataclasses whose fields are groups of parameters (see
-    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. One that states its
-    reference functions and inverse dynamics derives from `DirectProblem`, which transcribes it;
-    one that brings a transcription of its own (compiled kernels, several vehicles) gives `search`.
+    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. All are checked when a
+    problem is made, before a `__post_init__` of its own. One that states its reference functions
+    and inverse dynamics derives from `DirectProblem`, which transcribes it; one that brings a
+    transcription of its own (compiled kernels, several vehicles) gives `search`.
     """
 
     name: ClassVar[str]
     solver: SolverParameters
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Check the parameters first where the class has a `__post_init__` of its own."""
+        super().__init_subclass__(**arguments)
+        if '__post_init__' in vars(cls):
+            kind: Any = cls
+            kind.__post_init__ = _after_a_check(kind.__post_init__)
+
+    def __post_init__(self, *given: Any) -> None:
+        """Check every parameter; raises InvalidProblem for the first wrong value."""
+        check_fields(self)
 
     def __new__(cls: type[P], *arguments: Any, **named: Any) -> P:
         """Make a problem of a class that is complete."""
@@ -316,6 +330,17 @@ class Problem(ABC):
             raise InvalidProblem(
                 f"warm_start is a plan of '{shown(plan.problem)}' and not of '{self.name}'"
             )
+
+
+def _after_a_check(own: Callable[..., None]) -> Callable[..., None]:
+    """Return a class's `__post_init__` after the check of its parameters."""
+
+    @wraps(own)
+    def checked(self: Problem, *given: Any) -> None:
+        check_fields(self)
+        own(self, *given)
+
+    return checked
 
 
 @contextmanager
