@@ -162,8 +162,8 @@ class PlanClient:
         Parameters
         ----------
         parameters, more
-            Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one. Groups may
-            be mappings, as in a parameter file.
+            Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one. Groups
+            may be mappings, as in a parameter file.
         timeout
             Longest wait [s] for the planner, its answer and the messages together.
 
