@@ -25,6 +25,7 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.direct.statement import (
+    begun_elsewhere,
     check_costs,
     check_statement,
     check_use,
@@ -109,6 +110,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
         console.print(f'[bold red]{doubt}')
+    reasons += begun_elsewhere(stated, ends)
     return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits, 'start')
 
 

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
 from functools import partial
+import math
 from numbers import Real
 from typing import Any
 
@@ -20,7 +22,7 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import short
+from tdm_planner.parameters import short, to_mapping
 from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -225,10 +227,33 @@ def violated_at_ends(left: Left) -> list[str]:
     ]
 
 
+def begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
+    """
+    Say in which states every motion begins elsewhere than the group `start` has it.
+
+    Measured states are put into that group: the plant would be planned for from elsewhere.
+    """
+    start: Any = getattr(stated.formulation, 'start', None)
+    given = to_mapping(start) if is_dataclass(start) else {}
+    reasons, units = [], stated.formulation.state_units
+    for name, unit, begins in zip(stated.state_names, units, ends.states[0], strict=True):
+        value = given.get(name)
+        if not isinstance(value, int | float) or np.isnan(begins) or np.isclose(begins, value):
+            continue
+        turns = (begins - value) / math.tau
+        whole = unit == 'rad' and math.isclose(turns, round(turns), rel_tol=1e-6)
+        reasons.append(
+            f'start.{name} = {value:.7g}, but every motion begins with {name} = {begins:.7g}'
+            + (', by whole turns' if whole else '')
+            + f': outputs() or integrated() must begin with self.start.{name}'
+        )
+    return reasons
+
+
 def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
-    """Return what `left_at_ends` does; InvalidProblem if every motion violates a limit there."""
+    """Return what `left_at_ends` does; InvalidProblem for what no motion can keep there."""
     left = left_at_ends(stated, ends)
-    for reason in violated_at_ends(left):
+    for reason in [*begun_elsewhere(stated, ends), *violated_at_ends(left)]:
         raise InvalidProblem(reason)
     return left
 

@@ -1,0 +1,121 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Slips in the class of a problem, and starts and ends that contradict it: one sentence each."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from stated import Car, Cart, changed, refused
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.parameters import group, parameter, POSITIVE
+from tdm_planner.problem_check import check_problem
+from tdm_planner.problems import DirectProblem
+
+
+@dataclass(frozen=True)
+class Place:  # not Validated
+    x: float = parameter(1.0, 'place', unit='m', allowed=POSITIVE)
+
+
+@dataclass(frozen=True)
+class Plain(DirectProblem):
+    """Neither Validated: the ranges of a problem's parameters are checked all the same."""
+
+    control_names, control_units = ('u',), ('N',)
+    state_names, state_units = ('x',), ('m',)
+    mass: float = parameter(20.0, 'mass', unit='kg', allowed=POSITIVE)
+    goal: list[float] = parameter([1.0], 'goal', unit='m', length=1)
+    start: Place = group(Place)
+    outputs = duration = invert = derivative = Car.final_cost
+
+
+@dataclass(frozen=True)
+class Heavy(Plain):
+    def __post_init__(self):
+        object.__setattr__(self, 'weight', 9.81 * self.mass)
+
+
+@pytest.mark.parametrize('kind', [Plain, Heavy])
+@pytest.mark.parametrize(
+    ('given', 'told'),
+    [
+        ({'mass': -1.0}, "parameter 'mass' = -1.0 is not allowed: must be a number in [1e-12"),
+        ({'mass': None}, "parameter 'mass' = None is not allowed"),
+        ({'goal': [1.0, 2.0]}, "parameter 'goal' = [1.0, 2.0] is not allowed"),
+        ({'start': Place(x=-1.0)}, "parameter 'x' = -1.0 is not allowed"),
+        ({'start': Place}, "parameter 'start' = "),
+    ],
+)
+def test_ranges_of_a_problem_are_checked_whatever_it_derives_from(kind, given, told):
+    assert refused(lambda: kind(**given)).startswith(told)
+    made = kind(mass=3, start=Place(x=2))
+    assert [type(value) for value in (made.mass, made.start.x)] == [float, float]
+    assert getattr(made, 'weight', 29.43) == pytest.approx(29.43)
+
+
+@dataclass(frozen=True)
+class Start:
+    x: float = parameter(-2.0, 'place', unit='m')
+    vx: float = parameter(0.0, 'speed', unit='m/s')
+    yaw: float = parameter(0.0, 'heading', unit='rad')
+    way: float = parameter(0.0, 'way gone', unit='m')
+    load: float = parameter(7.0, 'no state', unit='kg')
+
+
+@dataclass(frozen=True)
+class Driven(DirectProblem):
+    """A car on a line that turns on the spot; `begin` is where its motion begins."""
+
+    state_names, state_units = ('x', 'vx', 'yaw', 'way'), ('m', 'm/s', 'rad', 'm')
+    control_names, control_units = ('ax', 'turn'), ('m/s^2', 'rad/s')
+    start: Start = group(Start)
+
+    def begin(self):
+        return self.start
+
+    def outputs(self):
+        s = self.begin()
+        x = Output(start=(s.x, s.vx), end=(0.0, 0.0), free=2)
+        return {'x': x, 'yaw': Output(start=(s.yaw,), end=(0.0,), free=2)}
+
+    def integrated(self):
+        return {'way': Integrated(self.begin().way)}
+
+    def duration(self):
+        return Duration(guess=3.0, fixed=True)
+
+    def invert(self, y, z):
+        return (y['x'][0], y['x'][1], y['yaw'][0], z['way']), (y['x'][2], y['yaw'][1])
+
+    def derivative(self, x, u):
+        return x[1], u[0], u[1], x[1]
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2 + u[1] ** 2
+
+
+@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
+@pytest.mark.parametrize(
+    ('given', 'begins', 'told'),
+    [
+        ({'vx': 1.0}, {'vx': 0.0}, 'start.vx = 1, but every motion begins with vx = 0: outputs()'),
+        ({'way': 50.0}, {'way': 0.0}, 'start.way = 50, but every motion begins with way = 0: '),
+        ({'x': -1.0}, {'x': 1e-4 - 1.0}, 'begins with x = -0.9999: '),
+        ({'yaw': 7.0}, {'yaw': 7.0 - 4.0 * np.pi}, 'yaw = -5.566371, by whole turns: '),
+        ({'vx': 7.0}, {'vx': 7.0 - 4.0 * np.pi}, 'vx = -5.566371: '),
+    ],
+)
+def test_a_motion_begins_where_the_group_start_says(reasons_of, given, begins, told):
+    start = replace(Start(), **given)
+    made = changed(Driven, begin=lambda s: replace(s.start, **begins))(start=start)
+    assert [told in reason for reason in reasons_of(made)] == [True]
+
+
+def test_a_start_may_be_rounded_free_or_of_other_names():
+    rounded = changed(Driven, begin=lambda s: replace(s.start, x=-2.0 + 1e-9, yaw=1e-16))
+    free = changed(Driven, begin=lambda s: replace(s.start, x=None))
+    other = replace(Start(), x=-3.0, load=1.0)
+    for made in (rounded(), free(start=other), Driven(start=other), Cart(start=3.0)):
+        assert check_problem(made) == []
