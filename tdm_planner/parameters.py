@@ -337,9 +337,9 @@ def shown(name: object) -> str:
     return text[1:-1] if isinstance(name, str) else text
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """Return a question that names those known that are most like `name`; '' if none are."""
-    similar = difflib.get_close_matches(name, known, n=3)
+    similar = difflib.get_close_matches(name, known, 3, likeness)
     return f'did you mean {" or ".join(similar)}?' if similar else ''
 
 

@@ -188,7 +188,7 @@ def test_a_parameter_hides_nothing_and_a_problem_has_a_name_for_topics(name):
 
 
 def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
-    of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
+    of_its_own = {'path_cost': Cart.running_cost, 'helper': Cart.derivative}
     of_its_own |= {'derived': Cart.derivative, 'margin': lambda s, x: x[0] + 9.0}  # called below
     of_its_own['derivative'] = lambda s, x, u: s.derived(x, u)
     of_its_own['margins'] = lambda s, t, x, u: {'pole': (lambda: s.margin(x))()}
@@ -196,7 +196,7 @@ def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions(
     console = Console(record=True, width=300)
     assert check_problem(made(), console) == []
     told = console.export_text()
-    assert 'runing_cost is never used: did you mean running_cost' in told
+    assert 'path_cost is never used: did you mean final_cost' in told
     assert 'end_conditions: 2 beside these' in told
     assert told.count('is never used') + told.count('beside these') == 2
     assert 'not refined' not in told

@@ -119,3 +119,30 @@ def test_a_start_may_be_rounded_free_or_of_other_names():
     other = replace(Start(), x=-3.0, load=1.0)
     for made in (rounded(), free(start=other), Driven(start=other), Cart(start=3.0)):
         assert check_problem(made) == []
+
+
+def margin(self, t, x, u):
+    return {'wall': x[0] + 9.0}
+
+
+@pytest.mark.parametrize('use', [lambda c: c(), lambda c: c.from_parameters({})])
+@pytest.mark.parametrize(
+    ('name', 'meant'),
+    [
+        ('margin', 'margins'),
+        ('control_limit', 'control_limits'),
+        ('end_condition', 'end_conditions'),
+        ('finalcost', 'final_cost'),
+        ('reserves', 'reserve'),
+    ],
+)
+def test_a_method_that_is_misspelt_is_refused(name, meant, use):
+    made = changed(Driven, **{name: margin})
+    assert refused(lambda: use(made)) == f'Changed.{name} is never used: did you mean {meant}?'
+
+
+def test_methods_for_others_are_no_misspelt_ones():
+    """Whatever a script calls: what is less alike, or stands beside what it is like."""
+    names = 'margins_of', 'start_state', 'terminal_cost', 'initial_guess', 'control_at', 'weights'
+    made = changed(Driven, **dict.fromkeys(names, margin), margins=margin, margin=margin)
+    assert made().solve(deadline=1.0).verification.ok
