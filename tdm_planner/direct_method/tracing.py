@@ -39,6 +39,7 @@ T = TypeVar('T')
 _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
+_ALONE = 'it must depend on its arguments at the same node alone'
 _LOCK = threading.Lock()
 
 
@@ -325,9 +326,9 @@ def _boxed(value: Any) -> Any:
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Stack scalars: symbols, numbers or arrays of one of them."""
+    """Stack scalars: symbols, numbers or arrays of one; more rows of more, which are refused."""
     arrays = np.ndarray | np.generic
-    rows = [np.asarray(v, dtype=object).item() if isinstance(v, arrays) else v for v in values]
+    rows = [v.item() if isinstance(v, arrays) and v.size == 1 else v for v in values]
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 
@@ -341,6 +342,12 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
     p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _SAME
     for function, (given, names, wanted) in expected.items():
         (found,) = Call(trace.functions[function], _SAMPLES)(*given, p)
+        what = f'{function} of {type(stated.formulation).__name__} gives'
+        if found.shape != wanted.shape:
+            raise InvalidProblem(
+                f'{what} {found.shape[1]} values when it is traced, but {wanted.shape[1]} with '
+                f'numpy: {_ALONE}'
+            )
         same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
         if not same.all():
             node, column = np.argwhere(~same)[0]
@@ -349,8 +356,8 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             if np.isfinite(number):
                 reason = _suspect(stated.formulation, function)
             raise InvalidProblem(
-                f'{function} of {type(stated.formulation).__name__} gives {names[column]} = '
-                f'{found[node, column]:g} when it is traced, but {number:g} with numpy: {reason}'
+                f'{what} {names[column]} = {found[node, column]:g} when it is traced, but '
+                f'{number:g} with numpy: {reason}'
             )
 
 
@@ -365,4 +372,4 @@ def _suspect(formulation: Any, function: str) -> str:
         hint = next((hint for word, hint in words.items() if word in line), None)
         if hint:
             return f'line {first + number}, `{line.strip()}`: {hint}'
-    return 'it must depend on its arguments at the same node alone'
+    return _ALONE

@@ -146,3 +146,18 @@ def test_methods_for_others_are_no_misspelt_ones():
     names = 'margins_of', 'start_state', 'terminal_cost', 'initial_guess', 'control_at', 'weights'
     made = changed(Driven, **dict.fromkeys(names, margin), margins=margin, margin=margin)
     assert made().solve(deadline=1.0).verification.ok
+
+
+def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
+    """With symbols it gave what numpy had left there, an array over nodes."""
+    kept = []
+
+    def derivative(self, x, u):
+        kept.append(u[0])
+        return x[1], kept[0], u[1], x[1]
+
+    message = refused(changed(Driven, derivative=derivative)().solve)
+    assert message == (
+        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must depend '
+        'on its arguments at the same node alone'
+    )
