@@ -28,6 +28,7 @@ _METADATA_KEY = 'tdm_parameter'
 _LONGEST_INTEGER = 10**60
 _LONGEST_NAME = 200
 _LONGEST_VALUE = 80
+MISSPELT = 0.9  # likeness of names, of which one is a slip
 _MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',

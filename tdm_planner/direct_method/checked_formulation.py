@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import FrozenInstanceError
 from functools import cached_property
 import math
 from typing import Any
@@ -379,6 +380,8 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
 
 def _usage(function: str, error: Exception, begun: bool) -> str:
     """Say how a function is called, and with what; '' where that is not what is wrong."""
+    if isinstance(error, FrozenInstanceError):
+        return 'a problem is frozen: state what follows from its parameters as a property'
     if isinstance(error, AttributeError) and isinstance(error.obj, Formulation | Validated):
         question = suggestion(error.name or '', dir(error.obj))
         return f"{type(error.obj).__name__} has no '{error.name}'{question and ': ' + question}"

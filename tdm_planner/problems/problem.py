@@ -15,22 +15,26 @@ import re
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
+from tdm_planner.direct_method.checked_formulation import told
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import Infeasible, InvalidProblem, one_line, VerificationFailed
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.exceptions import (
+    Infeasible,
+    InvalidProblem,
+    one_line,
+    TdmError,
+    VerificationFailed,
+)
 from tdm_planner.parameters import (
     build,
     check_fields,
-    flatten,
     NON_NEGATIVE,
     ParameterSpec,
     SEED,
     shown,
     specifications,
-    suggestion,
     to_mapping,
 )
-from tdm_planner.problems.planner_parameters import PlannerParameters, SolverParameters
+from tdm_planner.problems.planner_parameters import problem_parameters, SolverParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -38,7 +42,6 @@ from tdm_planner.verification import Constraint
 C = TypeVar('C')
 P = TypeVar('P', bound='Problem')
 _LIBRARY = 'tdm_planner.'  # where modules of ours begin
-_FEW = 30  # parameters that a message can list
 
 
 class Search(ABC, Generic[C]):
@@ -148,10 +151,15 @@ class Problem(ABC):
 
     @classmethod
     def check_class(cls) -> None:
-        """Raise InvalidProblem if the class is no dataclass, or methods are missing."""
+        """Raise InvalidProblem if the class is not made as a dataclass, or methods are missing."""
         if not is_dataclass(cls) or any(isinstance(value, Field) for value in vars(cls).values()):
             raise InvalidProblem(
                 f'{cls.__name__} is no dataclass: put @dataclass(frozen=True) above it'
+            )
+        if cls.__init__.__code__.co_filename != '<string>':  # where the code of a dataclass is
+            raise InvalidProblem(
+                f'{cls.__name__} has an __init__ of its own: leave it out, @dataclass writes one; '
+                'what follows from parameters is a property'
             )
         library = [vars(base) for base in cls.__mro__ if base.__module__.startswith(_LIBRARY)]
         for item in fields(cls):
@@ -333,12 +341,17 @@ class Problem(ABC):
 
 
 def _after_a_check(own: Callable[..., None]) -> Callable[..., None]:
-    """Return a class's `__post_init__` after the check of its parameters."""
+    """Return a class's `__post_init__` after the check; what it raises is one sentence."""
 
     @wraps(own)
     def checked(self: Problem, *given: Any) -> None:
         check_fields(self)
-        own(self, *given)
+        try:
+            own(self, *given)
+        except (TdmError, OverflowError, FloatingPointError):
+            raise
+        except Exception as error:  # noqa: B902
+            raise InvalidProblem(told(self, own.__name__, error)) from error
 
     return checked
 
@@ -365,26 +378,3 @@ _DEADLINE = ParameterSpec(
     'deadline', float, None, 'time allowed for a plan', unit='s', range=NON_NEGATIVE
 )
 _SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED)
-
-
-def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Flatten and check a mapping of parameters for a problem; node parameters are ignored.
-
-    Raise InvalidProblem for a name the problem does not have, or a value that is not allowed.
-    """
-    cls.check_class()
-    values = flatten(parameters)
-    if any('.ros__parameters.' in name for name in values):  # a whole file's document
-        values = ros_parameters(parameters)
-    specs = cls.parameter_specifications(values)
-    known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
-    unknown = [name for name in values if name not in known]
-    if unknown:
-        hint = suggestion(unknown[0], specs)
-        listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
-        raise InvalidProblem(
-            f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
-            + (f': {hint}' if hint else listed)
-        )
-    return {name: specs[name].check(value) for name, value in values.items() if name in specs}

@@ -42,7 +42,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
 from tdm_planner.exceptions import InvalidProblem, VerificationFailed
-from tdm_planner.parameters import group, parameter, positive, suggestion
+from tdm_planner.parameters import group, MISSPELT, parameter, positive, suggestion
 from tdm_planner.problems.direct.refinement import FINEST, prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
@@ -52,7 +52,6 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
-_MISSPELT = 0.85  # likeness from which an unused name is refused; a helper may be less alike
 _AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 
 
@@ -99,7 +98,7 @@ class DirectProblem(Formulation, Problem):
     def check_class(cls) -> None:
         """Raise InvalidProblem if the class cannot be used, or has a name that is misspelt."""
         super().check_class()
-        for doubt in misspelt(cls, _MISSPELT):
+        for doubt in misspelt(cls, MISSPELT):
             raise InvalidProblem(f'{cls.__name__}.{doubt}')
 
     def search(

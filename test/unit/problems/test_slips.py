@@ -4,6 +4,7 @@
 """Slips in the class of a problem, and starts and ends that contradict it: one sentence each."""
 
 from dataclasses import dataclass, replace
+import re
 
 import numpy as np
 import pytest
@@ -158,6 +159,43 @@ def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
 
     message = refused(changed(Driven, derivative=derivative)().solve)
     assert message == (
-        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must depend '
-        'on its arguments at the same node alone'
+        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must '
+        'depend on its arguments at the same node alone'
     )
+
+
+class OwnInit(Plain):
+    def __init__(self, mass=20.0):
+        self.mass = mass
+
+
+class Assigns(Plain):
+    def __post_init__(self):
+        self.weight = 9.81 * self.mass
+
+
+class Fails(Plain):
+    def __post_init__(self):
+        return self.masses
+
+
+@pytest.mark.parametrize(
+    ('kind', 'told'),
+    [
+        (OwnInit, 'OwnInit has an __init__ of its own: leave it out, @dataclass writes one; what'),
+        (
+            Assigns,
+            '__post_init__ of Assigns raises FrozenInstanceError in line # of test_slips.py, '
+            '`self.weight = 9.81 * self.mass`: a problem is frozen: state what follows from its '
+            'parameters as a property',
+        ),
+        (
+            Fails,
+            "of test_slips.py, `return self.masses`: Fails has no 'masses': did you",
+        ),
+    ],
+)
+def test_a_problem_is_made_by_its_dataclass(kind, told):
+    made = dataclass(frozen=True)(kind)
+    for use in (made, lambda: made.from_parameters({})):
+        assert told in re.sub(r'line \d+', 'line #', refused(use))
