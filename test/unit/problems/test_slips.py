@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass, replace
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import group, parameter, POSITIVE
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem
+from tdm_planner.problems.registry import load_problem
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Plain(DirectProblem):
 
 @dataclass(frozen=True)
 class Heavy(Plain):
+    """What follows from a parameter."""
+
     def __post_init__(self):
         object.__setattr__(self, 'weight', 9.81 * self.mass)
 
@@ -165,16 +169,22 @@ def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
 
 
 class OwnInit(Plain):
+    """Not every parameter can be given."""
+
     def __init__(self, mass=20.0):
         self.mass = mass
 
 
 class Assigns(Plain):
+    """As in a class that is not frozen."""
+
     def __post_init__(self):
         self.weight = 9.81 * self.mass
 
 
 class Fails(Plain):
+    """A misspelt parameter."""
+
     def __post_init__(self):
         return self.masses
 
@@ -199,3 +209,42 @@ def test_a_problem_is_made_by_its_dataclass(kind, told):
     made = dataclass(frozen=True)(kind)
     for use in (made, lambda: made.from_parameters({})):
         assert told in re.sub(r'line \d+', 'line #', refused(use))
+
+
+LIST = "write goal: list[float] = parameter([...], 'what it is')"
+
+
+@pytest.mark.parametrize(
+    ('field', 'told'),
+    [
+        (
+            'goal: list[float] = [1.0]',
+            "'goal' has a list as its default in line 9 of slip.py, #: " + LIST,
+        ),
+        ("goal: list[float] = parameter(np.zeros(2), 'goal')", LIST),
+        (
+            "reserve: dict = {'rock': 0.1}",
+            "'reserve' has a dict as its default in line 9 of slip.py, #: leave its anno",
+        ),
+    ],
+)
+def test_a_default_that_can_be_changed_is_named_with_a_way_out(field, told, tmp_path, monkeypatch):
+    (tmp_path / 'slip.py').write_text(
+        'from dataclasses import dataclass\nimport numpy as np\n\n'
+        'from tdm_planner.parameters import parameter\n'
+        'from tdm_planner.problems import DirectProblem\n\n\n'
+        f'# As a student may write it.\n@dataclass\nclass Slip(DirectProblem):\n    {field}\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'slip', raising=False)
+    message = refused(lambda: load_problem('slip:Slip')).replace('`@dataclass`', '#')
+    assert told in message
+    assert 'default_factory' not in message
+
+
+@pytest.mark.parametrize('name', ['./crossing.py:Car', '/a/crossing.py:Car', 'crossing.py:Car'])
+def test_a_path_is_no_module(name):
+    assert refused(lambda: load_problem(name)) == (
+        f"problem '{name}' cannot be loaded: give module:Class, a module's name, not a path, such "
+        'as crossing:Car in the folder of crossing.py'
+    )
