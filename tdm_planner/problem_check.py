@@ -19,14 +19,13 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem, misspelt
 from tdm_planner.problems.direct.statement import (
-    begun_elsewhere,
     check_costs,
     check_statement,
     check_use,
+    impossible_ends,
     left_at_ends,
     rates_of,
     short_of_reserve,
-    violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.motion import TrackerParameters
@@ -104,8 +103,8 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
         console.print(f'[bold red]{doubt}')
-    reasons += begun_elsewhere(stated, ends)
-    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits, 'start')
+    reasons += impossible_ends(stated, ends, limits)
+    return reasons + short_of_reserve(stated, limits, 'start')
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

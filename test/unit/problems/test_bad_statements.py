@@ -339,9 +339,10 @@ def test_no_plan_is_explained():
     with pytest.raises(Infeasible, match='force'):
         changed(Cart, starts=2)(limit=0.9, solver=LONG).solve()
     with pytest.raises(Infeasible, match='the conditions at the end by'):
-        solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
+        solve(starts=1, end_conditions=lambda self, t, x: (t * (x[0] - 1.0),))
+    moving = {'outputs': lambda self: {'x': Output({0: 1.0}, (0.0, 0.0), free=3)}}
     with pytest.raises(Infeasible, match='the conditions at the start by'):
-        solve(starts=1, start_conditions=lambda self, t, x: (x[0] - 0.4,))
+        solve(starts=1, start_conditions=lambda self, t, x: (x[1] ** 2 + 0.4,), **moving)
     with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
 

@@ -75,6 +75,7 @@ class Driven(DirectProblem):
 
     state_names, state_units = ('x', 'vx', 'yaw', 'way'), ('m', 'm/s', 'rad', 'm')
     control_names, control_units = ('ax', 'turn'), ('m/s^2', 'rad/s')
+    end = 0.0, 0.0
     start: Start = group(Start)
 
     def begin(self):
@@ -82,7 +83,7 @@ class Driven(DirectProblem):
 
     def outputs(self):
         s = self.begin()
-        x = Output(start=(s.x, s.vx), end=(0.0, 0.0), free=2)
+        x = Output(start=(s.x, s.vx), end=self.end, free=2)
         return {'x': x, 'yaw': Output(start=(s.yaw,), end=(0.0,), free=2)}
 
     def integrated(self):
@@ -248,3 +249,32 @@ def test_a_path_is_no_module(name):
         f"problem '{name}' cannot be loaded: give module:Class, a module's name, not a path, such "
         'as crossing:Car in the folder of crossing.py'
     )
+
+
+@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
+@pytest.mark.parametrize(
+    ('change', 'told'),
+    [
+        (
+            {'end_conditions': lambda s, t, x: [x[3] - 1.0, x[0] - 9.0]},
+            'end_conditions gives number 1 = -9 whatever the motion: the boundary values fix what',
+        ),
+        (
+            {'start_conditions': lambda s, t, x: [x[0] ** 2 - 1.0]},
+            'start_conditions gives number 0 = 3 whatever the motion: ',
+        ),
+        (
+            {'end': (0.0, 0.0, 40.0), 'control_limits': lambda s: {'ax': (-2.0, 30.0)}},
+            "the end violates the limit 'ax, highest' by 10 m/s^2, whatever the motion",
+        ),
+    ],
+)
+def test_ends_that_contradict_conditions_or_limits_are_named(reasons_of, change, told):
+    reasons = reasons_of(changed(Driven, **change)())
+    assert [reason.startswith(told) for reason in reasons] == [True]
+
+
+def test_conditions_that_boundary_values_meet_or_leave_open_are_none_of_these():
+    conditions = {'start_conditions': lambda s, t, x: [x[0] + 2.0, x[3]]}
+    conditions['end_conditions'] = lambda s, t, x: [x[0], x[3] - 2.0]
+    assert check_problem(changed(Driven, **conditions)()) == []
