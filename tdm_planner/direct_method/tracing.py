@@ -22,15 +22,10 @@ from typing import Any, ClassVar, TypeVar
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
-from tdm_planner.direct_method.checked_formulation import (
-    ARGUMENTS,
-    CheckedFormulation,
-    HINT,
-    HINTS,
-    told,
-)
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
+from tdm_planner.direct_method.hints import ARGUMENTS, HINT, HINTS, told
 from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
 
@@ -118,7 +113,7 @@ class Trace:
         zs = dict(zip(integrated, ca.vertsplit(z), strict=True)) if integrated else {}
         symbolic_of = {'y': ca.vertcat(*jets.values()), 'z': z, 't': t, 'x': x, 'u': u}
         parts = {'y': {n: ca.vertsplit(jet) for n, jet in jets.items()}, 'z': zs, 't': t}
-        parts |= {'x': ca.vertsplit(x), 'u': ca.vertsplit(u)}
+        parts |= {'x': _array(ca.vertsplit(x)), 'u': _array(ca.vertsplit(u))}
         self.functions = {
             function: ca.Function(
                 function,
@@ -318,11 +313,14 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
 def _boxed(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _boxed(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_boxed(part) for part in value]
-    box = np.empty(1, dtype=object)
-    box[0] = value
-    return box
+    if isinstance(value, np.ndarray):
+        return value[:, None]
+    return [_boxed(part) for part in value] if isinstance(value, list) else _array([value])
+
+
+def _array(values: list[Any]) -> Any:
+    """Return symbols as an array (n,), with which components can be computed at once."""
+    return np.fromiter(values, dtype=object, count=len(values))
 
 
 def _column(values: Sequence[Any]) -> Any:

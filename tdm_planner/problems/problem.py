@@ -15,7 +15,7 @@ import re
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
-from tdm_planner.direct_method.checked_formulation import told
+from tdm_planner.direct_method.hints import told
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import (
     Infeasible,

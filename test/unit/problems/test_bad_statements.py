@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
+from scipy.interpolate import CubicSpline
 from stated import Car, Cart, changed, forced, LONG, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
@@ -49,12 +50,23 @@ BAD = [
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
     ),
     (
+        margins_of(pole=lambda x: CubicSpline([-9.0, 0.0, 9.0], [9.0, 0.1, 9.0])(x[0])),
+        ['margins of Changed cannot be traced', 'use np.interp or a polynomial'],
+    ),
+    (
+        margins_of(pole=lambda x: (x[0] ** 2 + 9.0).astype(float)),
+        ['margins of Changed cannot be traced', 'leave astype out'],
+    ),
+    (
         {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
         ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
     ),
-    (
-        {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'][:2], 'y': y['y']}, z)},
-        ['invert of Changed raises ValueError', 'as Output(derivatives=2) says'],
+    *(
+        (
+            {'invert': lambda s, y, z, jet=jet: Car.invert(s, {'x': jet(y['x']), 'y': y['y']}, z)},
+            ['invert of Changed raises ValueError', 'as Output(derivatives=2) says: 3 arrays'],
+        )
+        for jet in (lambda jet: jet[:2], lambda jet: [*jet, jet[0]])
     ),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),

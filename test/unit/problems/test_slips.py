@@ -278,3 +278,17 @@ def test_conditions_that_boundary_values_meet_or_leave_open_are_none_of_these():
     conditions = {'start_conditions': lambda s, t, x: [x[0] + 2.0, x[3]]}
     conditions['end_conditions'] = lambda s, t, x: [x[0], x[3] - 2.0]
     assert check_problem(changed(Driven, **conditions)()) == []
+
+
+@pytest.mark.parametrize(
+    'rates',
+    [
+        lambda s, x, u: (x[2], x[3], *(u - s.drag * x[2:4])),
+        lambda s, x, u: np.concatenate([x[2:4], u - s.drag * x[2:]]),
+        lambda s, x, u: np.vstack([x[2:4], u - 0.1 * x[2:]]),
+    ],
+)
+def test_components_may_be_computed_at_once(rates):
+    car = changed(Car, derivative=rates)()
+    assert check_problem(car) == []
+    assert car.solve().cost == pytest.approx(Car().solve().cost, rel=1e-4)
