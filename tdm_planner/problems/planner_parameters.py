@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import Any, cast, TYPE_CHECKING
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import ros_parameters
@@ -125,7 +125,9 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
     unknown = [name for name in values if name not in known]
     if unknown:
-        hint = suggestion(unknown[0], specs)
+        plain = {item.name for item in fields(cast(Any, cls))} - {n.split('.')[0] for n in specs}
+        hint = 'it is a field without parameter(...)' if unknown[0] in plain else ''
+        hint = hint or suggestion(unknown[0], specs)
         listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
         raise InvalidProblem(
             f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"

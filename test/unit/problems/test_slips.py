@@ -292,3 +292,20 @@ def test_components_may_be_computed_at_once(rates):
     car = changed(Car, derivative=rates)()
     assert check_problem(car) == []
     assert car.solve().cost == pytest.approx(Car().solve().cost, rel=1e-4)
+
+
+@dataclass(frozen=True)
+class Weighed(Plain):
+    """A field that is no parameter."""
+
+    weight: float = 9.81
+
+
+def test_a_field_that_is_no_parameter_is_told_to_be_one():
+    given = {'weight': 3.0, 'mass': 2.0}
+    assert refused(lambda: Weighed.from_parameters(given)) == (
+        "parameter 'weight' is unknown to plain: it is a field without parameter(...)"
+    )
+    assert refused(lambda: Weighed.from_parameters({'start': 1.0})).endswith(
+        'did you mean start.x?'
+    )
