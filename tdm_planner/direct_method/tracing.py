@@ -324,7 +324,7 @@ def _array(values: list[Any]) -> Any:
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Stack scalars: symbols, numbers or arrays of one; more rows of more, which are refused."""
+    """Stack scalars: symbols, numbers or arrays of one; of more, more rows than are wanted."""
     arrays = np.ndarray | np.generic
     rows = [v.item() if isinstance(v, arrays) and v.size == 1 else v for v in values]
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
