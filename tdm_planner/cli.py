@@ -210,7 +210,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from tdm_planner.problem_check import misspelt
+    from tdm_planner.problems.direct.problem import misspelt
 
     check_path(options.output)
     if options.plot is not None:

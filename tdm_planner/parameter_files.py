@@ -13,12 +13,11 @@ import sys
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem, one_line
-from tdm_planner.parameters import flatten, shown
+from tdm_planner.parameters import flatten, MISSPELT, shown
 from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
 
 _LONGEST = 300  # letters of an error
-_MISSPELT = 0.9  # likeness of names, of which one is a slip
 
 
 def config_file(name: str) -> Path:
@@ -158,7 +157,7 @@ def ros_parameters(
         else:
             others.append(name)
     nodes = {name.rpartition('/')[2]: name for name, _ in sections}
-    slips = get_close_matches(node, filter(str.isalpha, nodes), 1, _MISSPELT)
+    slips = get_close_matches(node, filter(str.isalpha, nodes), 1, MISSPELT)
     if slips and node not in nodes:
         raise InvalidProblem(
             f"section '{nodes[slips[0]]}' of the parameter file is for no node of ours: did you "

@@ -28,6 +28,7 @@ _METADATA_KEY = 'tdm_parameter'
 _LONGEST_INTEGER = 10**60
 _LONGEST_NAME = 200
 _LONGEST_VALUE = 80
+MISSPELT = 0.9  # likeness of names, of which one is a slip
 _MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',
@@ -216,6 +217,30 @@ def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
         yield item, hints[item.name]
 
 
+@cache
+def _declared(cls: type) -> list[tuple[str, Any]]:
+    """
+    Return the fields that are parameters, with specification, or groups, with class, by name.
+
+    Raise InvalidProblem for the first field that is of no type a parameter can have.
+    """
+    found: list[tuple[str, Any]] = []
+    for item, hint in _fields(cls):
+        if dataclasses.is_dataclass(hint):
+            found.append((item.name, hint))
+        elif _METADATA_KEY in item.metadata:
+            if hint not in _DECLARED:
+                raise InvalidProblem(
+                    f"parameter '{item.name}' is declared as {shown(hint)}: must be float, int, "
+                    'bool, str, list[float] or list[str]'
+                )
+            kind, optional = _DECLARED[hint]
+            spec = item.metadata[_METADATA_KEY]
+            made = replace(spec, name=item.name, value_type=kind, optional=optional)
+            found.append((item.name, made))
+    return found
+
+
 def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
     """
     Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration.
@@ -223,20 +248,12 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
     Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
     found: dict[str, ParameterSpec] = {}
-    for item, hint in _fields(cls):
-        name = prefix + item.name
-        if dataclasses.is_dataclass(hint):
-            assert isinstance(hint, type)
-            found.update(specifications(hint, name + '.'))
-        elif _METADATA_KEY in item.metadata:
-            if hint not in _DECLARED:
-                raise InvalidProblem(
-                    f"parameter '{name}' is declared as {shown(hint)}: must be float, int, bool, "
-                    'str, list[float] or list[str]'
-                )
-            kind, optional = _DECLARED[hint]
-            spec = item.metadata[_METADATA_KEY]
-            found[name] = replace(spec, name=name, value_type=kind, optional=optional)
+    for item, declared in _declared(cls):
+        name = prefix + item
+        if isinstance(declared, ParameterSpec):
+            found[name] = replace(declared, name=name)
+        else:
+            found.update(specifications(declared, name + '.'))
     return found
 
 
@@ -258,22 +275,32 @@ def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
     return cls(**arguments)
 
 
+def check_fields(instance: Any) -> None:
+    """
+    Check every parameter of a dataclass and of its groups, and give it its declared type.
+
+    Raise InvalidProblem for the first wrong value.
+    """
+    kind: Any = type(instance)
+    for name, declared in _declared(kind):
+        value = getattr(instance, name)
+        if isinstance(declared, ParameterSpec):
+            object.__setattr__(instance, name, declared.check(value))
+        elif dataclasses.is_dataclass(type(value)):
+            check_fields(value)
+        else:
+            raise InvalidProblem(
+                f"parameter '{name}' = {short(value)} is not allowed: must be an instance of its "
+                'class; from_parameters takes mappings'
+            )
+
+
 class Validated:
     """Mixin for a frozen dataclass of parameters: its fields are checked when it is made."""
 
     def __post_init__(self) -> None:
         """Check every declared field; raises InvalidProblem for the first wrong value."""
-        assert dataclasses.is_dataclass(self)
-        for item, hint in _fields(type(self)):
-            value = getattr(self, item.name)
-            if dataclasses.is_dataclass(hint) and not dataclasses.is_dataclass(value):
-                raise InvalidProblem(
-                    f"parameter '{item.name}' = {short(value)} is not allowed: must be an "
-                    'instance of its class; from_parameters takes mappings'
-                )
-        for name, spec in specifications(type(self)).items():
-            if '.' not in name:
-                object.__setattr__(self, name, spec.check(getattr(self, name)))
+        check_fields(self)
 
 
 def flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
@@ -311,9 +338,9 @@ def shown(name: object) -> str:
     return text[1:-1] if isinstance(name, str) else text
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """Return a question that names those known that are most like `name`; '' if none are."""
-    similar = difflib.get_close_matches(name, known, n=3)
+    similar = difflib.get_close_matches(name, known, 3, likeness)
     return f'did you mean {" or ".join(similar)}?' if similar else ''
 
 

@@ -18,8 +18,9 @@ from typing import ClassVar, get_args, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation, told
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.direct_method.hints import told
 from tdm_planner.drawing import (
     arena_drawing,
     Components,

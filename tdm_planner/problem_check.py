@@ -5,33 +5,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import fields
 from timeit import timeit
-from types import CodeType
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import suggestion
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.direct.problem import DirectProblem, misspelt
 from tdm_planner.problems.direct.statement import (
     check_costs,
     check_statement,
     check_use,
+    impossible_ends,
     left_at_ends,
     rates_of,
     short_of_reserve,
-    violated_at_ends,
 )
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
@@ -109,30 +103,8 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
         console.print(f'[bold red]{doubt}')
-    return reasons + violated_at_ends(limits) + short_of_reserve(stated, limits, 'start')
-
-
-def misspelt(problem: type[Problem]) -> list[str]:
-    """Say which attributes of a statement are like, but not, those that the library uses."""
-    if not issubclass(problem, DirectProblem):
-        return []
-    kind: Any = problem
-    own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
-    found = {name for kind in own for name in vars(kind)} - {item.name for item in fields(kind)}
-    known = {*vars(Formulation), *Formulation.__annotations__, DirectProblem.drawing.__name__}
-    used = {name for kind in own for value in vars(kind).values() for name in _names_in(value)}
-    others = sorted(n for n in found - known - {*dir(DirectProblem)} - used if n[0] != '_')
-    asked = [(name, suggestion(name, known)) for name in others]
-    return [f'{name} is never used: {question}' for name, question in asked if question]
-
-
-def _names_in(value: Any) -> Iterator[str]:
-    """Yield the names of attributes that a function or property uses, or one within it."""
-    code = getattr(getattr(value, 'fget', value), '__code__', value)
-    if isinstance(code, CodeType):
-        yield from code.co_names
-        for inner in code.co_consts:
-            yield from _names_in(inner)
+    reasons += impossible_ends(stated, ends, limits)
+    return reasons + short_of_reserve(stated, limits, 'start')
 
 
 def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> list[str]:

@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.direct_method import Duration, Integrated, nonlinear_program, Output
 from tdm_planner.exceptions import Infeasible, InvalidProblem
-from tdm_planner.parameters import parameter, Validated
+from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem
 
 DEADLINE, ALLOWANCE = 1.0, 1.0  # s; a new kind is traced and its programs made, beside
@@ -52,7 +52,7 @@ MISTAKES = (*['none'] * 12, 'sign', 'count', 'order', 'names', 'raises')
 
 
 @dataclass(frozen=True)
-class Stated(DirectProblem, Validated):
+class Stated(DirectProblem):
     """A cart under some force, in one of three forms."""
 
     state_names, state_units = ('x', 'v'), ('m', 'm/s')

@@ -12,12 +12,12 @@ import warnings
 import pytest
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.parameters import group, parameter, POSITIVE
 from tdm_planner.problems import DirectProblem, SolverParameters
 
 
 @dataclass(frozen=True)
-class Cart(DirectProblem, Validated):
+class Cart(DirectProblem):
     """Least effort over a fixed time: the optimum is the cubic, J = 12 x^2/t_f^3."""
 
     name: ClassVar[str] = 'cart'
@@ -61,7 +61,7 @@ class Quickest(DirectProblem):
 
 
 @dataclass(frozen=True)
-class Car(DirectProblem, Validated):
+class Car(DirectProblem):
     """A car with drag, past a pole, in minimum time."""
 
     state_names, state_units = ('x', 'y', 'vx', 'vy'), ('m', 'm', 'm/s', 'm/s')

@@ -34,7 +34,7 @@ class AcrobotStart(Validated):
 
 
 @dataclass(frozen=True)
-class Acrobot(DirectProblem, Validated):
+class Acrobot(DirectProblem):
     """Swing two links up by the torque between them."""
 
     name = 'acrobot'

@@ -35,7 +35,7 @@ class AuvStart(Validated):
 
 
 @dataclass(frozen=True)
-class Auv(DirectProblem, Validated):
+class Auv(DirectProblem):
     """Reach the origin, where the water stands, through a current in the shortest time."""
 
     name = 'auv'

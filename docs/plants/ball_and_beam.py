@@ -37,7 +37,7 @@ class BallStart(Validated):
 
 
 @dataclass(frozen=True)
-class BallAndBeam(DirectProblem, Validated):
+class BallAndBeam(DirectProblem):
     """Bring the ball to rest at another place of a level beam."""
 
     name = 'ball_and_beam'

@@ -27,12 +27,12 @@ import numpy as np
 from scipy.optimize import brentq
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc, Line
-from tdm_planner.parameters import parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import parameter, POSITIVE, Range
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
 @dataclass(frozen=True)
-class Brachistochrone(DirectProblem, Validated):
+class Brachistochrone(DirectProblem):
     """Find the track of quickest descent."""
 
     name: ClassVar[str] = 'brachistochrone'

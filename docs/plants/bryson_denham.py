@@ -29,7 +29,7 @@ class CartStart(Validated):
 
 
 @dataclass(frozen=True)
-class BrysonDenham(DirectProblem, Validated):
+class BrysonDenham(DirectProblem):
     """Turn back in front of a wall with the least effort."""
 
     name = 'bryson_denham'

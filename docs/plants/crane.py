@@ -37,7 +37,7 @@ class CraneStart(Validated):
 
 
 @dataclass(frozen=True)
-class Crane(DirectProblem, Validated):
+class Crane(DirectProblem):
     """Carry a load to another place without letting it swing there."""
 
     name = 'crane'

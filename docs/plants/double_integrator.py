@@ -34,7 +34,7 @@ class CartStart(Validated):
 
 
 @dataclass(frozen=True)
-class DoubleIntegrator(DirectProblem, Validated):
+class DoubleIntegrator(DirectProblem):
     """Bring a cart to rest at the origin in minimum time."""
 
     name: ClassVar[str] = 'double_integrator'

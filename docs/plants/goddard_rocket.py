@@ -36,7 +36,7 @@ class RocketStart(Validated):
 
 
 @dataclass(frozen=True)
-class GoddardRocket(DirectProblem, Validated):
+class GoddardRocket(DirectProblem):
     """Reach the greatest height."""
 
     name = 'goddard_rocket'

@@ -69,7 +69,7 @@ def drag(v: np.ndarray, n: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Landing(DirectProblem, Validated):
+class Landing(DirectProblem):
     """Reach the runway's threshold soon and in comfort."""
 
     name: ClassVar[str] = 'landing'

@@ -31,7 +31,7 @@ class LanderStart(Validated):
 
 
 @dataclass(frozen=True)
-class MoonLander(DirectProblem, Validated):
+class MoonLander(DirectProblem):
     """Come to rest on the ground with the least fuel."""
 
     name = 'moon_lander'

@@ -20,12 +20,12 @@ from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.parameters import NON_NEGATIVE, parameter, POSITIVE, Validated
+from tdm_planner.parameters import NON_NEGATIVE, parameter, POSITIVE
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
 @dataclass(frozen=True)
-class RoundTheObstacle(DirectProblem, Validated):
+class RoundTheObstacle(DirectProblem):
     """Go from (-distance, 0) to (distance, 0) past a disc at the origin in minimum time."""
 
     name: ClassVar[str] = 'round_the_obstacle'

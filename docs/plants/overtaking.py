@@ -36,7 +36,7 @@ class CarStart(Validated):
 
 
 @dataclass(frozen=True)
-class Overtaking(DirectProblem, Validated):
+class Overtaking(DirectProblem):
     """Pass a slower car."""
 
     state_names, state_units = ('x', 'y', 'heading', 'v'), ('m', 'm', 'rad', 'm/s')

@@ -42,7 +42,7 @@ class QuadrotorStart(Validated):
 
 
 @dataclass(frozen=True)
-class Quadrotor(DirectProblem, Validated):
+class Quadrotor(DirectProblem):
     """Fly through a gate to hover behind it."""
 
     name = 'quadrotor'

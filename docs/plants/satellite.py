@@ -56,7 +56,7 @@ class SatelliteStart(Validated):
 
 
 @dataclass(frozen=True)
-class Satellite(DirectProblem, Validated):
+class Satellite(DirectProblem):
     """Turn to another attitude, and stop."""
 
     name = 'satellite'

@@ -28,9 +28,10 @@ from tdm_planner.direct_method.bases import (
     reciprocal,
     time_derivatives,
 )
-from tdm_planner.direct_method.checked_formulation import ARGUMENTS, CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
+from tdm_planner.direct_method.hints import ARGUMENTS
 from tdm_planner.direct_method.tracing import numbers, Trace
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 

@@ -22,37 +22,13 @@ from tdm_planner.direct_method.formulation import (
     Output,
     Outputs,
 )
-from tdm_planner.exceptions import InvalidProblem, one_line, place_of, TdmError
-from tdm_planner.parameters import short, suggestion, Validated
+from tdm_planner.direct_method.hints import told
+from tdm_planner.exceptions import InvalidProblem, place_of, TdmError
+from tdm_planner.parameters import short
 
 Values = NDArray[Any]
 
-HINTS = {
-    'math.': "use numpy's functions, such as np.sqrt(x)",
-    'float(': 'leave the conversion to float out',
-    'if ': 'use np.where(condition, this, that) in place of `if` on a value',
-    ' and ': 'use np.logical_and(...) in place of `and` on values',
-    ' or ': 'use np.logical_or(...) in place of `or` on values',
-    ' & ': 'use np.logical_and(...) in place of & on values',
-    ' | ': 'use np.logical_or(...) in place of | on values',
-    **dict.fromkeys(('min(', 'max('), 'use np.minimum and np.maximum'),
-    **dict.fromkeys(('np.linalg', 'dot(', ' @ '), 'write the formula by components'),
-    'pline': 'use a formula in place of a spline',
-    **dict.fromkeys(('zeros(', '] = '), 'return the components, such as (x[1], u[0])'),
-    'mean(': 'write what holds at one node: there are no sums over nodes',
-    'sum(': 'write what holds at one node: there are no sums over nodes',
-}
-ARGUMENTS = {  # of every function that is traced, but for the numbers
-    'invert': 'yz',
-    'derivative': 'xu',
-    'margins': 'txu',
-    'running_cost': 'txu',
-    'final_cost': 'tx',
-    'start_conditions': 'tx',
-    'end_conditions': 'tx',
-}
 _LEFT = ', as what is left to a limit: 3 - x, not x < 3'
-HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
 
 class CheckedFormulation:
@@ -361,36 +337,3 @@ def _check_names(function: str, found: Iterable[Any], kind: str, known: Iterable
                 f'{function} names {short(name)}, which is not one of the {kind} '
                 + ', '.join(known)
             )
-
-
-def told(formulation: Any, function: str, error: Exception, traced: bool = False) -> str:
-    """
-    Return the sentence that says which line of the user's source raises what.
-
-    In place of that it says what to write, where it is known; if the line is `traced`, always.
-    """
-    where, source = place_of(error)
-    known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
-    hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
-    what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
-    hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
-    return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
-
-
-def _usage(function: str, error: Exception, begun: bool) -> str:
-    """Say how a function is called, and with what; '' where that is not what is wrong."""
-    if isinstance(error, AttributeError) and isinstance(error.obj, Formulation | Validated):
-        question = suggestion(error.name or '', dir(error.obj))
-        return f"{type(error.obj).__name__} has no '{error.name}'{question and ': ' + question}"
-    if function not in ARGUMENTS:
-        return ''
-    if isinstance(error, TypeError) and not begun:
-        return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
-    if isinstance(error, KeyError) and function == 'invert':
-        return f'{error} is in neither outputs() nor integrated()'
-    few = isinstance(error, IndexError) or 'not enough values to unpack' in str(error)
-    if few and function == 'invert':
-        return "y['x'] holds x and as many derivatives as Output(derivatives=2) says"
-    if isinstance(error, IndexError | AttributeError):
-        return 'x and u are sequences in the order of the names, x[0] the first state'
-    return ''

@@ -22,15 +22,10 @@ from typing import Any, ClassVar, TypeVar
 import casadi as ca
 import numpy as np
 from tdm_planner.arrays import Array, Mask
-from tdm_planner.direct_method.checked_formulation import (
-    ARGUMENTS,
-    CheckedFormulation,
-    HINT,
-    HINTS,
-    told,
-)
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import bent, Call, Unfolded
+from tdm_planner.direct_method.hints import ARGUMENTS, HINT, HINTS, told
 from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
 
@@ -39,6 +34,7 @@ T = TypeVar('T')
 _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
+_ALONE = 'it must depend on its arguments at the same node alone'
 _LOCK = threading.Lock()
 
 
@@ -118,7 +114,7 @@ class Trace:
         zs = dict(zip(integrated, ca.vertsplit(z), strict=True)) if integrated else {}
         symbolic_of = {'y': ca.vertcat(*jets.values()), 'z': z, 't': t, 'x': x, 'u': u}
         parts = {'y': {n: ca.vertsplit(jet) for n, jet in jets.items()}, 'z': zs, 't': t}
-        parts |= {'x': ca.vertsplit(x), 'u': ca.vertsplit(u)}
+        parts |= {'x': _array(ca.vertsplit(x)), 'u': _array(ca.vertsplit(u))}
         self.functions = {
             function: ca.Function(
                 function,
@@ -318,17 +314,20 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
 def _boxed(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _boxed(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_boxed(part) for part in value]
-    box = np.empty(1, dtype=object)
-    box[0] = value
-    return box
+    if isinstance(value, np.ndarray):
+        return value[:, None]
+    return [_boxed(part) for part in value] if isinstance(value, list) else _array([value])
+
+
+def _array(values: list[Any]) -> Any:
+    """Return symbols as an array (n,), with which components can be computed at once."""
+    return np.fromiter(values, dtype=object, count=len(values))
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Stack scalars: symbols, numbers or arrays of one of them."""
+    """Stack scalars: symbols, numbers or arrays of one; of more, more rows than are wanted."""
     arrays = np.ndarray | np.generic
-    rows = [np.asarray(v, dtype=object).item() if isinstance(v, arrays) else v for v in values]
+    rows = [v.item() if isinstance(v, arrays) and v.size == 1 else v for v in values]
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 
@@ -342,6 +341,12 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
     p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _SAME
     for function, (given, names, wanted) in expected.items():
         (found,) = Call(trace.functions[function], _SAMPLES)(*given, p)
+        what = f'{function} of {type(stated.formulation).__name__} gives'
+        if found.shape != wanted.shape:
+            raise InvalidProblem(
+                f'{what} {found.shape[1]} values when it is traced, but {wanted.shape[1]} with '
+                f'numpy: {_ALONE}'
+            )
         same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
         if not same.all():
             node, column = np.argwhere(~same)[0]
@@ -350,8 +355,8 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             if np.isfinite(number):
                 reason = _suspect(stated.formulation, function)
             raise InvalidProblem(
-                f'{function} of {type(stated.formulation).__name__} gives {names[column]} = '
-                f'{found[node, column]:g} when it is traced, but {number:g} with numpy: {reason}'
+                f'{what} {names[column]} = {found[node, column]:g} when it is traced, but '
+                f'{number:g} with numpy: {reason}'
             )
 
 
@@ -366,4 +371,4 @@ def _suspect(formulation: Any, function: str) -> str:
         hint = next((hint for word, hint in words.items() if word in line), None)
         if hint:
             return f'line {first + number}, `{line.strip()}`: {hint}'
-    return 'it must depend on its arguments at the same node alone'
+    return _ALONE

@@ -1,13 +1,33 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parameters of a planning request that no problem has for itself. Needs no solver to import."""
+"""Parameters of planning: those that no problem has for itself, and the check of a problem's."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, cast, TYPE_CHECKING
 
-from tdm_planner.parameters import group, parameter, positive, Range, SEED, Validated
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.parameters import (
+    flatten,
+    group,
+    parameter,
+    positive,
+    Range,
+    SEED,
+    shown,
+    specifications,
+    suggestion,
+    Validated,
+)
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.problem import Problem
+
+_FEW = 30  # parameters that a message can list
 
 
 @dataclass(frozen=True)
@@ -89,3 +109,28 @@ class PlannerParameters(Validated):
     )
     start: StartParameters = group(StartParameters)
     replan: ReplanParameters = group(ReplanParameters)
+
+
+def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Flatten and check a mapping of parameters for a problem; node parameters are ignored.
+
+    Raise InvalidProblem for a name the problem does not have, or a value that is not allowed.
+    """
+    cls.check_class()
+    values = flatten(parameters)
+    if any('.ros__parameters.' in name for name in values):  # a whole file's document
+        values = ros_parameters(parameters)
+    specs = cls.parameter_specifications(values)
+    known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
+    unknown = [name for name in values if name not in known]
+    if unknown:
+        plain = {item.name for item in fields(cast(Any, cls))} - {n.split('.')[0] for n in specs}
+        hint = 'it is a field without parameter(...)' if unknown[0] in plain else ''
+        hint = hint or suggestion(unknown[0], specs)
+        listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
+        raise InvalidProblem(
+            f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
+            + (f': {hint}' if hint else listed)
+        )
+    return {name: specs[name].check(value) for name, value in values.items() if name in specs}

@@ -6,29 +6,35 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, fields, is_dataclass, replace
+from functools import wraps
 from inspect import isroutine
 import re
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
+from tdm_planner.direct_method.hints import told
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import Infeasible, InvalidProblem, one_line, VerificationFailed
-from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.exceptions import (
+    Infeasible,
+    InvalidProblem,
+    one_line,
+    TdmError,
+    VerificationFailed,
+)
 from tdm_planner.parameters import (
     build,
-    flatten,
+    check_fields,
     NON_NEGATIVE,
     ParameterSpec,
     SEED,
     shown,
     specifications,
-    suggestion,
     to_mapping,
 )
-from tdm_planner.problems.planner_parameters import PlannerParameters, SolverParameters
+from tdm_planner.problems.planner_parameters import problem_parameters, SolverParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -36,7 +42,6 @@ from tdm_planner.verification import Constraint
 C = TypeVar('C')
 P = TypeVar('P', bound='Problem')
 _LIBRARY = 'tdm_planner.'  # where modules of ours begin
-_FEW = 30  # parameters that a message can list
 
 
 class Search(ABC, Generic[C]):
@@ -124,13 +129,25 @@ class Problem(ABC):
     An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
 
     Subclasses are frozen dataclasses whose fields are groups of parameters (see
-    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. One that states its
-    reference functions and inverse dynamics derives from `DirectProblem`, which transcribes it;
-    one that brings a transcription of its own (compiled kernels, several vehicles) gives `search`.
+    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. All are checked when a
+    problem is made, before a `__post_init__` of its own. One that states its reference functions
+    and inverse dynamics derives from `DirectProblem`, which transcribes it; one that brings a
+    transcription of its own (compiled kernels, several vehicles) gives `search`.
     """
 
     name: ClassVar[str]
     solver: SolverParameters
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Check the parameters first where the class has a `__post_init__` of its own."""
+        super().__init_subclass__(**arguments)
+        if '__post_init__' in vars(cls):
+            kind: Any = cls
+            kind.__post_init__ = _after_a_check(kind.__post_init__)
+
+    def __post_init__(self, *given: Any) -> None:
+        """Check every parameter; raises InvalidProblem for the first wrong value."""
+        check_fields(self)
 
     def __new__(cls: type[P], *arguments: Any, **named: Any) -> P:
         """Make a problem of a class that is complete."""
@@ -139,10 +156,15 @@ class Problem(ABC):
 
     @classmethod
     def check_class(cls) -> None:
-        """Raise InvalidProblem if the class is no dataclass, or methods are missing."""
+        """Raise InvalidProblem if the class is not made as a dataclass, or methods are missing."""
         if not is_dataclass(cls) or any(isinstance(value, Field) for value in vars(cls).values()):
             raise InvalidProblem(
                 f'{cls.__name__} is no dataclass: put @dataclass(frozen=True) above it'
+            )
+        if cls.__init__.__code__.co_filename != '<string>':  # where the code of a dataclass is
+            raise InvalidProblem(
+                f'{cls.__name__} has an __init__ of its own: leave it out, @dataclass writes one; '
+                'what follows from parameters is a property'
             )
         library = [vars(base) for base in cls.__mro__ if base.__module__.startswith(_LIBRARY)]
         for item in fields(cls):
@@ -327,6 +349,22 @@ class Problem(ABC):
             )
 
 
+def _after_a_check(own: Callable[..., None]) -> Callable[..., None]:
+    """Return a class's `__post_init__` after the check; what it raises is one sentence."""
+
+    @wraps(own)
+    def checked(self: Problem, *given: Any) -> None:
+        check_fields(self)
+        try:
+            own(self, *given)
+        except (TdmError, OverflowError, FloatingPointError):
+            raise
+        except Exception as error:  # noqa: B902
+            raise InvalidProblem(told(self, own.__name__, error)) from error
+
+    return checked
+
+
 @contextmanager
 def _computed() -> Iterator[None]:
     """
@@ -349,26 +387,3 @@ _DEADLINE = ParameterSpec(
     'deadline', float, None, 'time allowed for a plan', unit='s', range=NON_NEGATIVE
 )
 _SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED)
-
-
-def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Flatten and check a mapping of parameters for a problem; node parameters are ignored.
-
-    Raise InvalidProblem for a name the problem does not have, or a value that is not allowed.
-    """
-    cls.check_class()
-    values = flatten(parameters)
-    if any('.ros__parameters.' in name for name in values):  # a whole file's document
-        values = ros_parameters(parameters)
-    specs = cls.parameter_specifications(values)
-    known = {*specs, *specifications(PlannerParameters), 'use_sim_time'}
-    unknown = [name for name in values if name not in known]
-    if unknown:
-        hint = suggestion(unknown[0], specs)
-        listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
-        raise InvalidProblem(
-            f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
-            + (f': {hint}' if hint else listed)
-        )
-    return {name: specs[name].check(value) for name, value in values.items() if name in specs}

@@ -16,6 +16,7 @@ from __future__ import annotations
 from importlib import import_module
 from importlib.metadata import entry_points
 import os
+import re
 import sys
 
 from tdm_planner.exceptions import InvalidProblem, place_of
@@ -66,12 +67,26 @@ def _load(name: str, address: str) -> type[Problem]:
         found = getattr(import_module(module.strip()), attribute.strip())
     except Exception as error:  # noqa: B902
         # Whatever the registered package's import raises.
+        where, _ = place_of(error)
+        if '/' in module or module.endswith('.py'):
+            name = module.rsplit('/', 1)[-1].removesuffix('.py')
+            raise InvalidProblem(
+                f"{what}: give module:Class, a module's name, not a path, such as "
+                f'{name}:{attribute} in the folder of {name}.py'
+            ) from error
+        if default := re.match(r"mutable default .*'(.+)'> for field (\w+) is", str(error)):
+            kind, field = default.groups()
+            advice = 'leave its annotation out, or make it a ClassVar, as it is no parameter'
+            if kind in ('list', 'numpy.ndarray'):
+                advice = f"write {field}: list[float] = parameter([...], 'what it is')"
+            raise InvalidProblem(
+                f"{what}: '{field}' has a {kind} as its default{where}: {advice}"
+            ) from error
         absent = error.name if isinstance(error, ModuleNotFoundError) else None
-        own = f'{module}.'.startswith(f'{absent}.') or '/' in module  # not one that it imports
+        own = f'{module}.'.startswith(f'{absent}.')  # not one that it imports
         hint = ' (write module:Class, and run it in the folder of module.py)' if own else ''
         if isinstance(error, AttributeError) and error.obj is sys.modules.get(module.strip()):
             hint = f' ({suggestion(attribute, vars(error.obj)) or "it has no such class"})'
-        where, _ = place_of(error)
         raise InvalidProblem(f'{what}: {type(error).__name__}: {error}{hint}{where}') from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise InvalidProblem(f'{what}: {attribute} does not derive from DirectProblem or Problem')

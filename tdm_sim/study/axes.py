@@ -18,7 +18,8 @@ import numpy as np
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import shown
-from tdm_planner.problems.problem import Problem, problem_parameters
+from tdm_planner.problems.planner_parameters import problem_parameters
+from tdm_planner.problems.problem import Problem
 import yaml
 
 Spacing = Literal['linear', 'log', 'list', 'random']

@@ -26,7 +26,7 @@ from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.parameters import group, parameter, Validated
+from tdm_planner.parameters import group, parameter
 from tdm_planner.problems import PendulumSwingUp, Problem, Solution, SolverParameters
 from visualization_msgs.msg import Marker
 
@@ -51,7 +51,7 @@ class FailingSwingUp(PendulumSwingUp):
 
 
 @dataclass(frozen=True)
-class Cart(Problem, Validated):
+class Cart(Problem):
     """A problem that is not stated, and gets its plans from elsewhere."""
 
     name: ClassVar[str] = 'cart'

@@ -27,10 +27,12 @@ planned for by ``tdm plan`` and by the planner node.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
 import re
-from typing import Any, ClassVar
+from types import CodeType
+from typing import Any, cast, ClassVar
 
 import numpy as np
 from tdm_planner.direct_method.arc_basis import ArcLayout, NodeGraphs
@@ -39,8 +41,8 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
-from tdm_planner.exceptions import VerificationFailed
-from tdm_planner.parameters import group, parameter, positive
+from tdm_planner.exceptions import InvalidProblem, VerificationFailed
+from tdm_planner.parameters import group, MISSPELT, parameter, positive, suggestion
 from tdm_planner.problems.direct.refinement import FINEST, prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
@@ -91,6 +93,13 @@ class DirectProblem(Formulation, Problem):
         if 'solver' not in {**getattr(cls, '__dataclass_fields__', {}), **cls.__annotations__}:
             cls.__annotations__['solver'] = DirectSolverParameters
             cls.solver = group(DirectSolverParameters)  # a field, once it is a dataclass
+
+    @classmethod
+    def check_class(cls) -> None:
+        """Raise InvalidProblem if the class cannot be used, or has a name that is misspelt."""
+        super().check_class()
+        for doubt in misspelt(cls, MISSPELT):
+            raise InvalidProblem(f'{cls.__name__}.{doubt}')
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
@@ -163,3 +172,30 @@ class DirectProblem(Formulation, Problem):
         check = plan.verification  # conditions, kept within a tolerance, are no limits
         limits = {k: v for k, v in check.worst.items() if k.rpartition(' ')[0] not in CONDITIONS}
         return super().describe(replace(plan, verification=replace(check, worst=limits))) + note
+
+
+@cache
+def misspelt(problem: type[Problem], likeness: float = 0.6) -> list[str]:
+    """Say which attributes of a statement are like, but not, those that the library uses."""
+    if not issubclass(problem, DirectProblem):
+        return []
+    own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
+    used = {name for kind in own for value in vars(kind).values() for name in _names_in(value)}
+    others = {*dir(DirectProblem), *used, *(item.name for item in fields(cast(Any, problem)))}
+    known = {*vars(Formulation), *Formulation.__annotations__, DirectProblem.drawing.__name__}
+    doubts = []
+    for kind in own:
+        for name in sorted(set(vars(kind)) - known - others):
+            question = suggestion(name, known - set(vars(kind)), likeness)
+            if question and name[0] != '_':
+                doubts.append(f'{name} is never used: {question}')
+    return doubts
+
+
+def _names_in(value: Any) -> Iterator[str]:
+    """Yield the names of attributes that a function or property uses, or one within it."""
+    code = getattr(getattr(value, 'fget', value), '__code__', value)
+    if isinstance(code, CodeType):
+        yield from code.co_names
+        for inner in code.co_consts:
+            yield from _names_in(inner)

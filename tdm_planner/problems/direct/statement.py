@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import is_dataclass
 from functools import partial
+import math
 from numbers import Real
 from typing import Any
 
@@ -20,7 +22,7 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import short
+from tdm_planner.parameters import short, to_mapping
 from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -199,36 +201,87 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
 
 def left_at_ends(stated: CheckedFormulation, ends: Ends) -> Left:
     """Return what is left to every limit at both ends, None where that depends on what is free."""
-    rng, duration = np.random.default_rng(2), stated.duration()
     found: list[dict[str, float | None]] = []
-    for side in range(2):
-        filled = []
-        for given in (ends.states[side], ends.controls[side]):
-            free = rng.normal(size=(3, given.size))
-            filled.append(np.where(np.isfinite(given), given, free))
-        times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
+    for times, states, controls in _motions_at_ends(stated, ends):
         with np.errstate(all='ignore'):
-            margins = stated.margins(times, *filled)
-        values = margins.items()
+            values = stated.margins(times, states, controls).items()
         found.append({n: float(v[0]) if np.ptp(v) == 0.0 else None for n, v in values})
     return {name: (value, found[1][name]) for name, value in found[0].items()}
 
 
-def violated_at_ends(left: Left) -> list[str]:
-    """Say which limits every motion violates at an end, by what `left_at_ends` found."""
+def _motions_at_ends(
+    stated: CheckedFormulation, ends: Ends
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield instants (3,), states and controls of three motions at the start, then at the end."""
+    rng, duration = np.random.default_rng(2), stated.duration()
+    for side in range(2):
+        states, controls = (
+            np.where(np.isfinite(given), given, rng.normal(size=(3, given.size)))
+            for given in (ends.states[side], ends.controls[side])
+        )
+        yield duration.guess * np.array([0.7, 1.0, 1.3]) * side, states, controls
+
+
+def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
+    """Say what no motion can keep at its ends; `left` by `left_at_ends`."""
     return [
-        f"the {where} violates the limit '{name}' by {-value:.3g}, whatever the "
-        f'motion: change the {where} or the limit'
-        for side, where in enumerate(('start', 'end'))
-        for name, values in left.items()
-        if (value := values[side]) is not None and value < -MARGIN_TOLERANCE
+        *_begun_elsewhere(stated, ends),
+        *_violated_at_ends(stated, left),
+        *_unmet_at_ends(stated, ends),
     ]
 
 
+def _violated_at_ends(stated: CheckedFormulation, left: Left) -> Iterator[str]:
+    """Say which limits every motion violates at an end."""
+    for side, where in enumerate(('start', 'end')):
+        for name, values in left.items():
+            if (value := values[side]) is not None and value < -MARGIN_TOLERANCE:
+                size, unit = stated.size_of(name)
+                yield (
+                    f"the {where} violates the limit '{name}' by {-value * size:.3g}"
+                    f'{unit and " "}{unit}, whatever the motion: change the {where} or the limit'
+                )
+
+
+def _unmet_at_ends(stated: CheckedFormulation, ends: Ends) -> Iterator[str]:
+    """Say which conditions no motion meets, as boundary values give all that they depend on."""
+    motions = _motions_at_ends(stated, ends)
+    for function, (times, states, _) in zip(CONDITIONS, motions, strict=True):
+        for index, values in enumerate(stated.parts(function, times, states)):
+            if np.ptp(values) == 0.0 and abs(values[0]) > END_TOLERANCE:
+                yield (
+                    f'{function} gives number {index} = {values[0]:.3g} whatever the motion: the '
+                    'boundary values fix what it depends on; change these or the condition'
+                )
+
+
+def _begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
+    """
+    Say in which states every motion begins elsewhere than the group `start` has it.
+
+    Measured states are put into that group: the plant would be planned for from elsewhere.
+    """
+    start: Any = getattr(stated.formulation, 'start', None)
+    given = to_mapping(start) if is_dataclass(start) else {}
+    reasons, units = [], stated.formulation.state_units
+    for name, unit, begins in zip(stated.state_names, units, ends.states[0], strict=True):
+        value = given.get(name)
+        if not isinstance(value, int | float) or np.isnan(begins) or np.isclose(begins, value):
+            continue
+        turns = (begins - value) / math.tau
+        whole = unit == 'rad' and math.isclose(turns, round(turns), rel_tol=1e-6)
+        reasons.append(
+            f'start.{name} = {value:.7g}, but every motion begins with {name} = {begins:.7g}'
+            + (', by whole turns' if whole else '')
+            + f': outputs() or integrated() must begin with self.start.{name}'
+        )
+    return reasons
+
+
 def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
-    """Return what `left_at_ends` does; InvalidProblem if every motion violates a limit there."""
+    """Return what `left_at_ends` does; InvalidProblem for what no motion can keep there."""
     left = left_at_ends(stated, ends)
-    for reason in violated_at_ends(left):
+    for reason in impossible_ends(stated, ends, left):
         raise InvalidProblem(reason)
     return left
 

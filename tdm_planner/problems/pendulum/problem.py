@@ -53,7 +53,7 @@ class PendulumGoal(Validated):
 
 
 @dataclass(frozen=True)
-class PendulumSwingUp(Problem, Validated):
+class PendulumSwingUp(Problem):
     """
     Swing a rotary pendulum up in the shortest time.
 
@@ -92,7 +92,6 @@ class PendulumSwingUp(Problem, Validated):
 
     def __post_init__(self) -> None:
         """Check the values, alone and together."""
-        super().__post_init__()
         usable = (1.0 - self.torque_reserve) * self.limits.torque
         for name, value, limit, unit, reason in (
             ('psi', self.start.psi, self.limits.disk_angle, 'rad', 'limits.disk_angle'),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from random_statements import outcome_of, STATEMENTS
 from rich.console import Console
+from scipy.interpolate import CubicSpline
 from stated import Car, Cart, changed, forced, LONG, refused, solve
 from tdm_planner import exceptions
 from tdm_planner.direct_method import Duration, Integrated, Output
@@ -49,12 +50,23 @@ BAD = [
         ['margins of Changed cannot be traced', 'math.sqrt', 'use numpy'],
     ),
     (
+        margins_of(pole=lambda x: CubicSpline([-9.0, 0.0, 9.0], [9.0, 0.1, 9.0])(x[0])),
+        ['margins of Changed cannot be traced', 'use np.interp or a polynomial'],
+    ),
+    (
+        margins_of(pole=lambda x: (x[0] ** 2 + 9.0).astype(float)),
+        ['margins of Changed cannot be traced', 'leave astype out'],
+    ),
+    (
         {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'], 'y': z['y']}, z)},
         ['invert of Changed raises KeyError', "'y' is in neither outputs() nor integrated()"],
     ),
-    (
-        {'invert': lambda s, y, z: Car.invert(s, {'x': y['x'][:2], 'y': y['y']}, z)},
-        ['invert of Changed raises ValueError', 'as Output(derivatives=2) says'],
+    *(
+        (
+            {'invert': lambda s, y, z, jet=jet: Car.invert(s, {'x': jet(y['x']), 'y': y['y']}, z)},
+            ['invert of Changed raises ValueError', 'as Output(derivatives=2) says: 3 arrays'],
+        )
+        for jet in (lambda jet: jet[:2], lambda jet: [*jet, jet[0]])
     ),
     (margins_of(wall=lambda x: 1.5 - x[0]), ["the end violates the limit 'wall' by 0.5"]),
     (margins_of(wall=lambda x: 1.0), ["'wall'", 'remove it']),
@@ -188,7 +200,7 @@ def test_a_parameter_hides_nothing_and_a_problem_has_a_name_for_topics(name):
 
 
 def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions():
-    of_its_own = {'runing_cost': Cart.running_cost, 'helper': Cart.derivative}
+    of_its_own = {'path_cost': Cart.running_cost, 'helper': Cart.derivative}
     of_its_own |= {'derived': Cart.derivative, 'margin': lambda s, x: x[0] + 9.0}  # called below
     of_its_own['derivative'] = lambda s, x, u: s.derived(x, u)
     of_its_own['margins'] = lambda s, t, x, u: {'pole': (lambda: s.margin(x))()}
@@ -196,7 +208,7 @@ def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions(
     console = Console(record=True, width=300)
     assert check_problem(made(), console) == []
     told = console.export_text()
-    assert 'runing_cost is never used: did you mean running_cost' in told
+    assert 'path_cost is never used: did you mean final_cost' in told
     assert 'end_conditions: 2 beside these' in told
     assert told.count('is never used') + told.count('beside these') == 2
     assert 'not refined' not in told
@@ -339,9 +351,10 @@ def test_no_plan_is_explained():
     with pytest.raises(Infeasible, match='force'):
         changed(Cart, starts=2)(limit=0.9, solver=LONG).solve()
     with pytest.raises(Infeasible, match='the conditions at the end by'):
-        solve(starts=1, end_conditions=lambda self, t, x: (x[0] - 1.0,))
+        solve(starts=1, end_conditions=lambda self, t, x: (t * (x[0] - 1.0),))
+    moving = {'outputs': lambda self: {'x': Output({0: 1.0}, (0.0, 0.0), free=3)}}
     with pytest.raises(Infeasible, match='the conditions at the start by'):
-        solve(starts=1, start_conditions=lambda self, t, x: (x[0] - 0.4,))
+        solve(starts=1, start_conditions=lambda self, t, x: (x[1] ** 2 + 0.4,), **moving)
     with pytest.raises(exceptions.DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
 

@@ -181,7 +181,7 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
         ),
         ('nothing', r"has no attribute 'Missing' \(it has no such class\)$"),
         ('another_package:Anothr', r'cannot be loaded: Attr.* \(did you mean Another\?\)$'),
-        ('./another_package:Another', 'write module:Class'),
+        ('./another_package:Another', 'such as another_package:Another in the folder'),
         ('broken', 'ZeroDivisionError: division by zero'),
         ('nowhere:Cart', r"No module named 'nowhere' \(write module:Class, and run it in"),
         ('absent_cart:Cart', "'absent' in line 1 of absent_cart.py, `import absent`$"),

@@ -223,3 +223,39 @@ def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_wh
     ending = {'derivative': lambda s, x, u: (x[1], u[0] + 0 * np.sqrt(0.9 - u[0]))}
     with pytest.raises(VerificationFailed, match="derivative gives the rate of 'v' = nan"):
         solve(**QUICKEST | ending)
+
+
+@pytest.mark.parametrize(
+    ('change', 'cost', 'constant'),
+    [
+        (  # chosen once: the gain of the control, J = 1.5 / p^2 + p^2
+            {
+                'invert': lambda s, y, z: ((*y['x'][:2], y['p'][0]), (y['x'][2] / y['p'][0],)),
+                'derivative': lambda s, x, u: (x[1], x[2] * u[0], 0.0),
+                'final_cost': lambda s, t, x: x[2] ** 2,
+                'margins': lambda s, t, x, u: {'p': x[2] - 0.1},
+                'ends': Output((1.0, 0.0), (0.0, 0.0), free=3),
+            },
+            2.0 * 1.5**0.5,
+            1.5**0.25,
+        ),
+        (  # the same place at both ends, J = 4 / T
+            {
+                'invert': lambda s, y, z: ((*y['x'][:2], y['p'][0]), y['x'][2:]),
+                'derivative': lambda s, x, u: (x[1], u[0], 0.0),
+                'final_cost': lambda s, t, x: (x[2] - 0.3) ** 2,
+                'start_conditions': lambda s, t, x: [x[0] - x[2]],
+                'end_conditions': lambda s, t, x: [x[0] - x[2]],
+                'ends': Output({1: 1.0}, {1: 0.0}, free=5, scale=1.0),
+            },
+            2.0,
+            0.3,
+        ),
+    ],
+)
+def test_a_constant_may_be_chosen_and_links_both_ends(change, cost, constant):
+    states, p = {'x': 'm', 'v': 'm/s', 'p': '1'}, Output(free=1, derivatives=0, scale=1.0)
+    made = changed(Cart, states=states, outputs=lambda s: {'x': s.ends, 'p': p}, **change)
+    plan = made(solver=DirectSolverParameters()).solve()
+    assert plan.cost == pytest.approx(cost, rel=1e-3)
+    assert plan.trajectory.states[:, 2] == pytest.approx(constant, abs=2e-3)

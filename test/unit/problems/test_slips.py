@@ -1,0 +1,311 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Slips in the class of a problem, and starts and ends that contradict it: one sentence each."""
+
+from dataclasses import dataclass, replace
+import re
+import sys
+
+import numpy as np
+import pytest
+from stated import Car, Cart, changed, refused
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.parameters import group, parameter, POSITIVE
+from tdm_planner.problem_check import check_problem
+from tdm_planner.problems import DirectProblem
+from tdm_planner.problems.registry import load_problem
+
+
+@dataclass(frozen=True)
+class Place:  # not Validated
+    x: float = parameter(1.0, 'place', unit='m', allowed=POSITIVE)
+
+
+@dataclass(frozen=True)
+class Plain(DirectProblem):
+    """Neither Validated: the ranges of a problem's parameters are checked all the same."""
+
+    control_names, control_units = ('u',), ('N',)
+    state_names, state_units = ('x',), ('m',)
+    mass: float = parameter(20.0, 'mass', unit='kg', allowed=POSITIVE)
+    goal: list[float] = parameter([1.0], 'goal', unit='m', length=1)
+    start: Place = group(Place)
+    outputs = duration = invert = derivative = Car.final_cost
+
+
+@dataclass(frozen=True)
+class Heavy(Plain):
+    """What follows from a parameter."""
+
+    def __post_init__(self):
+        object.__setattr__(self, 'weight', 9.81 * self.mass)
+
+
+@pytest.mark.parametrize('kind', [Plain, Heavy])
+@pytest.mark.parametrize(
+    ('given', 'told'),
+    [
+        ({'mass': -1.0}, "parameter 'mass' = -1.0 is not allowed: must be a number in [1e-12"),
+        ({'mass': None}, "parameter 'mass' = None is not allowed"),
+        ({'goal': [1.0, 2.0]}, "parameter 'goal' = [1.0, 2.0] is not allowed"),
+        ({'start': Place(x=-1.0)}, "parameter 'x' = -1.0 is not allowed"),
+        ({'start': Place}, "parameter 'start' = "),
+    ],
+)
+def test_ranges_of_a_problem_are_checked_whatever_it_derives_from(kind, given, told):
+    assert refused(lambda: kind(**given)).startswith(told)
+    made = kind(mass=3, start=Place(x=2))
+    assert [type(value) for value in (made.mass, made.start.x)] == [float, float]
+    assert getattr(made, 'weight', 29.43) == pytest.approx(29.43)
+
+
+@dataclass(frozen=True)
+class Start:
+    x: float = parameter(-2.0, 'place', unit='m')
+    vx: float = parameter(0.0, 'speed', unit='m/s')
+    yaw: float = parameter(0.0, 'heading', unit='rad')
+    way: float = parameter(0.0, 'way gone', unit='m')
+    load: float = parameter(7.0, 'no state', unit='kg')
+
+
+@dataclass(frozen=True)
+class Driven(DirectProblem):
+    """A car on a line that turns on the spot; `begin` is where its motion begins."""
+
+    state_names, state_units = ('x', 'vx', 'yaw', 'way'), ('m', 'm/s', 'rad', 'm')
+    control_names, control_units = ('ax', 'turn'), ('m/s^2', 'rad/s')
+    end = 0.0, 0.0
+    start: Start = group(Start)
+
+    def begin(self):
+        return self.start
+
+    def outputs(self):
+        s = self.begin()
+        x = Output(start=(s.x, s.vx), end=self.end, free=2)
+        return {'x': x, 'yaw': Output(start=(s.yaw,), end=(0.0,), free=2)}
+
+    def integrated(self):
+        return {'way': Integrated(self.begin().way)}
+
+    def duration(self):
+        return Duration(guess=3.0, fixed=True)
+
+    def invert(self, y, z):
+        return (y['x'][0], y['x'][1], y['yaw'][0], z['way']), (y['x'][2], y['yaw'][1])
+
+    def derivative(self, x, u):
+        return x[1], u[0], u[1], x[1]
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2 + u[1] ** 2
+
+
+@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
+@pytest.mark.parametrize(
+    ('given', 'begins', 'told'),
+    [
+        ({'vx': 1.0}, {'vx': 0.0}, 'start.vx = 1, but every motion begins with vx = 0: outputs()'),
+        ({'way': 50.0}, {'way': 0.0}, 'start.way = 50, but every motion begins with way = 0: '),
+        ({'x': -1.0}, {'x': 1e-4 - 1.0}, 'begins with x = -0.9999: '),
+        ({'yaw': 7.0}, {'yaw': 7.0 - 4.0 * np.pi}, 'yaw = -5.566371, by whole turns: '),
+        ({'vx': 7.0}, {'vx': 7.0 - 4.0 * np.pi}, 'vx = -5.566371: '),
+    ],
+)
+def test_a_motion_begins_where_the_group_start_says(reasons_of, given, begins, told):
+    start = replace(Start(), **given)
+    made = changed(Driven, begin=lambda s: replace(s.start, **begins))(start=start)
+    assert [told in reason for reason in reasons_of(made)] == [True]
+
+
+def test_a_start_may_be_rounded_free_or_of_other_names():
+    rounded = changed(Driven, begin=lambda s: replace(s.start, x=-2.0 + 1e-9, yaw=1e-16))
+    free = changed(Driven, begin=lambda s: replace(s.start, x=None))
+    other = replace(Start(), x=-3.0, load=1.0)
+    for made in (rounded(), free(start=other), Driven(start=other), Cart(start=3.0)):
+        assert check_problem(made) == []
+
+
+def margin(self, t, x, u):
+    return {'wall': x[0] + 9.0}
+
+
+@pytest.mark.parametrize('use', [lambda c: c(), lambda c: c.from_parameters({})])
+@pytest.mark.parametrize(
+    ('name', 'meant'),
+    [
+        ('margin', 'margins'),
+        ('control_limit', 'control_limits'),
+        ('end_condition', 'end_conditions'),
+        ('finalcost', 'final_cost'),
+        ('reserves', 'reserve'),
+    ],
+)
+def test_a_method_that_is_misspelt_is_refused(name, meant, use):
+    made = changed(Driven, **{name: margin})
+    assert refused(lambda: use(made)) == f'Changed.{name} is never used: did you mean {meant}?'
+
+
+def test_methods_for_others_are_no_misspelt_ones():
+    """Whatever a script calls: what is less alike, or stands beside what it is like."""
+    names = 'margins_of', 'start_state', 'terminal_cost', 'initial_guess', 'control_at', 'weights'
+    made = changed(Driven, **dict.fromkeys(names, margin), margins=margin, margin=margin)
+    assert made().solve(deadline=1.0).verification.ok
+
+
+def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
+    """With symbols it gave what numpy had left there, an array over nodes."""
+    kept = []
+
+    def derivative(self, x, u):
+        kept.append(u[0])
+        return x[1], kept[0], u[1], x[1]
+
+    message = refused(changed(Driven, derivative=derivative)().solve)
+    assert message == (
+        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must '
+        'depend on its arguments at the same node alone'
+    )
+
+
+class OwnInit(Plain):
+    """Not every parameter can be given."""
+
+    def __init__(self, mass=20.0):
+        self.mass = mass
+
+
+class Assigns(Plain):
+    """As in a class that is not frozen."""
+
+    def __post_init__(self):
+        self.weight = 9.81 * self.mass
+
+
+class Fails(Plain):
+    """A misspelt parameter."""
+
+    def __post_init__(self):
+        return self.masses
+
+
+@pytest.mark.parametrize(
+    ('kind', 'told'),
+    [
+        (OwnInit, 'OwnInit has an __init__ of its own: leave it out, @dataclass writes one; what'),
+        (
+            Assigns,
+            '__post_init__ of Assigns raises FrozenInstanceError in line # of test_slips.py, '
+            '`self.weight = 9.81 * self.mass`: a problem is frozen: state what follows from its '
+            'parameters as a property',
+        ),
+        (
+            Fails,
+            "of test_slips.py, `return self.masses`: Fails has no 'masses': did you",
+        ),
+    ],
+)
+def test_a_problem_is_made_by_its_dataclass(kind, told):
+    made = dataclass(frozen=True)(kind)
+    for use in (made, lambda: made.from_parameters({})):
+        assert told in re.sub(r'line \d+', 'line #', refused(use))
+
+
+LIST = "write goal: list[float] = parameter([...], 'what it is')"
+
+
+@pytest.mark.parametrize(
+    ('field', 'told'),
+    [
+        (
+            'goal: list[float] = [1.0]',
+            "'goal' has a list as its default in line 9 of slip.py, #: " + LIST,
+        ),
+        ("goal: list[float] = parameter(np.zeros(2), 'goal')", LIST),
+        (
+            "reserve: dict = {'rock': 0.1}",
+            "'reserve' has a dict as its default in line 9 of slip.py, #: leave its anno",
+        ),
+    ],
+)
+def test_a_default_that_can_be_changed_is_named_with_a_way_out(field, told, tmp_path, monkeypatch):
+    (tmp_path / 'slip.py').write_text(
+        'from dataclasses import dataclass\nimport numpy as np\n\n'
+        'from tdm_planner.parameters import parameter\n'
+        'from tdm_planner.problems import DirectProblem\n\n\n'
+        f'# As a student may write it.\n@dataclass\nclass Slip(DirectProblem):\n    {field}\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'slip', raising=False)
+    message = refused(lambda: load_problem('slip:Slip')).replace('`@dataclass`', '#')
+    assert told in message
+    assert 'default_factory' not in message
+
+
+@pytest.mark.parametrize('name', ['./crossing.py:Car', '/a/crossing.py:Car', 'crossing.py:Car'])
+def test_a_path_is_no_module(name):
+    assert refused(lambda: load_problem(name)) == (
+        f"problem '{name}' cannot be loaded: give module:Class, a module's name, not a path, such "
+        'as crossing:Car in the folder of crossing.py'
+    )
+
+
+@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
+@pytest.mark.parametrize(
+    ('change', 'told'),
+    [
+        (
+            {'end_conditions': lambda s, t, x: [x[3] - 1.0, x[0] - 9.0]},
+            'end_conditions gives number 1 = -9 whatever the motion: the boundary values fix what',
+        ),
+        (
+            {'start_conditions': lambda s, t, x: [x[0] ** 2 - 1.0]},
+            'start_conditions gives number 0 = 3 whatever the motion: ',
+        ),
+        (
+            {'end': (0.0, 0.0, 40.0), 'control_limits': lambda s: {'ax': (-2.0, 30.0)}},
+            "the end violates the limit 'ax, highest' by 10 m/s^2, whatever the motion",
+        ),
+    ],
+)
+def test_ends_that_contradict_conditions_or_limits_are_named(reasons_of, change, told):
+    reasons = reasons_of(changed(Driven, **change)())
+    assert [reason.startswith(told) for reason in reasons] == [True]
+
+
+def test_conditions_that_boundary_values_meet_or_leave_open_are_none_of_these():
+    conditions = {'start_conditions': lambda s, t, x: [x[0] + 2.0, x[3]]}
+    conditions['end_conditions'] = lambda s, t, x: [x[0], x[3] - 2.0]
+    assert check_problem(changed(Driven, **conditions)()) == []
+
+
+@pytest.mark.parametrize(
+    'rates',
+    [
+        lambda s, x, u: (x[2], x[3], *(u - s.drag * x[2:4])),
+        lambda s, x, u: np.concatenate([x[2:4], u - s.drag * x[2:]]),
+        lambda s, x, u: np.vstack([x[2:4], u - 0.1 * x[2:]]),
+    ],
+)
+def test_components_may_be_computed_at_once(rates):
+    car = changed(Car, derivative=rates)()
+    assert check_problem(car) == []
+    assert car.solve().cost == pytest.approx(Car().solve().cost, rel=1e-4)
+
+
+@dataclass(frozen=True)
+class Weighed(Plain):
+    """A field that is no parameter."""
+
+    weight: float = 9.81
+
+
+def test_a_field_that_is_no_parameter_is_told_to_be_one():
+    given = {'weight': 3.0, 'mass': 2.0}
+    assert refused(lambda: Weighed.from_parameters(given)) == (
+        "parameter 'weight' is unknown to plain: it is a field without parameter(...)"
+    )
+    assert refused(lambda: Weighed.from_parameters({'start': 1.0})).endswith(
+        'did you mean start.x?'
+    )
