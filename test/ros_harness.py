@@ -110,8 +110,9 @@ def parameters(values: Mapping[str, Any]) -> list[Any]:
 
 
 def _end_with_the_tests() -> None:
-    """Have the kernel kill this process when the tests die; hear Ctrl-C even in the background."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Have the kernel kill this process when the tests die; hear signals that they ignore."""
+    for number in (signal.SIGINT, signal.SIGHUP):  # in the background, under nohup
+        signal.signal(number, signal.SIG_DFL)
     set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 

@@ -23,7 +23,9 @@ _NUMERICAL_RESERVE = 0.01
 # Robots nearer than this to their goal, and slower, have arrived already.
 _ARRIVED = 1e-4
 _ROUNDING = 1e-9
-_TURNS = 2.25  # half-turns of the thruster that a motion is given time for at first
+# Half-turns of the thruster: for which a robot goes on as it moved, and that a motion leaves time
+# for, in initial guesses.
+DRIFT, _TURNS = 1.5, 2.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,11 +232,12 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
 
     No robot takes less than `least` (n,) s; `thrust` [m/s^2] is what they burn and coast with.
     """
-    way = np.linalg.norm(task.goal - task.departure, axis=1)
+    leg = math.pi / task.thruster_rate
+    way = np.linalg.norm(task.goal - task.departure - DRIFT * leg * task.velocity, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     later = task.interval * np.arange(task.n) - task.coast
     # Of a short way the thruster's turns, before the first burn and the last one, take longer.
-    least = np.where(task.staying, least, np.maximum(least, _TURNS * math.pi / task.thruster_rate))
+    least = np.where(task.staying, least, np.maximum(least, _TURNS * leg))
     quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
     first = max(float((quickest - later).max()), 0.02)
     times = np.geomspace(first, max(task.longest, 1.01 * first), 200)

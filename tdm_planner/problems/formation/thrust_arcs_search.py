@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -26,6 +27,7 @@ from tdm_planner.problems.formation.search import (
     kept_motions,
     screened,
 )
+from tdm_planner.problems.formation.task import DRIFT
 from tdm_planner.problems.formation.thrust_arcs_kernels import (
     Fleet,
     positions,
@@ -52,6 +54,7 @@ Arcs: TypeAlias = Candidate[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found
+_FIRST = 0.25  # half-turns of the thruster before the first burn
 _LONGER = 1.3  # times the usual durations, up to which theirs are
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
@@ -87,7 +90,9 @@ def guesses(
     `drawn` ones with random corners and durations.
     """
     task, fleet, n = program.task, program.manoeuvre, program.task.n
-    usual, way = program.usual_durations(), task.goal - task.start
+    leg = math.pi / fleet.rate
+    begun = task.start + DRIFT * leg * task.velocity
+    usual, way = program.usual_durations(), task.goal - begun
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
     size = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     normal *= np.maximum(1.0, _LEAST_BOW * fleet.length / size)[:, None]
@@ -95,12 +100,13 @@ def guesses(
     def guess(share: Array, bow: Array, durations: Array) -> Array:
         """Parameters (n, 5): corners at shares of way and time, off by bows."""
         x = np.zeros((n, 5))
-        corner = task.start + share[:, None] * way + bow[:, None] * normal
+        corner = begun + share[:, None] * way + bow[:, None] * normal
         corner = np.clip(corner, program.low, program.high)
         first = np.linalg.norm(corner - task.start, axis=1)
         last = np.linalg.norm(task.goal - corner, axis=1)
         share = first / np.maximum(first + last, 1e-9)
-        x[:, 1:3], x[:, 3], x[:, 4] = corner, share * durations, durations
+        x[:, 0], x[:, 3], x[:, 4] = _FIRST * leg, share * durations, durations
+        x[:, 1:3] = corner
         return x
 
     x = np.stack([guess(np.full(n, 0.5), np.full(n, bow), usual) for bow in _BOWS], axis=1)

@@ -236,6 +236,19 @@ def test_a_short_way_leaves_the_thruster_time_to_turn(distance, way, alpha, rate
     flown(problem, counted=True)
 
 
+@pytest.mark.parametrize('seed', range(8))
+def test_a_robot_that_drifts_comes_back(seed):
+    rng, here = np.random.default_rng([seed, 9]), (2.0, 2.0, 0.0)
+    way = rng.uniform(-math.pi, math.pi)
+    moving = {
+        'alpha': rng.uniform(-3.0, 3.0),
+        'u': 0.08 * math.cos(way),
+        'v': 0.08 * math.sin(way),
+    }
+    problem = formation(**alone(here, here, **moving), **{'method': 'thrust_arcs'})
+    flown(problem, deadline=0.3, counted=True)
+
+
 @pytest.mark.parametrize('changes', [{}, {'robot1.start.u': 0.01}])
 def test_a_goal_that_takes_longer_than_allowed_is_infeasible(changes) -> None:
     with pytest.raises(Infeasible, match=r'solver\.longest = 3 s: at least .* s are needed'):
