@@ -21,8 +21,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import argument, common_arguments, Launch, switch
 from tdm_planner.parameter_files import config_file
 from tdm_planner.parameters import build
-from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import pendulum_urdf, RotaryPendulum
 from tdm_planner.problems.registry import SHORT_NAMES
 
 

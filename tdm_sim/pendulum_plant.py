@@ -14,9 +14,8 @@ import numpy as np
 from tdm_planner.drawing import PendulumDrawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
-from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plant_kind import PENDULUM
-from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import pendulum_urdf, PendulumLimits, RotaryPendulum
 from tdm_sim.plant_node import (
     deviation,
     PlantModel,

@@ -34,7 +34,7 @@ ROOMS = {
     'simulated plants': ('nodes that integrate', 'tdm_sim'),
     'nodes': ('planner, tracker, client', 'tdm_planner.nodes tdm_planner.client'),
     'replanning': ('plants of the planner, reviews', 'tdm_planner.replanning'),
-    'views': ('goals, limits, pictures', 'tdm_planner.plant_views tdm_planner.pendulum_urdf'),
+    'views': ('goals, limits, pictures', 'tdm_planner.plant_views'),
     'tracking': ('estimator and feedback laws', 'tdm_planner.tracking'),
     'problems': ('what is solved, and how', 'tdm_planner.problems tdm_planner.plan_files'),
     'verification': ('replay and dense check', 'tdm_planner.verification'),

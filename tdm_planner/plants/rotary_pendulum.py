@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rotary (Furuta) pendulum: equations of motion, derivatives, energy.
+The rotary (Furuta) pendulum: equations of motion, derivatives, energy; its URDF.
 
 theta is the pendulum's angle from UPRIGHT, psi the disk's (arm's), both positive about their axes
 as in section 4.1 of Yakimenko (2006). With m the pendulum's mass, l the distance from its pivot to
@@ -27,11 +27,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
+from string import Template
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import config_file
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, positive, Validated
 from tdm_planner.plants.base import SymbolicPlant
 
@@ -285,3 +287,38 @@ class RotaryPendulum(Validated, SymbolicPlant):
         kinetic = 0.5 * k.pendulum * theta_dot**2 + b * theta_dot * psi_dot + 0.5 * j * psi_dot**2
         total: Array = kinetic + k.gravity * np.cos(theta)
         return total
+
+
+def pendulum_urdf(plant: RotaryPendulum) -> str:
+    """
+    Return a pendulum's URDF for RViz and others: its masses, inertias, lengths and damping.
+
+    Links `world` (fixed), `base`, `disk`, `rod`; continuous joints `disk`, about z, and
+    `pendulum`, about -x of the disk, on the disk's rim. The plant does not know the disk's mass,
+    which has no influence on the motion: the disk is a uniform one of its moment of inertia.
+    """
+    of, radius, rod_length = plant.inertia, plant.arm_length, 2.0 * plant.com_distance
+    thick, high = 0.12 * radius, 1.15 * rod_length  # of the disk; of the base, for the rod to hang
+    numbers = {
+        'base_height': -0.5 * (thick + high),
+        'base_radius': 0.5 * radius,
+        'base_length': high,
+        'disk_length': thick,
+        'disk_mass': 2.0 * of.disk / radius**2,
+        'disk_inertia': of.disk,
+        'half_disk_inertia': 0.5 * of.disk,
+        'arm_length': radius,
+        'mass': plant.mass,
+        'com_distance': plant.com_distance,
+        # The plant's axes are x across, y along the rod, z the pivot's; the link's are pivot,
+        # across, along.
+        'inertia_x': of.z,
+        'inertia_y': of.x,
+        'inertia_z': of.y,
+        'rod_radius': 0.035 * rod_length,
+        'rod_length': rod_length,
+        'disk_damping': plant.damping.disk,
+        'pivot_damping': plant.damping.pivot,
+    }
+    template = config_file('pendulum.urdf.template').read_text(encoding='utf-8')
+    return Template(template).substitute(numbers)

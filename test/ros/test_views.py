@@ -21,8 +21,7 @@ from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.markers import LIFETIME, to_quaternion
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.pendulum_urdf import pendulum_urdf
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import pendulum_urdf, RotaryPendulum
 from visualization_msgs.msg import Marker
 import yaml
 

@@ -20,14 +20,18 @@ from replays import by_scipy, central, pendulum_points, replayed, robot_rates
 from scipy.integrate import solve_ivp
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.pendulum_urdf import pendulum_urdf
 from tdm_planner.plants import pendulum_kernels, robot_replay, slopes
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.compilation import sine_and_cosine
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_kernels import LANES, roll_arcs, roll_ends, roll_lanes
 from tdm_planner.plants.pendulum_replay import replay_pendulum, roll_states
-from tdm_planner.plants.rotary_pendulum import PendulumDamping, PendulumInertia, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import (
+    pendulum_urdf,
+    PendulumDamping,
+    PendulumInertia,
+    RotaryPendulum,
+)
 from tdm_planner.problems.pendulum import shooting
 from tdm_planner.problems.pendulum.shooting import ArcBatch, Effort, roll_to_ends, shoot, Steps
 from tdm_planner.problems.pendulum.switching_program import mesh_of_arcs
