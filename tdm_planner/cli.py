@@ -216,7 +216,7 @@ def _plan(options: argparse.Namespace) -> int:
     if options.plot is not None:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
     problem = _problem(options)
-    for doubt in misspelt(type(problem)):
+    for doubt in misspelt(type(problem)).values():
         _say(doubt)
     with Progress(options.quiet) as progress:
         tell_of_compilation(progress.line)

@@ -214,7 +214,8 @@ _hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # it takes a mill
 def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
     hints = _hints(cls)
     for item in dataclasses.fields(cls):
-        yield item, hints[item.name]
+        if item.init:  # others follow from these
+            yield item, hints[item.name]
 
 
 @cache

@@ -80,7 +80,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         table.add_row(name, *known)
     if limits:
         console.print(table)
-    for doubt in misspelt(type(problem)):
+    for doubt in misspelt(type(problem)).values():
         console.print(f'[bold red]{doubt}')
     if program.trace.fixed:
         console.print(

@@ -51,8 +51,10 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     where, source = place_of(error)
     if _INTERPOLATION in traceback.extract_tb(error.__traceback__)[-1].filename:
         source += 'spline'
-    known = traced or isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
-    hint = next((hint for word, hint in HINTS.items() if known and word in source), None)
+    # What numpy's arrays raise; a `__post_init__` has none, and words of its own.
+    arrays = isinstance(error, TypeError | ValueError) and function != '__post_init__'
+    known = HINTS.items() if traced or arrays else ()
+    hint = next((hint for word, hint in known if word in source), None)
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
     hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'

@@ -114,7 +114,7 @@ class Trace:
         zs = dict(zip(integrated, ca.vertsplit(z), strict=True)) if integrated else {}
         symbolic_of = {'y': ca.vertcat(*jets.values()), 'z': z, 't': t, 'x': x, 'u': u}
         parts = {'y': {n: ca.vertsplit(jet) for n, jet in jets.items()}, 'z': zs, 't': t}
-        parts |= {'x': _array(ca.vertsplit(x)), 'u': _array(ca.vertsplit(u))}
+        parts |= {'x': ca.vertsplit(x), 'u': ca.vertsplit(u)}
         self.functions = {
             function: ca.Function(
                 function,
@@ -298,9 +298,13 @@ def _no_numbers() -> Iterator[None]:
 
 
 def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...]) -> Any:
-    """Return what a function gives of symbols; of arrays that hold one where it stacks them."""
+    """
+    Return what a function gives of symbols.
+
+    Where it stacks them they are arrays of one; where it computes several at once, one array.
+    """
     errors = []
-    for given in (arguments, map(_boxed, arguments)):
+    for given in (arguments, map(_boxed, arguments), map(_together, arguments)):
         try:
             with _no_numbers():
                 return _column(twin.symbolic(function, *given))
@@ -314,20 +318,21 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
 def _boxed(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _boxed(part) for name, part in value.items()}
-    if isinstance(value, np.ndarray):
-        return value[:, None]
     return [_boxed(part) for part in value] if isinstance(value, list) else _array([value])
 
 
+def _together(value: Any) -> Any:
+    return _array(value) if isinstance(value, list) else value
+
+
 def _array(values: list[Any]) -> Any:
-    """Return symbols as an array (n,), with which components can be computed at once."""
     return np.fromiter(values, dtype=object, count=len(values))
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Stack scalars: symbols, numbers or arrays of one; of more, more rows than are wanted."""
+    """Stack scalars: symbols, numbers or arrays of one of them."""
     arrays = np.ndarray | np.generic
-    rows = [v.item() if isinstance(v, arrays) and v.size == 1 else v for v in values]
+    rows = [np.asarray(v, dtype=object).item() if isinstance(v, arrays) else v for v in values]
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 

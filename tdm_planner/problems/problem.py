@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, fields, is_dataclass, replace
 from functools import wraps
-from inspect import isroutine
+from inspect import isroutine, unwrap
 import re
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -148,6 +148,8 @@ class Problem(ABC):
     def __post_init__(self, *given: Any) -> None:
         """Check every parameter; raises InvalidProblem for the first wrong value."""
         check_fields(self)
+        if after := getattr(super(), '__post_init__', None):  # of a mixin
+            after(*given)
 
     def __new__(cls: type[P], *arguments: Any, **named: Any) -> P:
         """Make a problem of a class that is complete."""
@@ -161,7 +163,8 @@ class Problem(ABC):
             raise InvalidProblem(
                 f'{cls.__name__} is no dataclass: put @dataclass(frozen=True) above it'
             )
-        if cls.__init__.__code__.co_filename != '<string>':  # where the code of a dataclass is
+        made: Any = getattr(unwrap(cls.__init__), '__code__', None)
+        if made is not None and made.co_filename != '<string>':  # where that of a dataclass is
             raise InvalidProblem(
                 f'{cls.__name__} has an __init__ of its own: leave it out, @dataclass writes one; '
                 'what follows from parameters is a property'
@@ -360,7 +363,7 @@ def _after_a_check(own: Callable[..., None]) -> Callable[..., None]:
         except (TdmError, OverflowError, FloatingPointError):
             raise
         except Exception as error:  # noqa: B902
-            raise InvalidProblem(told(self, own.__name__, error)) from error
+            raise InvalidProblem(told(self, '__post_init__', error)) from error
 
     return checked
 

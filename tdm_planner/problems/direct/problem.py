@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from inspect import isfunction, unwrap
 import re
 from types import CodeType
 from typing import Any, cast, ClassVar
@@ -96,10 +97,11 @@ class DirectProblem(Formulation, Problem):
 
     @classmethod
     def check_class(cls) -> None:
-        """Raise InvalidProblem if the class cannot be used, or has a name that is misspelt."""
+        """Raise InvalidProblem if the class cannot be used, or has a method that is misspelt."""
         super().check_class()
-        for doubt in misspelt(cls, MISSPELT):
-            raise InvalidProblem(f'{cls.__name__}.{doubt}')
+        for name, doubt in misspelt(cls, MISSPELT).items():
+            if isfunction(getattr(cls, name)):  # attributes may be for others
+                raise InvalidProblem(f'{cls.__name__}.{doubt}')
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
@@ -175,26 +177,28 @@ class DirectProblem(Formulation, Problem):
 
 
 @cache
-def misspelt(problem: type[Problem], likeness: float = 0.6) -> list[str]:
-    """Say which attributes of a statement are like, but not, those that the library uses."""
+def misspelt(problem: type[Problem], likeness: float = 0.6) -> dict[str, str]:
+    """Say of attributes of a statement, by name, that they are like those the library uses."""
     if not issubclass(problem, DirectProblem):
-        return []
+        return {}
     own = [kind for kind in problem.__mro__ if kind not in DirectProblem.__mro__]
     used = {name for kind in own for value in vars(kind).values() for name in _names_in(value)}
     others = {*dir(DirectProblem), *used, *(item.name for item in fields(cast(Any, problem)))}
     known = {*vars(Formulation), *Formulation.__annotations__, DirectProblem.drawing.__name__}
-    doubts = []
+    doubts = {}
     for kind in own:
         for name in sorted(set(vars(kind)) - known - others):
             question = suggestion(name, known - set(vars(kind)), likeness)
             if question and name[0] != '_':
-                doubts.append(f'{name} is never used: {question}')
+                doubts[name] = f'{name} is never used: {question}'
     return doubts
 
 
 def _names_in(value: Any) -> Iterator[str]:
     """Yield the names of attributes that a function or property uses, or one within it."""
-    code = getattr(getattr(value, 'fget', value), '__code__', value)
+    for holder in ('fget', 'func', '__func__'):  # of properties, cached ones, class methods
+        value = getattr(value, holder, value)
+    code = getattr(unwrap(value) if callable(value) else value, '__code__', value)
     if isinstance(code, CodeType):
         yield from code.co_names
         for inner in code.co_consts:

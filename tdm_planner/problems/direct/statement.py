@@ -13,7 +13,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from tdm_planner.arrays import Array, Mask
+from tdm_planner.arrays import Array, largest_of_unit, Mask
 from tdm_planner.direct_method.arc_basis import ArcMotion
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
@@ -22,7 +22,7 @@ from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import short, to_mapping
+from tdm_planner.parameters import short, specifications
 from tdm_planner.problems.direct.plant import END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -40,6 +40,7 @@ _JUMP, _LOOKS, _TURNS = 0.05, 33, 8
 _TINY = 1e-12  # share of the largest weight that an eigenvalue may be off by
 _NODES = 5, 10_000
 _STARTS = 1, 10_000
+_CLIPPED = 1e-3  # share of the largest start of a unit (or of 1) by which motions begin elsewhere
 
 
 def check_statement(problem: Formulation) -> None:
@@ -224,11 +225,7 @@ def _motions_at_ends(
 
 def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
     """Say what no motion can keep at its ends; `left` by `left_at_ends`."""
-    return [
-        *_begun_elsewhere(stated, ends),
-        *_violated_at_ends(stated, left),
-        *_unmet_at_ends(stated, ends),
-    ]
+    return [*_begun_elsewhere(stated, ends), *_violated_at_ends(stated, left)]
 
 
 def _violated_at_ends(stated: CheckedFormulation, left: Left) -> Iterator[str]:
@@ -243,30 +240,23 @@ def _violated_at_ends(stated: CheckedFormulation, left: Left) -> Iterator[str]:
                 )
 
 
-def _unmet_at_ends(stated: CheckedFormulation, ends: Ends) -> Iterator[str]:
-    """Say which conditions no motion meets, as boundary values give all that they depend on."""
-    motions = _motions_at_ends(stated, ends)
-    for function, (times, states, _) in zip(CONDITIONS, motions, strict=True):
-        for index, values in enumerate(stated.parts(function, times, states)):
-            if np.ptp(values) == 0.0 and abs(values[0]) > END_TOLERANCE:
-                yield (
-                    f'{function} gives number {index} = {values[0]:.3g} whatever the motion: the '
-                    'boundary values fix what it depends on; change these or the condition'
-                )
-
-
 def _begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
     """
     Say in which states every motion begins elsewhere than the group `start` has it.
 
-    Measured states are put into that group: the plant would be planned for from elsewhere.
+    Measured states are put into that group: the plant would be planned for from elsewhere. What is
+    measured may be clipped by a little, or given in another unit.
     """
     start: Any = getattr(stated.formulation, 'start', None)
-    given = to_mapping(start) if is_dataclass(start) else {}
+    given = specifications(type(start)) if is_dataclass(start) else {}
     reasons, units = [], stated.formulation.state_units
-    for name, unit, begins in zip(stated.state_names, units, ends.states[0], strict=True):
-        value = given.get(name)
-        if not isinstance(value, int | float) or np.isnan(begins) or np.isclose(begins, value):
+    sizes = largest_of_unit(np.abs(np.nan_to_num(ends.states[0])), units)
+    states = zip(stated.state_names, units, ends.states[0], sizes, strict=True)
+    for name, unit, begins, size in states:
+        if np.isnan(begins) or name not in given or given[name].unit not in ('', unit):
+            continue
+        value = getattr(start, name)
+        if not isinstance(value, int | float) or abs(begins - value) <= _CLIPPED * max(1.0, size):
             continue
         turns = (begins - value) / math.tau
         whole = unit == 'rad' and math.isclose(turns, round(turns), rel_tol=1e-6)

@@ -108,7 +108,7 @@ class Driven(DirectProblem):
     [
         ({'vx': 1.0}, {'vx': 0.0}, 'start.vx = 1, but every motion begins with vx = 0: outputs()'),
         ({'way': 50.0}, {'way': 0.0}, 'start.way = 50, but every motion begins with way = 0: '),
-        ({'x': -1.0}, {'x': 1e-4 - 1.0}, 'begins with x = -0.9999: '),
+        ({'x': -1.0}, {'x': 1e-2 - 1.0}, 'begins with x = -0.99: '),
         ({'yaw': 7.0}, {'yaw': 7.0 - 4.0 * np.pi}, 'yaw = -5.566371, by whole turns: '),
         ({'vx': 7.0}, {'vx': 7.0 - 4.0 * np.pi}, 'vx = -5.566371: '),
     ],
@@ -120,7 +120,7 @@ def test_a_motion_begins_where_the_group_start_says(reasons_of, given, begins, t
 
 
 def test_a_start_may_be_rounded_free_or_of_other_names():
-    rounded = changed(Driven, begin=lambda s: replace(s.start, x=-2.0 + 1e-9, yaw=1e-16))
+    rounded = changed(Driven, begin=lambda s: replace(s.start, x=-2.0 + 1e-4, yaw=1e-16))
     free = changed(Driven, begin=lambda s: replace(s.start, x=None))
     other = replace(Start(), x=-3.0, load=1.0)
     for made in (rounded(), free(start=other), Driven(start=other), Cart(start=3.0)):
@@ -163,10 +163,16 @@ def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
         return x[1], kept[0], u[1], x[1]
 
     message = refused(changed(Driven, derivative=derivative)().solve)
-    assert message == (
-        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must '
-        'depend on its arguments at the same node alone'
-    )
+    assert message.startswith('derivative of Changed cannot be traced: ')
+
+
+def test_what_a_post_init_raises_keeps_its_words():
+    def differ(self):
+        if self.limit and self.drag:
+            raise ValueError('drag and limit must differ')
+
+    words = 'drag and limit must differ'
+    assert refused(dataclass(frozen=True)(changed(Car, __post_init__=differ))).endswith(words)
 
 
 class OwnInit(Plain):
@@ -256,28 +262,14 @@ def test_a_path_is_no_module(name):
     ('change', 'told'),
     [
         (
-            {'end_conditions': lambda s, t, x: [x[3] - 1.0, x[0] - 9.0]},
-            'end_conditions gives number 1 = -9 whatever the motion: the boundary values fix what',
-        ),
-        (
-            {'start_conditions': lambda s, t, x: [x[0] ** 2 - 1.0]},
-            'start_conditions gives number 0 = 3 whatever the motion: ',
-        ),
-        (
             {'end': (0.0, 0.0, 40.0), 'control_limits': lambda s: {'ax': (-2.0, 30.0)}},
             "the end violates the limit 'ax, highest' by 10 m/s^2, whatever the motion",
         ),
     ],
 )
-def test_ends_that_contradict_conditions_or_limits_are_named(reasons_of, change, told):
+def test_ends_beyond_a_control_s_limit_are_named_in_its_unit(reasons_of, change, told):
     reasons = reasons_of(changed(Driven, **change)())
     assert [reason.startswith(told) for reason in reasons] == [True]
-
-
-def test_conditions_that_boundary_values_meet_or_leave_open_are_none_of_these():
-    conditions = {'start_conditions': lambda s, t, x: [x[0] + 2.0, x[3]]}
-    conditions['end_conditions'] = lambda s, t, x: [x[0], x[3] - 2.0]
-    assert check_problem(changed(Driven, **conditions)()) == []
 
 
 @pytest.mark.parametrize(
@@ -285,7 +277,7 @@ def test_conditions_that_boundary_values_meet_or_leave_open_are_none_of_these():
     [
         lambda s, x, u: (x[2], x[3], *(u - s.drag * x[2:4])),
         lambda s, x, u: np.concatenate([x[2:4], u - s.drag * x[2:]]),
-        lambda s, x, u: np.vstack([x[2:4], u - 0.1 * x[2:]]),
+        lambda s, x, u: (*x[2:], *(u - np.array([[0.1], [0.1]]) * x[2:])),  # a column of numbers
     ],
 )
 def test_components_may_be_computed_at_once(rates):
