@@ -302,8 +302,7 @@ class Problem(ABC):
             if plan is None:
                 search = self.search(budget, rng, warm_start)
                 plan, remark = search.run(), search.remark
-        plan = self._with_figures(plan, budget.evaluations, budget.age)
-        return replace(plan, summary=plan.summary + remark)
+        return self._with_figures(plan, budget.evaluations, budget.age, remark)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """
@@ -330,7 +329,7 @@ class Problem(ABC):
         return self._with_figures(plan)
 
     def _with_figures(
-        self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0
+        self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0, remark: str = ''
     ) -> Solution:
         """Return a plan of a search with all that a user is told of it."""
         return replace(
@@ -338,7 +337,7 @@ class Problem(ABC):
             problem=self.name,
             evaluations=evaluations,
             solve_time=solve_time,
-            summary=self.describe(plan),
+            summary=self.describe(plan) + remark,
         )
 
     def _check_warm_start(self, plan: Any) -> None:

@@ -202,25 +202,18 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
 
 def left_at_ends(stated: CheckedFormulation, ends: Ends) -> Left:
     """Return what is left to every limit at both ends, None where that depends on what is free."""
+    rng, duration = np.random.default_rng(2), stated.duration()
     found: list[dict[str, float | None]] = []
-    for times, states, controls in _motions_at_ends(stated, ends):
+    for side in range(2):
+        filled = []
+        for given in (ends.states[side], ends.controls[side]):
+            free = rng.normal(size=(3, given.size))
+            filled.append(np.where(np.isfinite(given), given, free))
+        times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
         with np.errstate(all='ignore'):
-            values = stated.margins(times, states, controls).items()
+            values = stated.margins(times, *filled).items()
         found.append({n: float(v[0]) if np.ptp(v) == 0.0 else None for n, v in values})
     return {name: (value, found[1][name]) for name, value in found[0].items()}
-
-
-def _motions_at_ends(
-    stated: CheckedFormulation, ends: Ends
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield instants (3,), states and controls of three motions at the start, then at the end."""
-    rng, duration = np.random.default_rng(2), stated.duration()
-    for side in range(2):
-        states, controls = (
-            np.where(np.isfinite(given), given, rng.normal(size=(3, given.size)))
-            for given in (ends.states[side], ends.controls[side])
-        )
-        yield duration.guess * np.array([0.7, 1.0, 1.3]) * side, states, controls
 
 
 def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
