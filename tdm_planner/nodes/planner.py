@@ -150,7 +150,7 @@ class Planner(ManagedNode):
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
             self._recover()
-            if self._newest_plan is None and self._recovery.due and not self._queue.solving:
+            if self._recovery.due and not self._queue.solving:
                 self._queue.prepare(partial(await_trackers, self._recovery), self._recover)
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),

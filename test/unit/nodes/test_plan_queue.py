@@ -177,6 +177,8 @@ def test_a_tracker_that_is_there_is_waited_for(monkeypatch, missing) -> None:
     waited = threading.Thread(target=await_trackers, args=(recovery,), daemon=True)
     waited.start()
     restarted.told('A', 0, 1)
+    assert recovery.due == (missing is None)  # its status may come after what it follows
+    second.has_plan = True
     waited.join(20.0)
     assert not waited.is_alive()
     assert not recovery.due
