@@ -139,7 +139,10 @@ class _Search:
         self.iterations += 1
         if self.at is None:
             self.at = self.program.linearise(self.point, self.multipliers)
-            if self.late:
+            slopes = self.at.gradient, self.at.equality_jacobian
+            # As of a root at zero: no program leads on from here.
+            self.failed = not all(np.isfinite(part).all() for part in slopes)
+            if self.failed or self.late:
                 return
         step = _quadratic_step(self, self.at)
         if step is not None and self.options.steering:

@@ -259,3 +259,12 @@ def test_a_constant_may_be_chosen_and_links_both_ends(change, cost, constant):
     plan = made(solver=DirectSolverParameters()).solve()
     assert plan.cost == pytest.approx(cost, rel=1e-3)
     assert plan.trajectory.states[:, 2] == pytest.approx(constant, abs=2e-3)
+
+
+@pytest.mark.parametrize('solver', [LONG, DIRECT])
+def test_a_condition_of_infinite_slope_along_the_guess_is_met_all_the_same(solver):
+    """The root of the place of its end, which is 0 along the initial guess."""
+    end = {'outputs': lambda s: {'x': Output((0.0, 0.0), {1: 0.0}, free=4, scale=1.0)}}
+    plan = solve(solver, **QUICKEST | end, end_conditions=lambda s, t, x: [np.sqrt(x[0]) - 1.0])
+    assert plan.trajectory.states[-1, 0] == pytest.approx(1.0, abs=1e-5)
+    assert plan.cost < 2.2
