@@ -219,9 +219,11 @@ def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
 
 
 @cache
-def _declared(cls: type) -> list[tuple[str, Any]]:
+def _declared(cls: type, prefix: str = '') -> list[tuple[str, Any]]:
     """
     Return the fields that are parameters, with specification, or groups, with class, by name.
+
+    The specifications' own names begin with `prefix`.
 
     Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
@@ -237,7 +239,8 @@ def _declared(cls: type) -> list[tuple[str, Any]]:
                 )
             kind, optional = _DECLARED[hint]
             spec = item.metadata[_METADATA_KEY]
-            made = replace(spec, name=item.name, value_type=kind, optional=optional)
+            name = prefix + item.name
+            made = replace(spec, name=name, value_type=kind, optional=optional)
             found.append((item.name, made))
     return found
 
@@ -249,12 +252,11 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
     Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
     found: dict[str, ParameterSpec] = {}
-    for item, declared in _declared(cls):
-        name = prefix + item
+    for item, declared in _declared(cls, prefix):
         if isinstance(declared, ParameterSpec):
-            found[name] = replace(declared, name=name)
+            found[declared.name] = declared
         else:
-            found.update(specifications(declared, name + '.'))
+            found.update(specifications(declared, f'{prefix}{item}.'))
     return found
 
 
@@ -276,23 +278,23 @@ def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
     return cls(**arguments)
 
 
-def check_fields(instance: Any) -> None:
+def check_fields(instance: Any, prefix: str = '') -> None:
     """
     Check every parameter of a dataclass and of its groups, and give it its declared type.
 
-    Raise InvalidProblem for the first wrong value.
+    Raise InvalidProblem for the first wrong value; `prefix` begins the parameters' names.
     """
     kind: Any = type(instance)
-    for name, declared in _declared(kind):
-        value = getattr(instance, name)
+    for item, declared in _declared(kind, prefix):
+        value = getattr(instance, item)
         if isinstance(declared, ParameterSpec):
-            object.__setattr__(instance, name, declared.check(value))
+            object.__setattr__(instance, item, declared.check(value))
         elif dataclasses.is_dataclass(type(value)):
-            check_fields(value)
+            check_fields(value, f'{prefix}{item}.')
         else:
             raise InvalidProblem(
-                f"parameter '{name}' = {short(value)} is not allowed: must be an instance of its "
-                'class; from_parameters takes mappings'
+                f"parameter '{prefix}{item}' = {short(value)} is not allowed: must be an instance "
+                'of its class; from_parameters takes mappings'
             )
 
 
@@ -329,6 +331,8 @@ def _flatten(mapping: Mapping[str, Any], prefix: str, flat: dict[str, Any]) -> N
             )
         if isinstance(value, Mapping):
             _flatten(value, name + '.', flat)
+        elif name in flat:
+            raise InvalidProblem(f"parameter '{shown(name)}' is given twice, once nested")
         else:
             flat[name] = value
 

@@ -72,6 +72,9 @@ def test_names_and_round_trip():
         Inner(mass=-1.0)
     flat = parameters.flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3})
     assert flat == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
+    for mapping in ({'a': {'b': 1}, 'a.b': 2}, {'a.b': 2, 'a': {'b': 1}}):
+        with pytest.raises(InvalidProblem, match=r"parameter 'a\.b' is given twice, once nested"):
+            parameters.flatten(mapping)
 
 
 @pytest.mark.parametrize(

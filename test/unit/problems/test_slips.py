@@ -49,7 +49,7 @@ class Heavy(Plain):
         ({'mass': -1.0}, "parameter 'mass' = -1.0 is not allowed: must be a number in [1e-12"),
         ({'mass': None}, "parameter 'mass' = None is not allowed"),
         ({'goal': [1.0, 2.0]}, "parameter 'goal' = [1.0, 2.0] is not allowed"),
-        ({'start': Place(x=-1.0)}, "parameter 'x' = -1.0 is not allowed"),
+        ({'start': Place(x=-1.0)}, "parameter 'start.x' = -1.0 is not allowed"),
         ({'start': Place}, "parameter 'start' = "),
     ],
 )
