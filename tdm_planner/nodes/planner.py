@@ -208,6 +208,7 @@ class Planner(ManagedNode):
                 )
             stamp = self._time.stamp(plan.start)
             self._adapter.publish(plan, stamp)
+            self._recovery.end()
             self._plan_id += 1
             self._failure = None
             self._follow((stamp, plan.start))

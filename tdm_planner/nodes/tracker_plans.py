@@ -332,17 +332,22 @@ class Recovery:
         self._kind, self._trackers = kind, trackers
         self._until = time.monotonic() + WINDOW
         self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
-        self._waits = self._found = False  # a plan, for the planner to be ready; was taken over
+        self._waits = False  # for the planner to be ready
         for name, tracker in trackers.items():
             take = partial(self._by_vehicle.__setitem__, name)
             node.create_subscription(JointTrajectory, f'{tracker.prefix}{FOLLOWED}', take, LATCHED)
 
     @property
     def due(self) -> bool:
-        """Whether a tracker has yet to say what it follows, on both topics. Safe in any thread."""
-        told = {name: bool(plan.points) for name, plan in self._by_vehicle.copy().items()}
-        due = any(t.has_plan is not told.get(n, False) for n, t in self._trackers.items())
-        return due and time.monotonic() < self._until
+        """Whether a tracker has yet to say what it follows, or that it does. Any thread."""
+        waits, told = time.monotonic() < self._until, self._by_vehicle.copy()
+        silent = (t.has_plan is not False for n, t in self._trackers.items() if n not in told)
+        unsaid = (self._trackers[n].has_plan is None for n, plan in told.items() if plan.points)
+        return (waits and any(silent)) or any(unsaid)
+
+    def end(self) -> None:
+        """Look for no plan any more: the planner has one."""
+        self._waits, self._until = False, -math.inf
 
     def look(self, ready: bool) -> tuple[dict[str, Trajectory], int] | None:
         """Return trajectories by vehicle and their start [ns], once there are any and `ready`."""
@@ -350,8 +355,8 @@ class Recovery:
         starts = {nanoseconds_of(p.header.stamp) if p.points else 0 for p in told.values()}
         start = starts.pop() if len(told) == len(self._trackers) and len(starts) == 1 else 0
         self._waits |= bool(start) and time.monotonic() < self._until
-        if self._waits and ready and not self._found:
-            self._found = True
+        if self._waits and ready:
+            self.end()
             if start:
                 with suppress(InvalidProblem):
                     return {n: read_plan(self._kind, told[n]) for n in self._trackers}, start
