@@ -41,12 +41,29 @@ _ALTERNATIVES = 0.2, 0.05, 0.01
 _SHARE = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the replay
+# A replay that misses the goal by so many tolerances goes elsewhere, unless twice the intervals
+# leave that share of it, or let it leave the motion so much later.
+_ELSEWHERE, _NEARER, _LATER = 50.0, 0.5, 1.05
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
 _LOOKS = 30  # parts of an interval, at whose ends the replay looks at the limits
 _CELL = 10  # such parts in a cell of the sum for J
+
+
+class Repaired(NamedTuple):
+    """
+    A motion whose cost is that of its replay, and the replayed `states` (n + 1, nx) at its nodes.
+
+    `reserve` (nm,) is kept of the limits beside what is stated. It is `lost` where the replay goes
+    elsewhere, and more intervals would not help.
+    """
+
+    motion: CollocatedMotion
+    states: Array
+    reserve: Array
+    lost: bool
 
 
 class _Replay(NamedTuple):
@@ -178,23 +195,21 @@ class Refinement:
         self._solved = 0.5 * (self._took + (self._solved or self._took))
         return found
 
-    def repaired(
-        self, motion: CollocatedMotion, reserve: Array
-    ) -> tuple[CollocatedMotion, Array, Array]:
+    def repaired(self, motion: CollocatedMotion, reserve: Array) -> Repaired:
         """
         Correct a motion, or solve again, until its replay ends well and keeps the limits.
 
-        `reserve` (nm,) is kept of the limits beside what is stated. Return the motion, whose cost
-        is that of the replay; the replayed states at its nodes, (n + 1, nx); and what is kept now.
+        `reserve` (nm,) is kept of the limits beside what is stated.
         """
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
-        most = FINEST
+        most, before, lost = FINEST, (np.inf, 0.0), False
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
-            more = 2 * motion.intervals
-            refines = more <= most and self.affords(more)
+            more, left = 2 * motion.intervals, flown.left / motion.intervals
+            lost |= flown.gap > max(_NEARER * before[0], _ELSEWHERE) and left <= _LATER * before[1]
+            refines = more <= most and self.affords(more) and not lost
             near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
             landed = flown.gap <= _SHARE and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
@@ -203,10 +218,12 @@ class Refinement:
             if (landed and kept) or turn == _REPAIRS or self._late:
                 break
             if landed:
+                before = np.inf, 0.0
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 again = self.solve(motion.intervals, motion, reserve=reserve)
             elif refines:
+                before = flown.gap, left
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
                 again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
                 most = motion.intervals if again is None else most
@@ -219,7 +236,8 @@ class Refinement:
             motion, flown = good
         # A root of what should be zero may be of less than that in the replay.
         cost = flown.cost if np.isfinite(flown.cost) else motion.cost
-        return replace(motion, cost=cost), flown.states[::_LOOKS], reserve
+        motion, lost = replace(motion, cost=cost), lost and good is None
+        return Repaired(motion, flown.states[::_LOOKS], reserve, lost)
 
     def _landed(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""

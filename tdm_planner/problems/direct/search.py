@@ -168,21 +168,22 @@ class DirectSearch(Search[Candidate]):
         found: CollocatedMotion | None = candidate
         reserve, before = np.zeros(len(names)), np.inf
         while found is not None:
-            found, states, reserve = refinement.repaired(found, reserve)
+            found, states, reserve, lost = refinement.repaired(found, reserve)
             self._checked = found
             xi = np.concatenate([[found.duration], found.controls.ravel()])
             plan = self.checked(found.times, states, found.controls, found.cost, xi)
             if plan is None:
                 return
             yield plan
-            violated = self._violated(plan)
+            violated = {} if lost else self._violated(plan)
             excess = sum(violated.values())  # the check looks more closely than the replay
             if 0.0 < excess < _NEARER * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
             reserve, before, more = np.zeros(len(names)), np.inf, 2 * found.intervals
-            found = refinement.finer(found, more) if refinement.affords(more) else None
+            goes_on = refinement.affords(more) and not lost
+            found = refinement.finer(found, more) if goes_on else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
@@ -191,8 +192,7 @@ class DirectSearch(Search[Candidate]):
             self._enough = self._cost_to_go(earlier, 0.0) + _DEAR * motion.size
             yield motion
             self._enough = -np.inf
-        solved = list[CollocatedMotion]()
-        until = self._until_check
+        solved, until = list[CollocatedMotion](), self._until_check
         for attempt, guess in enumerate(self._guesses()):
             if until.spent:
                 break

@@ -44,7 +44,7 @@ from tdm_planner.problems.pendulum.candidates import (
 from tdm_planner.problems.pendulum.pumping import pumped_candidates
 from tdm_planner.problems.pendulum.shooting import Steps
 from tdm_planner.problems.pendulum.smooth import collocated
-from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
+from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE, WEAK_DRIVE
 from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
@@ -61,8 +61,6 @@ _SEARCH_UNTIL = 0.85  # if none has; also the end of pumping, and no round begin
 # Drives.
 _PUMPED_FIRST = 0.25  # below which pumping is tried first
 _ALWAYS_PUMPED = 0.1  # below which random starts hardly ever arrive
-_WEAK_DRIVE = 0.3  # below which a failure is put down to the torque
-_LOSS = 0.02  # of the energy in half a swing, from which on it is told
 
 # Minimising the time.
 _POLISHED, _POLISHED_PUMPED = 5, 2  # candidates, of random starts and pumped ones
@@ -125,7 +123,7 @@ class SwitchingSearch(Search[Candidate]):
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
         # A strong motor that the disk's range makes weak: random starts find shorter swing-ups.
-        self._narrow = self._pumping and task.drive >= _WEAK_DRIVE
+        self._narrow = self._pumping and task.drive >= WEAK_DRIVE
         self._rounds = self._starts = 0
         self._arrived = 0
 
@@ -175,8 +173,8 @@ class SwitchingSearch(Search[Candidate]):
                 yield self._checked(fine, violation)
             elif not budget.spent:  # or else there was no time to correct it
                 self.rejected = (
-                    f'a coarsely integrated swing-up has a violation of {violation:.2g} when '
-                    'it is integrated finely'
+                    'one found with coarse integration steps misses upright, or a limit, with '
+                    f'fine ones (violation {violation:.2g})'
                 )
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
@@ -247,7 +245,7 @@ class SwitchingSearch(Search[Candidate]):
         if self.rejected:
             return VerificationFailed(
                 f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
-                f'the check: {self.rejected}'
+                f'the check: {self.rejected}{self._task.difficulties}'
             )
         peak = 0.0 if self._arrived else self._task.least_peak()
         if peak > self._task.disk_angle_limit:
@@ -353,7 +351,7 @@ class SwitchingSearch(Search[Candidate]):
         It pays for a strong motor where the candidate has many arcs or the disk's range is narrow.
         """
         many = self._narrow or candidate.durations.size >= _FEWEST_COLLOCATED
-        pays = many and self._task.drive >= _WEAK_DRIVE and not self._replans
+        pays = many and self._task.drive >= WEAK_DRIVE and not self._replans
         if pays and not self.budget.past(_COLLOCATED[0]):
             left, until = map(self._part, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
@@ -366,32 +364,11 @@ class SwitchingSearch(Search[Candidate]):
         return []
 
     def _missed(self) -> str:
-        task, w0 = self._task, self._task.plant.natural_frequency
+        task = self._task
         search = (
             f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
             f'{task.planned_torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
-        search += 'gave no swing-up'
-        if task.swing_drive < min(task.drive, _WEAK_DRIVE):
-            search += (
-                "; the disk's range limits what a swing gains: try a longer solver.deadline or "
-                'more limits.disk_angle'
-            )
-        elif task.drive < _WEAK_DRIVE:
-            search += (
-                f'; with a drive of {task.drive:.2g} it takes many swings, in each of which the '
-                'disk turns: try a longer solver.deadline, more limits.torque or '
-                'limits.disk_angle'
-            )
-        if 0.0 < task.planned_torque < task.plant.damping.disk * w0:
-            search += (
-                '; plant.damping.disk keeps the disk below '
-                f'{task.planned_torque / task.plant.damping.disk:.2g} rad/s'
-            )
-        if task.plant.loss > _LOSS:
-            search += (
-                f'; plant.damping.pivot takes {task.plant.loss:.0%} of the energy in half a swing'
-            )
-        return search
+        return search + 'gave no swing-up' + task.difficulties

@@ -20,7 +20,10 @@ from tdm_planner.verification import Constraint, verify
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 PENDULUM_NAME = 'pendulum'
+WEAK_DRIVE = 0.3  # below which a failure is put down to the torque,
+_LEAST_DRIVE = 1e-3  # and that below which a swing-up has more swings than are searched for
 _RANGE_KEPT = 0.1  # share of the disk's range that is left to the feedback, by that of the torque
+_LOSS = 0.02  # of the energy in half a swing, from which on it is told
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
@@ -175,6 +178,36 @@ class SwingUpTask:
         momentum = j * psi_dot + b * theta_dot
         moved = momentum**2 / (2.0 * self.planned_torque * max(upright, across))
         return float(np.sign(momentum) * (psi + place) + moved - most)
+
+    @property
+    def difficulties(self) -> str:
+        """What makes a swing-up hard to find, to go on a sentence with; empty where nothing is."""
+        damping, drive, found = self.plant.damping, self.drive, ''
+        if self.turns is not None and (away := abs(self.turns - self.start[0] / math.tau)) > 1.0:
+            found += f'; goal.turns = {self.turns} is {away:.3g} turns away: unset, any will do'
+        if drive < _LEAST_DRIVE:
+            found += (
+                f'; with a drive of {drive:.2g} it takes more swings than are searched for: try a '
+                f'limits.torque above {self.torque_limit * _LEAST_DRIVE / drive:.2g} N m'
+            )
+        elif self.swing_drive < min(drive, WEAK_DRIVE):
+            found += (
+                "; the disk's range limits what a swing gains: try a longer solver.deadline or "
+                'more limits.disk_angle'
+            )
+        elif drive < WEAK_DRIVE:
+            found += (
+                f'; with a drive of {drive:.2g} it takes many swings, in each of which the disk '
+                'turns: try a longer solver.deadline, more limits.torque or limits.disk_angle'
+            )
+        if 0.0 < self.planned_torque < damping.disk * self.plant.natural_frequency:
+            found += (
+                '; plant.damping.disk keeps the disk below '
+                f'{self.planned_torque / damping.disk:.2g} rad/s'
+            )
+        if (loss := self.plant.loss) > _LOSS:
+            found += f'; plant.damping.pivot takes {loss:.0%} of the energy in half a swing'
+        return found
 
     def turns_nearest(self, state: Array) -> int:
         """

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 
 from auv import Auv
+from brachistochrone import Brachistochrone, cycloid_time
 import casadi as ca
 import numpy as np
 import pytest
@@ -77,6 +78,15 @@ def test_a_thin_wall_that_first_motions_leap_over_is_planned_for() -> None:
     """Between two nodes; what is dearer than such a motion goes round it."""
     problem = changed(WINDOW, wall=4.0, half=0.15, gap=-2.0, width=0.4)(solver=LONG)
     assert problem.solve(counted=True).cost < 1.9
+
+
+def test_a_motion_whose_replay_goes_elsewhere_is_left_for_another(monkeypatch):
+    """On 20, 40 and 80 intervals the same part of it is none of a bead: 160 take seconds."""
+    asked, solve = [], Refinement.solve
+    monkeypatch.setattr(Refinement, 'solve', lambda *a, **k: asked.append(a[1]) or solve(*a, **k))
+    bead = Brachistochrone(solver=DirectSolverParameters())
+    assert bead.solve(counted=True).cost == pytest.approx(cycloid_time(2.0, 1.0, 9.81), rel=1e-4)
+    assert max(asked) == 80
 
 
 def test_a_motion_that_more_intervals_do_not_confirm_waits_for_the_others(monkeypatch):
