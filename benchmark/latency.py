@@ -30,9 +30,9 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import PendulumStart
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning.execution import ActivePlan, Observation
+from tdm_planner.replanning.execution import Observation, TimedPlan
 from tdm_planner.replanning.formation_execution import FormationExecution
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 
 DEADLINE, LATE = 0.03, 0.01  # s
 LONGEST = 0.25  # s that a replan may take where times are measured
@@ -51,7 +51,7 @@ def pendulum_cases(torque: float) -> Cases:
     """Cases along one swing-up from hanging, up to 70 % of the way."""
     problem = build(PendulumSwingUp, {'limits.torque': torque})
     problem.prepare()
-    plan = ActivePlan(problem, problem.solve(deadline=2.0), 0.0)
+    plan = TimedPlan(problem, problem.solve(deadline=2.0), 0.0)
     motion = plan.solution.trajectory
 
     def case(seed: int) -> tuple[Problem, Solution | None]:
@@ -69,7 +69,7 @@ def robot_cases() -> Cases:
     plans, executions = [], []
     for seed in range(CROSSINGS):
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
-        plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
+        plans.append(TimedPlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(plans[-1]))
 
     def case(seed: int) -> tuple[Problem, Solution | None]:
@@ -80,7 +80,7 @@ def robot_cases() -> Cases:
             name: Observation(
                 motion.sample(elapsed).state + ROBOT_AWAY * rng.normal(size=7),
                 elapsed,
-                Mode.FOLLOWING,
+                ObservedPhase.FOLLOWING,
             )
             for name, motion in plan.solution.trajectories.items()
         }

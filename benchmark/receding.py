@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning.execution import ActivePlan, Observation
-from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
-from tdm_planner.tracking.motion import Command, Mode, TrajectoryRejected
+from tdm_planner.replanning.execution import Observation, TimedPlan
+from tdm_planner.replanning.replanner import PublishedPlans, Replanner, Review
+from tdm_planner.tracking.motion import Command, ObservedPhase, TrajectoryRejected
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_sim.study.flights import CommandedPlant
 
@@ -36,17 +36,17 @@ class RecedingHorizon:
     vehicles: Mapping[str, CommandedPlant]
     problem: Problem
     interval: float
-    replanner: Callable[[ActivePlan], Replanner] | None = None
-    plans: list[ActivePlan] = field(default_factory=list)
+    replanner: Callable[[TimedPlan], Replanner] | None = None
+    plans: list[TimedPlan] = field(default_factory=list)
     reviews: list[Review] = field(default_factory=list)
     rejections: list[str] = field(default_factory=list)
     time: float = 0.0
-    _active: ActivePlans = field(default_factory=ActivePlans)
-    _coming: tuple[float, ActivePlan] | None = None
+    _published: PublishedPlans = field(default_factory=PublishedPlans)
+    _coming: tuple[float, TimedPlan] | None = None
     _next_review: float = 0.0
     _replanner: Replanner | None = None
 
-    def begin(self, plan: ActivePlan) -> None:
+    def begin(self, plan: TimedPlan) -> None:
         """Execute a plan that starts now."""
         for vehicle in self.vehicles.values():
             vehicle.tracker.observe(vehicle.plant.measure(), self.time - self.interval)
@@ -66,7 +66,7 @@ class RecedingHorizon:
             name: Observation(
                 measured[name],
                 now,
-                tracker_mode(command),
+                observed_phase(command),
                 self._followed(self.vehicles[name].tracker),
             )
             for name, command in commands.items()
@@ -87,7 +87,7 @@ class RecedingHorizon:
         if replanner is None or self._coming is not None or now < self._next_review - 1e-9:
             return
         self._next_review = now + 1.0 / replanner.parameters.rate
-        plan, told = self._active.reviewed(seen, now)
+        plan, told = self._published.reviewed(seen, now)
         if plan is None:
             return
         if make is not None and plan is not replanner.execution.plan:
@@ -97,19 +97,19 @@ class RecedingHorizon:
         if review.plan is not None:
             self._coming = now + _ARRIVAL * replanner.parameters.delay, review.plan
 
-    def _activate(self, plan: ActivePlan, now: float) -> None:
+    def _activate(self, plan: TimedPlan, now: float) -> None:
         for name, vehicle in self.vehicles.items():
             try:
                 vehicle.tracker.accept(plan.solution.trajectories[name], plan.start, now)
             except TrajectoryRejected as rejection:
                 self.rejections.append(str(rejection))
         self.plans.append(plan)
-        self._active.add(plan)
+        self._published.add(plan)
         self._replanner = None if self.replanner is None else self.replanner(plan)
 
 
-def tracker_mode(command: Command) -> Mode:
+def observed_phase(command: Command) -> ObservedPhase:
     """Return what a tracker that sends this command does."""
     if command.action is not None:
-        return Mode.FOLLOWING
-    return Mode.RECOVERING if command.control.any() else Mode.IDLE
+        return ObservedPhase.FOLLOWING
+    return ObservedPhase.RECOVERING if command.control.any() else ObservedPhase.IDLE

@@ -48,7 +48,7 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.formation_execution import FormationExecution
 from tdm_planner.replanning.replanner import Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
@@ -70,7 +70,7 @@ def loop_of(
     solution: Solution,
     interval: float,
     seed: int,
-    replanner: Callable[[ActivePlan], Replanner],
+    replanner: Callable[[TimedPlan], Replanner],
 ) -> RecedingHorizon:
     """Return vehicles about to execute their plans, commanded every `interval` s."""
     recovers = ReplanOnDeviation(on_deviation=True)
@@ -86,7 +86,7 @@ def loop_of(
         for number, (name, plan) in enumerate(plans)
     }
     loop = RecedingHorizon(vehicles, problem, interval, replanner)
-    loop.begin(ActivePlan(problem, solution, 0.0))
+    loop.begin(TimedPlan(problem, solution, 0.0))
     return loop
 
 
@@ -105,7 +105,7 @@ def swing_up(
     assert isinstance(tracker, PendulumTracker)
     given = tracker.parameters
 
-    def replanner(plan: ActivePlan) -> Replanner:
+    def replanner(plan: TimedPlan) -> Replanner:
         return Replanner(SwingUpExecution(plan, given), REVIEWS)
 
     loop = loop_of(problem, solution, PENDULUM_INTERVAL, seed, replanner)
@@ -183,7 +183,7 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
     problem = crossing_of('quick robots', seed, **changes)
     solution = problem.solve(deadline=2.0)
 
-    def replanner(plan: ActivePlan) -> Replanner:
+    def replanner(plan: TimedPlan) -> Replanner:
         return Replanner(FormationExecution(plan), REVIEWS)
 
     loop = loop_of(problem, solution, ROBOT_INTERVAL, seed, replanner)

@@ -21,7 +21,7 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 
 DEADLINE = 1.0  # s
 DRIVES = (0.0, 0.012, 0.1, 0.3, math.inf)
@@ -60,7 +60,7 @@ def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> Timed:
     state = state + noise * np.random.default_rng(seed).normal(size=4)
     state[1] = np.clip(state[1], -problem.limits.disk_angle, problem.limits.disk_angle)
     moved = replace(problem, start=PendulumStart(*state.tolist()))
-    rest = ActivePlan(problem, plan, 0.0).remainder(elapsed)
+    rest = TimedPlan(problem, plan, 0.0).remainder(elapsed)
     return timed(moved, DEADLINE, warm_start=rest)
 
 

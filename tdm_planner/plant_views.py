@@ -62,17 +62,17 @@ class PlantView(Drawn):
     This one is a plant of which only the names are known: nothing is judged or drawn.
 
     `name` is that of a vehicle that has no other. `enforced` are the limits that the plant keeps
-    by itself; `near` the deviations within which the goal counts as reached, where they do not
-    depend on the plan; `place` the states that are its place in the plane, where several of a kind
-    keep a distance, `separation` [m] if it is known; `bounds` the levels that limit a state or a
-    control, by name.
+    by itself; `goal_tolerances` the deviations within which the goal counts as reached, where they
+    do not depend on the plan; `place` the states that are its place in the plane, where several of
+    a kind keep a distance, `separation` [m] if it is known; `bounds` the levels that limit a state
+    or a control, by name.
     """
 
     _settling: float = 0.0  # s
     separation: float | None = None
     enforced: ClassVar[frozenset[str]] = frozenset()
     place: ClassVar[tuple[str, ...]] = ()
-    near: ClassVar[tuple[Tolerance, ...]] = ()
+    goal_tolerances: ClassVar[tuple[Tolerance, ...]] = ()
     labels: ClassVar[Mapping[str, str]] = {}
     name: str = 'vehicle'
     title: str = ''
@@ -86,7 +86,7 @@ class PlantView(Drawn):
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Return the state (nx,) that a plan leads to, and what it may be missed by."""
-        return plan.states[-1], self.near
+        return plan.states[-1], self.goal_tolerances
 
     def settling(self, duration: float) -> float:
         """Return the time [s] after the end of a plan by which its goal must be reached."""
@@ -134,7 +134,7 @@ class PendulumView(PlantView):
     name = 'pendulum'
     title = 'Swing-up of the rotary pendulum'
     _settling = 3.0
-    near = (Tolerance(('theta',), UPRIGHT),)
+    goal_tolerances = (Tolerance(('theta',), UPRIGHT),)
     labels: ClassVar[Mapping[str, str]] = {
         'theta': 'pendulum from upright',
         'psi': 'disk',
@@ -169,7 +169,7 @@ class RobotView(PlantView):
 
     title = 'Formation of floating robots'
     _settling = RobotTracker.settling
-    near = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
+    goal_tolerances = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
     labels: ClassVar[Mapping[str, str]] = {

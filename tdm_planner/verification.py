@@ -134,12 +134,12 @@ def _hidden(
     constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
 ) -> Integers:
     """
-    Return the intervals (n,) in which margins may be violated, kept as they are at both ends.
+    Return the intervals (n,) whose interior may violate a limit although both ends satisfy it.
 
     The least margin in an interval is estimated: lines from both neighbouring intervals, steeper
     by `_BEND` of the last change of slope, meet there. Where the margin jumps, it may fall from
-    either end as steeply as it changes nearby. None where a margin is violated at an instant: that
-    is enough.
+    either end as steeply as it changes nearby. Return none if a sample already violates a limit:
+    the plan has failed.
     """
     found = np.zeros(times.size - 1, dtype=bool)
     for constraint in constraints:

@@ -16,8 +16,8 @@ import numpy as np
 from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning.execution import ActivePlan, Observation
-from tdm_planner.tracking.motion import Command, Mode
+from tdm_planner.replanning.execution import Observation, TimedPlan
+from tdm_planner.tracking.motion import Command, ObservedPhase
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
@@ -31,25 +31,25 @@ FORMATION = RobotFormation()
 
 
 @functools.cache
-def swing_up() -> ActivePlan:
+def swing_up() -> TimedPlan:
     """Return the swing-up by a weak motor, from 0 s on."""
-    return ActivePlan(SWING, SWING.solve(deadline=10.0), start=0.0)
+    return TimedPlan(SWING, SWING.solve(deadline=10.0), start=0.0)
 
 
 @functools.cache
-def crossing() -> ActivePlan:
-    return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+def crossing() -> TimedPlan:
+    return TimedPlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
 
 
-def states_on(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
+def states_on(plan: TimedPlan, at: float) -> dict[str, np.ndarray]:
     motions = plan.solution.trajectories
     return {name: motion.sample(plan.elapsed(at)).state for name, motion in motions.items()}
 
 
-def seen(states, at, mode=Mode.FOLLOWING, followed=None, **away) -> dict[str, Observation]:
+def seen(states, at, phase=ObservedPhase.FOLLOWING, followed=None, **away):
     """Return what a replanner sees of vehicles, each so far `away` from a state."""
     where = {name: state + away.get(name, 0.0) for name, state in states.items()}
-    return {name: Observation(state, at, mode, followed) for name, state in where.items()}
+    return {name: Observation(state, at, phase, followed) for name, state in where.items()}
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:

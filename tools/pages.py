@@ -20,7 +20,7 @@ from typing import Any
 from tdm_planner.exceptions import ERRORS, Failure, InvalidProblem
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_summary
 from tdm_planner.starting import NODES
 from tools.endpoints import endpoints, SET_UPS
@@ -137,7 +137,7 @@ def json_keys() -> dict[str, tuple[str, ...]]:
     single = PendulumSwingUp.from_parameters({'limits.torque': 0.09})
     several = RobotFormation.from_parameters({})
     plans = [
-        ActivePlan(problem, problem.solve(deadline=30.0), 1.0) for problem in (single, several)
+        TimedPlan(problem, problem.solve(deadline=30.0), 1.0) for problem in (single, several)
     ]
     documents: dict[str, list[Any]] = {
         'Answer of the service `plan`, a plan': [json.loads(plan_answer(plans[0], 1))],

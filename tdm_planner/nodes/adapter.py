@@ -28,9 +28,9 @@ from tdm_planner.nodes.tracker_plans import TrackerWatch
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning.execution import ActivePlan, Observation
+from tdm_planner.replanning.execution import Observation, TimedPlan
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
-from tdm_planner.replanning.replanner import ActivePlans, SAME_START
+from tdm_planner.replanning.replanner import PublishedPlans, SAME_START
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -88,11 +88,11 @@ class Vehicle:
                 self._picture.set_up(drawn)
 
     def seen(self, now: float, max_age: float) -> Observation:
-        """Return the newest state and what the tracker does; raise NoState as `fresh` does."""
+        """Return the newest state and the phase of the tracker; raise NoState as `fresh` does."""
         state, stamp = self.measured.fresh(now, max_age)
-        return Observation(state, stamp, self.tracker.mode(now), self.tracker.followed(now))
+        return Observation(state, stamp, self.tracker.phase(now), self.tracker.followed(now))
 
-    def followed_motion(self, plans: ActivePlans, now: float) -> TimedTrajectory | None:
+    def followed_motion(self, plans: PublishedPlans, now: float) -> TimedTrajectory | None:
         """Return the motion of the plant by the plan that its tracker says it follows, if any."""
         plan = plans.starting(self.tracker.followed(now))
         if plan is None:
@@ -101,7 +101,7 @@ class Vehicle:
         known = motion.trajectory.state_names == self._plant.kind.state_names
         return motion if known else None
 
-    def predicted(self, values: Values, now: float, start: float, plans: ActivePlans) -> Array:
+    def predicted(self, values: Values, now: float, start: float, plans: PublishedPlans) -> Array:
         """
         Return the state (nx,) at the instant `start`, measured not long before `now`.
 
@@ -119,7 +119,7 @@ class Vehicle:
                 return np.asarray(
                     motion.reference(start) + self._plant.remaining_deviation(away, wait)
                 )
-        return self._plant.coasted(state, wait, values)
+        return self._plant.predict_without_plan(state, wait, values)
 
     def _observe(self, state: Array, at: float) -> None:
         if self._picture is not None:
@@ -183,7 +183,7 @@ class Adapter:
         request: Callable[[Request], None],
     ) -> None:
         self._node, self._clock, self._problem = node, clock, problem
-        self.plans = ActivePlans()
+        self.plans = PublishedPlans()
         self.plant = plant = planned_plant(problem, values)
         self.kind = plant.kind
         names = values['robots'] if plant.several else [plant.vehicle]
@@ -230,7 +230,7 @@ class Adapter:
     def may_start_later(self, now: float) -> bool:
         """Whether a late start can be put off: of a stated plant that follows no plan."""
         moved = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
-        return self.plant.waits and all(motion is None or motion.end <= now for motion in moved)
+        return self.plant.rests_before_start and all(motion is None or motion.end <= now for motion in moved)
 
     def of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
@@ -253,7 +253,7 @@ class Adapter:
 
     # Plans.
 
-    def publish(self, plan: ActivePlan, stamp: int) -> None:
+    def publish(self, plan: TimedPlan, stamp: int) -> None:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
         motions, several = plan.solution.trajectories, self.plant.several
         only = next(iter(self.vehicles.values())) if len(motions) == 1 else None
@@ -284,13 +284,13 @@ class Adapter:
 
     def forget_plans(self) -> None:
         """Forget the plans: simulated time was set back, and the trackers have dropped them."""
-        self.plans = ActivePlans()
+        self.plans = PublishedPlans()
         for vehicle in self.vehicles.values():
             vehicle.tracker.forget_plans()
 
     def recovered(
         self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int
-    ) -> ActivePlan:
+    ) -> TimedPlan:
         """
         Rebuild the active plan from the trajectories that trackers report.
 
@@ -301,7 +301,7 @@ class Adapter:
         starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
         problem = self._problem.from_parameters({**values, **starts})
         solution = problem.recovered(trajectories)
-        return ActivePlan(problem, solution, self._clock.instant(stamp))
+        return TimedPlan(problem, solution, self._clock.instant(stamp))
 
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker of several that is not connected."""

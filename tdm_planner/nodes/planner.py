@@ -32,10 +32,10 @@ from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.plan_reports import plan_answer, plan_figures, plan_summary
 
-_REQUEST = specifications(PlannerParameters)
+_NODE_PARAMETERS = specifications(PlannerParameters)
 _PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
 _SUMMARY = 'plan_summary'
@@ -52,7 +52,7 @@ class Planner(ManagedNode):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('planner', 'planning', _REQUEST, **options)
+        super().__init__('planner', 'planning', _NODE_PARAMETERS, **options)
         self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
         specified = self._problem_class.parameter_specifications
@@ -190,7 +190,7 @@ class Planner(ManagedNode):
             )
         return own
 
-    def _publish_or_report(self, request: Request, outcome: ActivePlan | Exception) -> None:
+    def _publish_or_report(self, request: Request, outcome: TimedPlan | Exception) -> None:
         """Publish a plan, or keep the active one and say why there is no new one."""
         answer: str | Failure = ''
         try:
@@ -229,7 +229,7 @@ class Planner(ManagedNode):
             request.answer(answer)
         self._diagnostics.update()
 
-    def _warn(self, plan: ActivePlan) -> None:
+    def _warn(self, plan: TimedPlan) -> None:
         """Log what is not connected, and that a plan comes late."""
         warnings, late = self._adapter.warnings(), self._time.now() - plan.start
         if late > 0:
@@ -243,7 +243,7 @@ class Planner(ManagedNode):
     # The active plan.
 
     @property
-    def _newest_plan(self) -> ActivePlan | None:
+    def _newest_plan(self) -> TimedPlan | None:
         """Return the newest plan of this planner."""
         return self._adapter.plans.newest
 
@@ -272,11 +272,11 @@ class Planner(ManagedNode):
         if self._newest_plan is not None or not (found := self._recovery.look(ready)):
             return
 
-        def done(outcome: ActivePlan | Exception) -> None:
+        def done(outcome: TimedPlan | Exception) -> None:
             if self._newest_plan is not None:
                 return
             self._publish_or_report(Request(title='cannot recover the active plan'), outcome)
-            if isinstance(outcome, ActivePlan):
+            if isinstance(outcome, TimedPlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
         values = self.parameter_values

@@ -31,7 +31,7 @@ from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import build
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.planned_plants import Values
 from tdm_planner.replanning.replanner import Replanner, Review
 
@@ -142,7 +142,7 @@ class PlanQueue:
 
 def make_plan(
     problem_class: type[Problem], values: Values, adapter: Adapter, clock: MotionClock
-) -> ActivePlan:
+) -> TimedPlan:
     """
     Plan for the parameters `values` (the problem's and the request's), at the present of `clock`.
 
@@ -177,7 +177,7 @@ def make_plan(
             # Solving may have left too little time.
             if not measured or adapter.may_start_later(now):
                 start = max(start, clock.now() + _PREPARING * delay)
-            return ActivePlan(problem, solution, start)
+            return TimedPlan(problem, solution, start)
         except (InvalidProblem, Infeasible) as error:
             final = isinstance(error, (DeadlineExceeded, VerificationFailed))
             if not measured or (final and failure is None):
@@ -247,7 +247,7 @@ class Replanning:
     Reviews the active plan at a rate, and hands new plans to `publish`.
 
     A plan is reviewed for the node's present parameters, except those that were given for it alone
-    (`ActivePlan.request_parameters`). Problems without a measured state are not reviewed.
+    (`TimedPlan.request_parameters`). Problems without a measured state are not reviewed.
     """
 
     def __init__(
@@ -256,7 +256,7 @@ class Replanning:
         clock: MotionClock,
         queue: PlanQueue,
         adapter: Adapter,
-        publish: Callable[[ActivePlan], None],
+        publish: Callable[[TimedPlan], None],
     ) -> None:
         self._node, self._clock, self._queue, self._publish = node, clock, queue, publish
         self._adapter = adapter
@@ -323,7 +323,7 @@ class Replanning:
         values = {**self._node.parameter_values, **plan.request_parameters}
         self._queue.review(review, self._on_review)
 
-    def _replanner_of(self, plan: ActivePlan, values: Values) -> Replanner:
+    def _replanner_of(self, plan: TimedPlan, values: Values) -> Replanner:
         """Return the replanner, for the plan, its trackers and parameters as they are now."""
         parameters, adapter = build(ReplanParameters, values, 'replan.'), self._adapter
         trackers = {name: vehicle.tracker.parameters for name, vehicle in adapter.vehicles.items()}

@@ -31,7 +31,7 @@ from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.tracking.motion import Mode, TrackerParameters
+from tdm_planner.tracking.motion import ObservedPhase, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -263,7 +263,7 @@ class TrackerWatch:
         ]
         return max(begun, default=None)
 
-    def mode(self, now: float) -> Mode:
+    def phase(self, now: float) -> ObservedPhase:
         """
         Return what the tracker does at the instant `now`.
 
@@ -271,9 +271,9 @@ class TrackerWatch:
         """
         plans = self._plans
         if plans is None or self.followed(now) is not None:
-            return Mode.FOLLOWING
+            return ObservedPhase.FOLLOWING
         recovers = any(status == GoalStatus.STATUS_CANCELING for status, _ in plans.values())
-        return Mode.RECOVERING if recovers else Mode.IDLE
+        return ObservedPhase.RECOVERING if recovers else ObservedPhase.IDLE
 
     def rejects(self, start: int) -> bool:
         """Whether the tracker neither follows nor awaits the plan of instant `start` [ns]."""

@@ -82,7 +82,11 @@ class Search(ABC, Generic[C]):
         return True
 
     def accept(self, plan: Solution) -> bool:
-        """Take a verified plan; return whether it ends the search at once."""
+        """
+        Take a verified plan; return True to end the search with it.
+
+        Otherwise it stays a candidate for the cheapest plan of the round.
+        """
         return True
 
     @property
@@ -277,7 +281,7 @@ class Problem(ABC):
 
         `seed` (default: `solver.seed`) is that of the random initial guesses. `warm_start` is a
         plan of a problem of the same kind, with other ends or limits, to start from; of one that
-        has been followed, what is left (`ActivePlan.remainder`).
+        has been followed, what is left (`TimedPlan.remainder`).
         With `counted` the search does not look at the clock: every second of the deadline is
         `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
         the same to the last bit however slow or busy the machine.

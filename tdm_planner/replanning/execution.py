@@ -24,7 +24,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 
 PLANT_NAME: Final = 'plant'  # the name of the only observation
@@ -48,9 +48,11 @@ class Outlook:
 
 
 @dataclass(frozen=True, eq=False)
-class ActivePlan:
+class TimedPlan:
     """
     A verified plan and the problem it solves; its motion starts at the instant `start` [s].
+
+    It may be active, pending, or not published yet.
 
     `earlier_cost` is that of the plan for the whole way, where this one was made on it; its own
     by default. `request_parameters` are those given for this plan alone, by name.
@@ -73,7 +75,7 @@ class ActivePlan:
         return self.start + self.solution.duration
 
     def motion(self, vehicle: str) -> TimedTrajectory:
-        """Return the motion of one vehicle; of a plan for one, whatever it is called."""
+        """Return this vehicle's motion; a plan for a single vehicle ignores the name."""
         known = vehicle in self.solution.trajectories
         motion = self.solution.trajectories[vehicle] if known else self.solution.trajectory
         return TimedTrajectory(motion, self.start)
@@ -102,7 +104,7 @@ class ActivePlan:
 @dataclass(frozen=True, eq=False)
 class Observation:
     """
-    A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
+    A vehicle's newest measured state (nx,), its instant `stamp` [s], its tracker's `phase`.
 
     `followed` is the start [s] of the plan that the tracker says it follows; None where it follows
     none, or does not tell.
@@ -110,7 +112,7 @@ class Observation:
 
     state: Array
     stamp: float
-    mode: Mode
+    phase: ObservedPhase
     followed: float | None = None
 
 
@@ -125,7 +127,7 @@ class Predicted:
 
     state: Array
     control: Array
-    mode: Mode
+    phase: ObservedPhase
     arrived: float = 0.0
     planned: Sample | None = None
 
@@ -140,7 +142,7 @@ class Execution(ABC):
 
     holds_goal: ClassVar[bool] = True
 
-    def __init__(self, plan: ActivePlan) -> None:
+    def __init__(self, plan: TimedPlan) -> None:
         self.plan = plan
 
     @abstractmethod
@@ -172,7 +174,7 @@ class GenericExecution(Execution):
 
     holds_goal: ClassVar[bool] = False
 
-    def __init__(self, plan: ActivePlan, names: Sequence[str], tolerance: float) -> None:
+    def __init__(self, plan: TimedPlan, names: Sequence[str], tolerance: float) -> None:
         super().__init__(plan)
         self._names, self._tolerance = tuple(names), tolerance
         self._motion = motion = plan.solution.trajectory
@@ -190,7 +192,7 @@ class GenericExecution(Execution):
             for number, state in self._compared:
                 flown[number] += then[state] - now[state]
         control = motion.sample(elapsed(at)).control
-        return {PLANT_NAME: Predicted(flown, control, seen.mode)}
+        return {PLANT_NAME: Predicted(flown, control, seen.phase)}
 
     def _flown(self, seen: Observation, at: float) -> Array | None:
         """Measured numbers at the instant `at` by the equations of motion, where all are known."""

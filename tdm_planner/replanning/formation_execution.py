@@ -25,14 +25,14 @@ from tdm_planner.problems.formation.problem import RobotFormation
 from tdm_planner.problems.formation.search import LATE
 from tdm_planner.problems.formation.verification import gas_used
 from tdm_planner.replanning.execution import (
-    ActivePlan,
     Execution,
     Observation,
     Outlook,
     Predicted,
+    TimedPlan,
 )
 from tdm_planner.tracking.estimator import PREDICTION_STEP
-from tdm_planner.tracking.motion import Mode, Motion
+from tdm_planner.tracking.motion import Motion, ObservedPhase
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
 
@@ -58,7 +58,7 @@ class FormationExecution(Execution):
 
     def __init__(
         self,
-        plan: ActivePlan,
+        plan: TimedPlan,
         parameters: Mapping[str, RobotTrackerParameters | None] = MappingProxyType({}),
     ) -> None:
         super().__init__(plan)
@@ -82,9 +82,9 @@ class FormationExecution(Execution):
             duration = 0.0 if arrived else self._motions[name].trajectory.duration
             arrived = max(arrived + self.plan.elapsed(at) - duration, 0.0)
             state, control = self._moved(name, observations[name], at)
-            mode = observations[name].mode
-            planned = self._planned(name, state, at) if mode is Mode.FOLLOWING else None
-            found[name] = Predicted(state, control, mode, arrived, planned)
+            phase = observations[name].phase
+            planned = self._planned(name, state, at) if phase is ObservedPhase.FOLLOWING else None
+            found[name] = Predicted(state, control, phase, arrived, planned)
         return found
 
     def _planned(self, name: str, state: Array, at: float) -> Sample | None:
@@ -106,10 +106,10 @@ class FormationExecution(Execution):
         control = np.zeros(3)
         while time < at - 1e-9:
             step = min(_STEP, at - time)
-            if seen.mode is Mode.FOLLOWING:
+            if seen.phase is ObservedPhase.FOLLOWING:
                 act = tracker.track if time < motion.end else tracker.hold
                 control = act(motion, time, state).control
-            elif seen.mode is Mode.RECOVERING:
+            elif seen.phase is ObservedPhase.RECOVERING:
                 control = tracker.recover(state)
             state[:7] = integrate(self._problem.plant, state[:7], control, step, PREDICTION_STEP)
             time += step
@@ -117,7 +117,8 @@ class FormationExecution(Execution):
 
     def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Carry the deviations on and look at the distances they leave."""
-        lost = [name for name, robot in predicted.items() if robot.mode is not Mode.FOLLOWING]
+        following = ObservedPhase.FOLLOWING
+        lost = [name for name, robot in predicted.items() if robot.phase is not following]
         if lost:
             return Outlook(failure=f"'{lost[0]}' does not follow the active plan any more")
         end = max(self.plan.end, at + _GRID)

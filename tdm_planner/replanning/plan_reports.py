@@ -10,13 +10,13 @@ from typing import Any
 
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_views import view_of
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.trajectory import SECOND
 
 _ANSWERED = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
-def plan_answer(plan: ActivePlan, plan_id: int) -> str:
+def plan_answer(plan: TimedPlan, plan_id: int) -> str:
     """Return the response of the `plan` service with a plan, one line of JSON."""
     solution = plan.solution
     document = {
@@ -27,7 +27,7 @@ def plan_answer(plan: ActivePlan, plan_id: int) -> str:
     return json.dumps(finite(document), allow_nan=False)
 
 
-def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
+def plan_summary(plan: TimedPlan, plan_id: int, stamp: int) -> str:
     """
     Return everything about a plan but its samples, one line of JSON, for recordings.
 
@@ -56,7 +56,7 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
     return json.dumps(finite(document), allow_nan=False)
 
 
-def plan_figures(plan: ActivePlan, now: float) -> dict[str, Any]:
+def plan_figures(plan: TimedPlan, now: float) -> dict[str, Any]:
     """Return what the diagnostics show of the active plan."""
     solution = plan.solution
     check = solution.verification

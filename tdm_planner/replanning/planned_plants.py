@@ -38,12 +38,12 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.execution import (
-    ActivePlan,
     Execution,
     GenericExecution,
     PLANT_NAME,
     ranges_of,
     START,
+    TimedPlan,
 )
 from tdm_planner.replanning.formation_execution import FormationExecution
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
@@ -69,13 +69,14 @@ class PlannedPlant:
     not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
-    is not of this package. `near` are the largest deviations (nx,) of a plant that follows its
-    plan, None if they depend on that.
+    is not of this package. `tracking_bounds` are the largest deviations (nx,) of a plant that
+    follows its plan, None if they depend on that. `rests_before_start` says whether the plant
+    stays at rest until the plan starts.
     """
 
     vehicle: ClassVar[str] = PLANT_NAME
-    near: ClassVar[Array | None] = None
-    waits: ClassVar[bool] = True  # where it is until a plan begins
+    tracking_bounds: ClassVar[Array | None] = None
+    rests_before_start: ClassVar[bool] = True
     several: ClassVar[bool] = False  # each with topics below its name
 
     def __init__(
@@ -85,13 +86,13 @@ class PlannedPlant:
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
-        if self.near is None:
+        if self.tracking_bounds is None:
             return np.asarray(values['replan.deviation'] * ranges_of(plan))
-        return self.near
+        return self.tracking_bounds
 
-    def coasted(self, state: Array, duration: float, values: Values) -> Array:
+    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
         """
-        Return a state (nx,) `duration` s later, without a plan.
+        Predict the state (nx,) `duration` s ahead without a plan: the plant rests, by default.
 
         Raise InvalidProblem if it cannot be predicted.
         """
@@ -101,9 +102,7 @@ class PlannedPlant:
         """Return the rest of a deviation (nx,) after `duration` s under feedback."""
         return away
 
-    def execution(
-        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
-    ) -> Execution:
+    def execution(self, plan: TimedPlan, trackers: Mapping[str, Any], values: Values) -> Execution:
         """Return the model of how trackers execute a plan. In the worker's thread."""
         return GenericExecution(plan, self.kind.state_names, values['replan.deviation'])
 
@@ -127,11 +126,11 @@ class PlannedPendulum(PlannedPlant):
     """The rotary pendulum; between plans it swings without torque."""
 
     vehicle = PENDULUM_NAME
-    near = np.array([0.5, 0.7, 6.0, 8.0])
-    waits = False
+    tracking_bounds = np.array([0.5, 0.7, 6.0, 8.0])
+    rests_before_start = False
 
-    def coasted(self, state: Array, duration: float, values: Values) -> Array:
-        """Return the state (4,) `duration` s later without torque; negative: earlier."""
+    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
+        """Predict the state (4,) `duration` s ahead without torque; negative: back."""
         plant = build(RotaryPendulum, values, 'plant.')
         swung = abs(duration) * plant.natural_frequency
         if swung > _PREDICTABLE:
@@ -147,9 +146,7 @@ class PlannedPendulum(PlannedPlant):
         """Return zero (4,): the feedback removes the deviation."""
         return np.zeros_like(away)
 
-    def execution(
-        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
-    ) -> Execution:
+    def execution(self, plan: TimedPlan, trackers: Mapping[str, Any], values: Values) -> Execution:
         """Return the tracker's feedback as a model."""
         return SwingUpExecution(plan, trackers.get(PENDULUM_NAME))
 
@@ -162,22 +159,21 @@ class PlannedPendulum(PlannedPlant):
 class PlannedRobots(PlannedPlant):
     """The robots of a formation; between plans they drift."""
 
-    near = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])  # the thruster may turn as it likes
-    waits = False
+    # The thruster may turn as it likes.
+    tracking_bounds = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
+    rests_before_start = False
     several = True
 
-    def coasted(self, state: Array, duration: float, values: Values) -> Array:
-        """Return the state (7,) `duration` s later without thrust or torque."""
+    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
+        """Predict the state (7,) `duration` s ahead without thrust or torque."""
         _, _, u, v, _, omega, _ = state
         return state + duration * np.array([u, v, 0.0, 0.0, omega, 0.0, 0.0])
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
         """Return a deviation (7,) that drifts: only the thruster's angle is corrected quickly."""
-        return self.coasted(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+        return self.predict_without_plan(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
 
-    def execution(
-        self, plan: ActivePlan, trackers: Mapping[str, Any], values: Values
-    ) -> Execution:
+    def execution(self, plan: TimedPlan, trackers: Mapping[str, Any], values: Values) -> Execution:
         """Return the trackers' feedback as a model."""
         return FormationExecution(plan, trackers)
 

@@ -22,13 +22,13 @@ from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.execution import (
-    ActivePlan,
     Execution,
     Observation,
     Outlook,
     Predicted,
+    TimedPlan,
 )
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 
 LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
 SAME_START: Final = 1e-6  # s; instants are told in nanoseconds
@@ -80,22 +80,22 @@ def _asked(problem: Problem) -> dict[str, Any]:
     }
 
 
-class ActivePlans:
+class PublishedPlans:
     """The plans published last; which of them is followed, only trackers know. Any thread."""
 
     def __init__(self) -> None:
-        self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
+        self._plans: tuple[TimedPlan, ...] = ()  # in the order of publication
 
     @property
-    def newest(self) -> ActivePlan | None:
+    def newest(self) -> TimedPlan | None:
         """Return the plan that was published last."""
         return self._plans[-1] if self._plans else None
 
-    def add(self, plan: ActivePlan) -> None:
+    def add(self, plan: TimedPlan) -> None:
         """Add a plan that is published."""
         self._plans = (*self._plans[-_REMEMBERED:], plan)
 
-    def starting(self, start: float | None) -> ActivePlan | None:
+    def starting(self, start: float | None) -> TimedPlan | None:
         """Return the plan that starts at an instant [s]; None if it is none of these."""
         for plan in reversed(self._plans):
             if start is not None and abs(plan.start - start) < SAME_START:
@@ -104,7 +104,7 @@ class ActivePlans:
 
     def reviewed(
         self, observations: Mapping[str, Observation], now: float
-    ) -> tuple[ActivePlan | None, str]:
+    ) -> tuple[TimedPlan | None, str]:
         """
         Return the plan to review at the instant `now` [s], and what is known to be wrong with it.
 
@@ -139,7 +139,7 @@ class Review:
     where nothing had to be solved.
     """
 
-    plan: ActivePlan | None
+    plan: TimedPlan | None
     reason: str
     necessary: bool = False
     solve_time: float = 0.0
@@ -194,7 +194,7 @@ class Replanner:
         if supersedes:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
-            taking_over = ActivePlan(new_problem, new, at, whole, plan.request_parameters)
+            taking_over = TimedPlan(new_problem, new, at, whole, plan.request_parameters)
         return Review(taking_over, reason, necessary, time.perf_counter() - began)
 
     def _may_improve(self, outlook: Outlook, now: float) -> bool:
@@ -214,7 +214,7 @@ class Replanner:
         at: float,
         allowed: float,
     ) -> Solution:
-        followed = all(vehicle.mode is Mode.FOLLOWING for vehicle in predicted.values())
+        followed = all(vehicle.phase is ObservedPhase.FOLLOWING for vehicle in predicted.values())
         # Another seed each time: what was not found at the last review may be found now.
         self._reviews += 1
         return problem.solve(

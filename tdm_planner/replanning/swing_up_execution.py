@@ -16,14 +16,14 @@ from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.problems.pendulum.problem import PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart
 from tdm_planner.replanning.execution import (
-    ActivePlan,
     Execution,
     Observation,
     Outlook,
     Predicted,
+    TimedPlan,
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
@@ -40,7 +40,7 @@ class SwingUpExecution(Execution):
     """
 
     def __init__(
-        self, plan: ActivePlan, parameters: PendulumTrackerParameters | None = None
+        self, plan: TimedPlan, parameters: PendulumTrackerParameters | None = None
     ) -> None:
         super().__init__(plan)
         problem = plan.problem
@@ -61,27 +61,27 @@ class SwingUpExecution(Execution):
         """Roll the feedback law from the measured state to the instant `at`."""
         seen = observations[PENDULUM_NAME]
         if at <= seen.stamp:
-            return {PENDULUM_NAME: Predicted(seen.state, np.zeros(1), seen.mode)}
-        if seen.mode is Mode.FOLLOWING:
+            return {PENDULUM_NAME: Predicted(seen.state, np.zeros(1), seen.phase)}
+        if seen.phase is ObservedPhase.FOLLOWING:
             self._look(seen.state, seen.stamp)
-        table = self._table(seen.mode, seen.stamp, at)
+        table = self._table(seen.phase, seen.stamp, at)
         state = roll_feedback(self._plant, seen.state, table)[-1]
         control = np.zeros(1)
-        if seen.mode is Mode.FOLLOWING:
+        if seen.phase is ObservedPhase.FOLLOWING:
             control = self.plan.solution.trajectory.sample(self.plan.elapsed(at)).control
-        return {PENDULUM_NAME: Predicted(state, control, seen.mode)}
+        return {PENDULUM_NAME: Predicted(state, control, seen.phase)}
 
     def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
         plan, plant, now = self.plan, self._plant, predicted[PENDULUM_NAME]
-        if now.mode is not Mode.FOLLOWING:
+        if now.phase is not ObservedPhase.FOLLOWING:
             return Outlook(failure='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
         goal = plan.solution.trajectory.states[-1]
         if self._tracker.capture_share(now.state, goal) < 1.0:
             return Outlook(left, settled=True)
         until = at + left + _SETTLING / plant.natural_frequency
-        states = roll_feedback(plant, now.state, self._table(now.mode, at, until))
+        states = roll_feedback(plant, now.state, self._table(now.phase, at, until))
         if (
             not np.isfinite(states).all()
             or not self._tracker.capture_share(states[-1], goal) < 1.0
@@ -121,15 +121,15 @@ class SwingUpExecution(Execution):
             ahead = law.ahead(times[nearest], rates, errors[nearest])
             self._late, self._seen = plan.elapsed(at) - float(times[nearest]) - ahead, at
 
-    def _table(self, mode: Mode, start: float, end: float) -> FeedbackTable:
+    def _table(self, phase: ObservedPhase, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._tracker.parameters.interval * (1.0 - 1e-9)))
         step = (end - start) / count
         limit = self._tracker.parameters.limits.torque
         references, torques, gains = np.zeros((count, 4)), np.zeros(count), np.zeros((count, 4))
-        if mode is Mode.RECOVERING:
+        if phase is ObservedPhase.RECOVERING:
             gains[:] = self._tracker.recovery_gain
-        elif mode is Mode.FOLLOWING:
+        elif phase is ObservedPhase.FOLLOWING:
             law, begin = self._law, self.plan.elapsed(start) - self._late
             edges = np.asarray(begin + step * np.arange(count + 1), dtype=float)
             elapsed = edges[:-1]

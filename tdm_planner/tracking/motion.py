@@ -91,7 +91,7 @@ class TrajectoryMissed(TrajectoryRejected):
 
 
 class Phase(str, Enum):
-    """What a tracker is doing."""
+    """What a tracker is doing, as it knows itself; see `tracker.py`."""
 
     IDLE = 'idle'
     WAITING = 'waiting'
@@ -101,12 +101,12 @@ class Phase(str, Enum):
     RECOVERING = 'recovering'
 
 
-class Mode(str, Enum):
-    """What a tracker does with its plant."""
+class ObservedPhase(str, Enum):
+    """What a planner knows of a tracker's `Phase`, from the tracker's status."""
 
-    FOLLOWING = 'following'  # the active plan, or holding its goal
+    FOLLOWING = 'following'  # tracking or holding: the active plan, or its goal
     RECOVERING = 'recovering'  # the plan was aborted, the plant is brought to rest
-    IDLE = 'idle'  # nothing is commanded
+    IDLE = 'idle'  # idle, waiting or stopped: taken to command nothing
 
 
 @dataclass(frozen=True, eq=False)

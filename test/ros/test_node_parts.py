@@ -28,7 +28,7 @@ from tdm_planner.nodes.planning import PlanQueue
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import ATTEMPTS, create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import goal_status, TrackerWatch
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
@@ -58,18 +58,19 @@ def test_diagnostics_are_published_every_second_and_on_change(ros):
     assert len(received) == 5
 
 
-TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known of the plan at 7
-    ({5: EXECUTING}, Mode.FOLLOWING, 5, False),
-    ({5: SUCCEEDED}, Mode.FOLLOWING, 5, False),
-    ({5: ACCEPTED}, Mode.FOLLOWING, 5, False),  # its start has come meanwhile
-    ({7: ACCEPTED}, Mode.FOLLOWING, 7, False),
-    ({9: ACCEPTED}, Mode.IDLE, None, False),
-    ({5: EXECUTING, 6: ACCEPTED}, Mode.FOLLOWING, 6, False),
-    ({5: EXECUTING, 6: ABORTED}, Mode.FOLLOWING, 5, False),
-    ({5: CANCELING, 9: ACCEPTED}, Mode.RECOVERING, None, False),
-    ({5: ABORTED}, Mode.IDLE, None, False),
-    ({5: CANCELED}, Mode.IDLE, None, True),
-    ({}, Mode.IDLE, None, True),
+# What is known of the plan at 7.
+TOLD: list[tuple[dict[int, int], ObservedPhase, int | None, bool]] = [
+    ({5: EXECUTING}, ObservedPhase.FOLLOWING, 5, False),
+    ({5: SUCCEEDED}, ObservedPhase.FOLLOWING, 5, False),
+    ({5: ACCEPTED}, ObservedPhase.FOLLOWING, 5, False),  # its start has come meanwhile
+    ({7: ACCEPTED}, ObservedPhase.FOLLOWING, 7, False),
+    ({9: ACCEPTED}, ObservedPhase.IDLE, None, False),
+    ({5: EXECUTING, 6: ACCEPTED}, ObservedPhase.FOLLOWING, 6, False),
+    ({5: EXECUTING, 6: ABORTED}, ObservedPhase.FOLLOWING, 5, False),
+    ({5: CANCELING, 9: ACCEPTED}, ObservedPhase.RECOVERING, None, False),
+    ({5: ABORTED}, ObservedPhase.IDLE, None, False),
+    ({5: CANCELED}, ObservedPhase.IDLE, None, True),
+    ({}, ObservedPhase.IDLE, None, True),
 ]
 
 
@@ -86,11 +87,12 @@ def test_the_mode_is_what_the_tracker_tells(ros):
         ros.settle()
 
     # Where no tracker was heard, the plan is taken to be followed.
-    assert (watch.mode(7), watch.followed(7), watch.inactive) == (Mode.FOLLOWING, None, False)
+    assert watch.phase(7) is ObservedPhase.FOLLOWING
+    assert (watch.followed(7), watch.inactive) == (None, False)
     assert not watch.rejects(5)
     for statuses, *expected in TOLD:
         tell(statuses)
-        assert [watch.mode(7), watch.followed(7), watch.inactive] == expected, statuses
+        assert [watch.phase(7), watch.followed(7), watch.inactive] == expected, statuses
         for start, status in statuses.items():
             assert watch.rejects(start) == (status in (ABORTED, CANCELED, CANCELING))
         assert watch.rejects(1234)

@@ -124,7 +124,7 @@ class DirectSearch(Search[Candidate]):
         return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
-        """Take it; after a warm start no other is tried, unless it has become much dearer."""
+        """Return True, to end the search, after a warm start that is not much dearer."""
         if plan.cost < self._least:
             self._best, self._least = self._checked, plan.cost
         return plan.cost <= self._enough

@@ -87,7 +87,7 @@ class FormationSearch(Search[C]):
         previous: Solution | None,
     ) -> None:
         super().__init__(budget)
-        self.task = self._stated = task
+        self.task = self._original_task = task
         self.settings, self.rng, self.previous = settings, rng, previous
         self.starts, self.tried = settings.solver.starts, 0
         self.closest: Candidate[Any] | None = None
@@ -143,9 +143,10 @@ class FormationSearch(Search[C]):
         """
         Feasible local minima from guesses Xi, cheapest first.
 
-        A start that is nearly feasible at `worse` times the best cost so far is aborted. Ends
-        early when the time is spent, but not before one minimum is found or time is up, and with
-        one at which the robots do not hinder one another: none is cheaper.
+        A start that is nearly feasible at `worse` times the best cost so far is aborted. Stops
+        when the time is spent; once there is a minimum, after `starts` guesses or `_SEARCH_SHARE`
+        of the deadline. Stops at once with a minimum where no separation binds, unless a plan has
+        failed its check: passing on other sides is not cheaper.
         """
         found: list[Candidate[P]] = []
         for k, guess in enumerate(guesses):
@@ -156,7 +157,6 @@ class FormationSearch(Search[C]):
             alone = False
             if candidate is not None:
                 found.append(candidate)
-                # Where a separation binds, other sides to pass on may be cheaper.
                 nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
                 alone = candidate.converged and not (nearest < _KEPT or self.rejected)
             late = self.budget.past(_SEARCH_SHARE)
@@ -166,11 +166,12 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        return assessed(self._stated, self.settings, {**motions, **self.kept}, parameters)
+        motions = {**motions, **self.kept}
+        return assessed(self._original_task, self.settings, motions, parameters)
 
     def accept(self, plan: Solution) -> bool:
-        """Whether the distance kept for the tracking is left, by half at least."""
-        return keeps_reserve(self._stated, plan.verification)
+        """Return True, to end the search, if half the distance for the tracking is left."""
+        return keeps_reserve(self._original_task, plan.verification)
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""

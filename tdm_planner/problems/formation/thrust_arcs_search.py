@@ -152,7 +152,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     @cached_property
     def _polynomials(self) -> PolynomialSearch:
-        given = self._stated, self.settings, self.rng, self.budget, self.previous
+        given = self._original_task, self.settings, self.rng, self.budget, self.previous
         return PolynomialSearch(*given)
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:

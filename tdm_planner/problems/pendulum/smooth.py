@@ -200,7 +200,7 @@ class ContinuousTorqueSearch(Search[Solution]):
         return candidate.cost < plan.cost
 
     def accept(self, plan: Solution) -> bool:
-        """Whether it goes on from another one."""
+        """Return True, to end the search, if the plan goes on from a previous one."""
         return self._previous is not None
 
     def widen(self) -> bool:

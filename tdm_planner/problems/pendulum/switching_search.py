@@ -179,7 +179,7 @@ class SwitchingSearch(Search[Candidate]):
 
     def _warm(self, previous: Candidate) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
-        until = self._part(_WARM_UNTIL)
+        until = self._until_share(_WARM_UNTIL)
         found = self._shot_again(previous, until)
         if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
             found = to_polish(found)
@@ -197,7 +197,7 @@ class SwitchingSearch(Search[Candidate]):
         self._arrived += len(found)
         return found
 
-    def _part(self, share: float) -> Budget:
+    def _until_share(self, share: float) -> Budget:
         """Return what remains until that share of the deadline."""
         return self.budget.part(share * self.budget.seconds - self.budget.elapsed)
 
@@ -256,7 +256,7 @@ class SwitchingSearch(Search[Candidate]):
     def _pumped(self) -> list[Candidate]:
         """Pump and shoot the tails; the quickest distinct arrivals, quickest first."""
         found, tried = pumped_candidates(
-            self._task, self._rng, self._arcs, self._part(_SEARCH_UNTIL)
+            self._task, self._rng, self._arcs, self._until_share(_SEARCH_UNTIL)
         )
         self._starts += tried
         self._arrived += len(found)
@@ -277,7 +277,7 @@ class SwitchingSearch(Search[Candidate]):
             if self.budget.past(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
             guesses = starts(self._task, self._rng, size, self._arcs)
-            until = self._part(latest)
+            until = self._until_share(latest)
             found += shoot_upright(self._task, guesses, steps, until, rounds=ONE_ROUND)
             self._starts += size
             self._rounds += 1
@@ -288,7 +288,7 @@ class SwitchingSearch(Search[Candidate]):
         """Minimise the times of the quickest candidates, unless collocation shortens the first."""
         if candidates and (quicker := self._quicker(candidates[0])):
             return quicker + candidates
-        done, best, until = list[Candidate](), math.inf, self._part(_COARSE)
+        done, best, until = list[Candidate](), math.inf, self._until_share(_COARSE)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
                 done.append(candidate)
@@ -299,7 +299,7 @@ class SwitchingSearch(Search[Candidate]):
                 best = min(best, better.total)
         done.sort(key=lambda c: c.total)
         if done and not self._replans and done[0].durations.size <= _MOST_SHORTENED:
-            shorter = self._shortened(done[0], self._part(_SHORTENED))
+            shorter = self._shortened(done[0], self._until_share(_SHORTENED))
             if shorter.total < done[0].total:
                 done = [shorter, *done]
         return done
@@ -353,7 +353,7 @@ class SwitchingSearch(Search[Candidate]):
         many = self._narrow or candidate.durations.size >= _FEWEST_COLLOCATED
         pays = many and self._task.drive >= WEAK_DRIVE and not self._replans
         if pays and not self.budget.past(_COLLOCATED[0]):
-            left, until = map(self._part, _COLLOCATED[1:])
+            left, until = map(self._until_share, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for read in collocated(self._task, candidate, left):
                     found = self._shot_again(read, until)

@@ -20,9 +20,9 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.planned_plants import planned_plant
-from tdm_planner.replanning.replanner import ActivePlans, Replanner, Review
+from tdm_planner.replanning.replanner import PublishedPlans, Replanner, Review
 from tdm_planner.trajectory import TimedTrajectory
 
 START = 1_700.0  # s
@@ -122,10 +122,10 @@ def test_what_is_cancelled_is_answered_and_what_is_raised_is_an_outcome() -> Non
 def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(monkeypatch):
     values = {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
     it = Mock(active=True, vehicles={}, parameter_values={**values, 'start.max_age': 1.0})
-    it.now.return_value, it.plans = 0.0, ActivePlans()
+    it.now.return_value, it.plans = 0.0, PublishedPlans()
     replanning = Replanning(it, it, it, it, it.publish)
     kind = type('Kind', (), {'from_parameters': dict, 'to_parameters': lambda _: {'wide': 1.0}})
-    plan = partial(ActivePlan, kind(), 'solution')
+    plan = partial(TimedPlan, kind(), 'solution')
     it.plans.add(plan(0.0, request_parameters={'wide': 2.0}))
     it.of_all.return_value = {}
     replanning._on_timer()
@@ -237,7 +237,7 @@ def predict(plan, state, measured, start):
     robot = SimpleNamespace(measured=seen, followed_motion=lambda *_: plan)
     robot._plant = planned_plant(RobotFormation, {})
     robot._angles = np.isin(np.arange(7), (4, 6))
-    return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, ActivePlans())
+    return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, PublishedPlans())
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])

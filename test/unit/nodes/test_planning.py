@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.plan_reports import plan_answer
 
 BEGIN = 1_700.0  # s
@@ -199,6 +199,6 @@ def test_only_what_a_sooner_start_may_mend_is_tried_again(error, asked):
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
 def test_the_answer_is_json_whatever_a_problem_of_ones_own_returns(cost, told):
-    made = ActivePlan(Problem(), solution(cost=cost), BEGIN)
+    made = TimedPlan(Problem(), solution(cost=cost), BEGIN)
     answer = json.loads(plan_answer(made, 1), parse_constant=pytest.fail)
     assert answer['cost'] == told

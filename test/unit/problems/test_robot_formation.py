@@ -19,7 +19,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
 from tdm_planner.problems.formation.parameters import resized
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check
 
@@ -170,7 +170,7 @@ def test_warm_start_from_an_active_plan(default):
         for name, motion in plan.trajectories.items()
     }
     later = replace(problem, starts=starts)
-    again = flown(later, warm_start=ActivePlan(problem, plan, 0.0).remainder(now))
+    again = flown(later, warm_start=TimedPlan(problem, plan, 0.0).remainder(now))
     assert again.duration == pytest.approx(plan.duration - now, rel=0.15)
     assert again.evaluations < later.solve().evaluations
 

@@ -21,16 +21,16 @@ from tdm_planner.problems.formation.search import kept_motions
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
-from tdm_planner.replanning.execution import ActivePlan
+from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.formation_execution import FormationExecution
 from tdm_planner.replanning.replanner import Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 from tdm_planner.tracking.robot_tracking import RobotTrackerParameters
 
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
-TRACKED = [(mode, False, True) for mode in Mode]
-TRACKED += [(Mode.FOLLOWING, True, known) for known in (True, False)]
+TRACKED = [(phase, False, True) for phase in ObservedPhase]
+TRACKED += [(ObservedPhase.FOLLOWING, True, known) for known in (True, False)]
 AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
@@ -48,8 +48,8 @@ def states_then(loop, until):
     return {name: vehicle.plant.state for name, vehicle in loop.vehicles.items()}
 
 
-@pytest.mark.parametrize(('mode', 'tuned', 'known'), TRACKED)
-def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, tuned, known):
+@pytest.mark.parametrize(('phase', 'tuned', 'known'), TRACKED)
+def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, phase, tuned, known):
     """With the defaults in place of a tuned tracker's weights it is predicted elsewhere."""
     tracker = pendulum_tracker(1.2 * WEAK, **TUNED) if tuned else pendulum_tracker(WEAK)
     away, begin = ([0.05, 0.1, 0.15, 0.5], 0.2) if tuned else ([0.05, 0.05, 0.3, 0.3], 0.6)
@@ -58,10 +58,10 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, mode, t
     vehicle = pendulum(tracker, planned.states[0] + way * away)
     loop = RecedingHorizon({PENDULUM_NAME: vehicle}, SWING, 0.005)
     loop.begin(swing)
-    now = seen(states_then(loop, begin), loop.time, mode)
-    if mode is Mode.IDLE:
+    now = seen(states_then(loop, begin), loop.time, phase)
+    if phase is ObservedPhase.IDLE:
         tracker.stop('test')
-    elif mode is Mode.RECOVERING:
+    elif phase is ObservedPhase.RECOVERING:
         replan = replace(tracker.parameters.replan, on_deviation=True)
         tracker.parameters = replace(tracker.parameters, replan=replan)
         tracker.give_up('test')
@@ -258,7 +258,7 @@ def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(leg, push, elsewhe
 def test_a_smooth_torque_is_handed_over_without_a_jump() -> None:
     limit, interval = closed_loop.STRONG, 0.002
     problem = build(PendulumSwingUp, {'limits.torque': limit, 'method': 'smooth'})
-    first = ActivePlan(problem, problem.solve(deadline=60.0), start=0.0)
+    first = TimedPlan(problem, problem.solve(deadline=60.0), start=0.0)
     vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
     parameters = ReplanParameters(rate=20.0, delay=0.1)
     replanner = lambda plan: Replanner(SwingUpExecution(plan), parameters)  # noqa: E731

@@ -20,11 +20,11 @@ from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import replanner as reviewing
-from tdm_planner.replanning.execution import ActivePlan, GenericExecution, Outlook, PLANT_NAME
+from tdm_planner.replanning.execution import GenericExecution, Outlook, PLANT_NAME, TimedPlan
 from tdm_planner.replanning.formation_execution import FormationExecution
-from tdm_planner.replanning.replanner import ActivePlans, Replanner
+from tdm_planner.replanning.replanner import PublishedPlans, Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
-from tdm_planner.tracking.motion import Mode
+from tdm_planner.tracking.motion import ObservedPhase
 
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
 FAILURES = st.sampled_from(['', 'it falls'])
@@ -61,16 +61,16 @@ def replanner(swing) -> Replanner:
 
 
 def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner) -> None:
-    beyond = seen({PENDULUM_NAME: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, Mode.IDLE)
+    beyond = seen({PENDULUM_NAME: np.array([3.0, 5.0, 0.0, 0.0])}, 0.5, ObservedPhase.IDLE)
     review = replanner.review(SWING, beyond, 0.5)
     assert (review.plan, review.necessary) == (None, True)
     assert 'INVALID_PROBLEM' in review.reason
 
 
 def test_the_plan_that_trackers_name_is_reviewed_once_the_newest_has_begun_for_a_while(swing):
-    plans, later = ActivePlans(), replace(swing, start=0.5)
+    plans, later = PublishedPlans(), replace(swing, start=0.5)
 
-    def reviewed(now: float, *starts: float | None) -> tuple[ActivePlan | None, str]:
+    def reviewed(now: float, *starts: float | None) -> tuple[TimedPlan | None, str]:
         states = {str(k): np.zeros(4) for k in range(len(starts))}
         told = {k: seen({k: x}, now, followed=starts[int(k)])[k] for k, x in states.items()}
         return plans.reviewed(told, now)
@@ -94,13 +94,13 @@ def test_a_plan_that_a_robot_has_not_taken_is_mended() -> None:
     assert (review.necessary, 'it was kept' in review.reason) == (True, True)
 
 
-@pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
-def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, mode):
+@pytest.mark.parametrize('phase', [ObservedPhase.FOLLOWING, ObservedPhase.RECOVERING])
+def test_the_rest_of_a_followed_plan_is_the_first_guess(swing, replanner, monkeypatch, phase):
     solve, at = noted(monkeypatch, PendulumSwingUp, 'solve'), 0.3
-    pushed = seen(states_on(swing, at), at, mode, pendulum=[0.1, 0, 1.0, 0])
+    pushed = seen(states_on(swing, at), at, phase, pendulum=[0.1, 0, 1.0, 0])
     replanner.review(SWING, pushed, at)
     guesses = [call.kwargs['warm_start'] for call in solve.call_args_list]
-    if mode is Mode.RECOVERING:
+    if phase is ObservedPhase.RECOVERING:
         assert guesses == [None]
     else:
         rest = swing.remainder(at + PARAMETERS.delay).trajectory
@@ -125,22 +125,22 @@ FAR = Cart(start=CartStart(x=-1600.0))  # so that a busy machine does not decide
 
 
 @pytest.fixture(scope='module')
-def plan() -> ActivePlan:
-    return ActivePlan(CART, CART.solve(deadline=10.0), start=10.0)
+def plan() -> TimedPlan:
+    return TimedPlan(CART, CART.solve(deadline=10.0), start=10.0)
 
 
-def measured(plan: ActivePlan, at: float, x: float = 0.0, v: float = 0.0) -> Any:
+def measured(plan: TimedPlan, at: float, x: float = 0.0, v: float = 0.0) -> Any:
     """Return what is measured so far away: velocity first, to show that names decide."""
     (state,) = states_on(plan, at).values()
     return seen({PLANT_NAME: np.add(state, [x, v])[::-1]}, at)
 
 
-def reviewer(plan: ActivePlan, delay: float = 0.3) -> Replanner:
+def reviewer(plan: TimedPlan, delay: float = 0.3) -> Replanner:
     parameters = ReplanParameters(rate=5.0, delay=delay)
     return Replanner(GenericExecution(plan, ('v', 'x'), parameters.deviation), parameters)
 
 
-def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: ActivePlan) -> None:
+def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: TimedPlan) -> None:
     problem, solution = plan.problem, plan.solution
     assert problem.cost_to_go(solution, 0.0) == pytest.approx(solution.cost, rel=1e-3)
     assert problem.cost_to_go(solution, solution.duration) == 0.0
@@ -152,7 +152,7 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: Activ
     assert problem.cost_to_go(solution, half) == pytest.approx(half + used, rel=1e-6)
 
 
-def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: ActivePlan) -> None:
+def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: TimedPlan) -> None:
     made = reviewer(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
@@ -168,7 +168,7 @@ def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: A
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
-    plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
+    plan = TimedPlan(FAR, FAR.solve(deadline=10.0), start=10.0)
     at, delay = plan.start + 10.0, 10.0
     review = reviewer(plan, delay).review(FAR, measured(plan, at, -200.0), at)
     assert review.necessary
@@ -182,7 +182,7 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     np.testing.assert_allclose(first, ahead + np.array([-200.0, 0.0]), atol=2.0)
 
 
-def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePlan) -> None:
+def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: TimedPlan) -> None:
     execution, at = GenericExecution(plan, ('x',), 0.05), plan.start + 0.4
     (state,) = states_on(plan, at).values()
     predicted = execution.predict(seen({PLANT_NAME: state[:1] + 0.1}, at), at + 0.3)
@@ -193,7 +193,7 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePl
 
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
-    lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
+    lazy = TimedPlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
     made, at = reviewer(lazy, delay=10.0), 0.1
     review = made.review(FAR, measured(lazy, at), at)
     assert not review.necessary
