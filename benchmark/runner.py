@@ -30,7 +30,7 @@ from benchmark.measuring import MARK
 from benchmark.sections import Section, SECTIONS, Settings
 
 ROOT = Path(__file__).parents[1]
-_KEPT = 200  # lines of what a section says
+_LINES_KEPT = 200  # lines of what a section says
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 
 
@@ -71,7 +71,7 @@ def _watched(
     command: list[str], limit: float, report: Callable[[str], None]
 ) -> tuple[str, tuple[str, ...]]:
     """Run a command; returns why it failed, '' if it did not, and what it said."""
-    log: deque[str] = deque(maxlen=_KEPT)
+    log: deque[str] = deque(maxlen=_LINES_KEPT)
     process = subprocess.Popen(
         command,
         cwd=ROOT,

@@ -22,7 +22,7 @@ from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 MOST_INSTANTS = 200_000  # of a check, beside those of its replay
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
-_PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided
+_PARTS, _DIVISIONS = 4, 12  # into which, and how often, an interval that may hide more is divided
 _BEND = 2.0  # times the last change of a margin's slope: how much it may change next
 _USUAL = 1e-3, 1e-6  # of a state's range, and at least: what motions may differ by
 _WIDEST = 30.0  # times as much, where the goal is that wide
@@ -113,7 +113,7 @@ def resolved(
     knots = np.union1d(trajectory.times, replayed.steps)
     times = np.union1d(_divided(knots, _PER_STEP), knots)
     states, most = replayed.states(times), times.size + MOST_INSTANTS
-    for _ in range(_ROUNDS):
+    for _ in range(_DIVISIONS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > most:
             break

@@ -21,7 +21,7 @@ from tdm_planner.nodes.reading import nanoseconds_of
 
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
-_PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more, usually
+_FOLLOWER_WAIT = 2.0  # s of real time, usually, for which a silent follower is waited for
 _AGAIN = 0.2  # s of real time of waiting after which the time is told again: it may have got lost
 
 
@@ -71,7 +71,7 @@ class ClockSource:
 
     def __init__(
         self, node: Node, step: float, speed: float, followers: Sequence[str],
-        patience: float = _PATIENCE,
+        patience: float = _FOLLOWER_WAIT,
     ) -> None:  # fmt: skip
         if node.get_clock().ros_time_is_active:
             # The node publishes /clock itself and must not subscribe to it.

@@ -40,7 +40,7 @@ SPEED = ParameterSpec(
 
 _START_LIMIT = 60.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 300.0  # s for the planner to answer: it may have to compile its kernels
-_LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
+_POLL_PERIOD = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
 _OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
@@ -133,7 +133,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                     return False
                 processes.check()
                 progress.update(scene.status())
-                look = time.monotonic() + _LOOK
+                look = time.monotonic() + _POLL_PERIOD
                 # rclpy prints a traceback for every task that a signal interrupts.
                 with uninterrupted():
                     while (left := look - time.monotonic()) > 0.0:

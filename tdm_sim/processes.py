@@ -46,7 +46,7 @@ from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.untrusted import read_summary
 from tdm_sim.report.verdict import HOLD_TIME
 
-_DISCOVERY, _LOOK = 1.5, 0.05  # s for which nodes are looked for, and between two looks
+_DISCOVERY, _POLL_PERIOD = 1.5, 0.05  # s for which nodes are looked for, and between looks
 _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
@@ -156,7 +156,7 @@ def nodes_run(namespace: str) -> bool:
                 spaces = [f'{space}/' for _, space in node.get_node_names_and_namespaces()]
                 if any(space.startswith(f'{namespace}/') for space in spaces):
                     return True
-                time.sleep(_LOOK)
+                time.sleep(_POLL_PERIOD)
         finally:
             node.destroy_node()
     return False

@@ -49,7 +49,7 @@ _IPOPT: dict[str, Any] = {
     'mumps_permuting_scaling': 0,
     'mumps_pivot_order': 0,
 }
-_PATIENCE = 2.5  # times the iterations of those who wait
+_PATIENT = 2.5  # times the iterations of those who wait
 # From the solution of nearly the same program, with its multipliers.
 _AGAIN = dict.fromkeys(('mu_init', 'warm_start_bound_push', 'warm_start_slack_bound_push'), 1e-6)
 
@@ -254,9 +254,9 @@ class Collocation:
         Return the optimum near `guess`; None if Ipopt does not converge, unless `unfinished` does.
 
         `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
-        to every limit at the nodes, and between them. `roughly`: with kinks as round as at first;
-        `patient`: with more iterations.
-        `alternatives` is the share by which those between two limits of which one will do are.
+        to every limit at the nodes, and between them. `roughly`: with kinks as smooth as at first;
+        `patient`: with more iterations. `alternatives` is the smoothing, as a share, of kinks
+        where satisfying either of two limits is enough.
         """
         n = self.intervals
         times = np.linspace(0.0, guess.duration, n + 1)[:, None]
@@ -300,7 +300,7 @@ class Collocation:
         unit = program.size_of_cost(begun.cost_by(self.trace, numbers), z, given, free)
         given[-1] = unit if 0.0 < unit < np.inf else st
         with self._lock:
-            self._clock.begin(budget, (_PATIENCE if patient else 1) * self._settings.iterations)
+            self._clock.begin(budget, (_PATIENT if patient else 1) * self._settings.iterations)
             solver = self._again if guess.multipliers else self._solver
             known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers, strict=False))
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)

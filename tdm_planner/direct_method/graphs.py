@@ -17,7 +17,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 
 _PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
 _LINEAR = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_NEG, ca.OP_TWICE, ca.OP_INV}
-_HOPELESS, _LOOK = 1e8, 5  # multipliers by J; iterations of Ipopt between two looks at them
+_HOPELESS, _CHECK_PERIOD = 1e8, 5  # multipliers by J; iterations of Ipopt between checks of them
 _MOST_ROWS = 16  # of one limit without kinks, whose number each kink may double
 
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
@@ -289,7 +289,7 @@ class IpoptStop(ca.Callback):
     def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
         """Return whether to stop."""
         self._iterations += 1
-        if self._iterations % _LOOK == 0:
+        if self._iterations % _CHECK_PERIOD == 0:
             size = 1.0 + abs(float(values[self._cost]))
             if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
                 return [1]

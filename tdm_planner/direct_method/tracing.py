@@ -32,8 +32,8 @@ from tdm_planner.exceptions import InvalidProblem
 T = TypeVar('T')
 
 _SAMPLES = 7
-_KEPT = 64  # kinds of problems, of which many only where statements are made by a program
-_SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
+_TRACES_KEPT = 64  # kinds of problems, of which many only where statements are made by a program
+_TRACE_ROUNDING = 1e-9, 1e-11  # by which what is traced may differ from numpy: share, at least
 _ALONE = 'it must depend on its arguments at the same node alone'
 _LOCK = threading.Lock()
 
@@ -160,7 +160,7 @@ class Trace:
                 if all(same) and trace.unfolded.decides_alike(trace.values(stated.formulation)):
                     return trace
             trace = _make(stated, _expected(stated), list(found))
-            if len(cls._made) >= _KEPT:
+            if len(cls._made) >= _TRACES_KEPT:
                 cls._made.clear()
             cls._made.setdefault(key, []).append(trace)
             return trace
@@ -343,7 +343,7 @@ def _depends(values: Any, on: Any) -> Mask:
 
 def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, Any]) -> None:
     """Raise InvalidProblem where the trace gives other numbers than numpy."""
-    p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _SAME
+    p, (share, least) = np.tile(trace.values(stated.formulation), (_SAMPLES, 1)), _TRACE_ROUNDING
     for function, (given, names, wanted) in expected.items():
         (found,) = Call(trace.functions[function], _SAMPLES)(*given, p)
         what = f'{function} of {type(stated.formulation).__name__} gives'

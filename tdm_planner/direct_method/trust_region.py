@@ -31,7 +31,7 @@ _INFINITE = 1e30
 SLACK_CURVATURE = 1e-4
 _LARGEST_RADIUS = 4.0  # of the trust region, in units of the scaled varied parameters
 PRESSURE = 5.0  # factor by which violations are charged more
-_NEARER = 0.9  # share of the slack that must be left at most for that to be worth it
+_SLACK_LEFT = 0.9  # share of the slack that must be left at most for that to be worth it
 
 
 class TrustRegionOptions(NamedTuple):
@@ -170,7 +170,7 @@ class _Search:
                 break
             self.penalties = np.where(missed, PRESSURE * before, before)
             harder = _quadratic_step(self, at)
-            if harder is None or harder.slacks.sum() > _NEARER * step.slacks.sum():
+            if harder is None or harder.slacks.sum() > _SLACK_LEFT * step.slacks.sum():
                 self.penalties = before
                 break
             step = harder

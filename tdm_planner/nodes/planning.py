@@ -39,9 +39,9 @@ _SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; with less time left it is not tried again
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
-_LOOK = 0.002  # s between looks at what is waited for
-_HEARD = 0.75  # s, the longest wait for trackers that are there to say what they follow
-_PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
+_POLL_PERIOD = 0.002  # s between looks at what is waited for
+_TRACKER_WAIT = 0.75  # s, the longest wait for trackers that are there to say what they follow
+_FIRST_STATE_WAIT = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 _LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
 _SELDOM: Mapping[str, Any] = {'throttle_duration_sec': 5.0}  # of a kind
 
@@ -193,12 +193,12 @@ def make_plan(
 
 def await_trackers(recovery: Recovery) -> None:
     """Wait until the trackers have said what they follow, but not for long."""
-    _wait(lambda: not recovery.due, _HEARD)
+    _wait(lambda: not recovery.due, _TRACKER_WAIT)
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
     """Wait at most `max_age` s for simulated time and states; NoState names what is missing."""
-    longest = min(max_age, _PATIENCE)
+    longest = min(max_age, _FIRST_STATE_WAIT)
     _wait(lambda: clock.runs and not adapter.missing(), longest)
     missing = adapter.missing()
     if missing and clock.runs:
@@ -228,7 +228,7 @@ def _wait(until: Callable[[], bool], longest: float) -> None:
     """Look again and again, for `longest` s at most."""
     end = time.monotonic() + longest
     while not until() and time.monotonic() < end:
-        time.sleep(_LOOK)
+        time.sleep(_POLL_PERIOD)
 
 
 def _with_prediction_note(error: TdmError, delay: float) -> TdmError:

@@ -47,13 +47,13 @@ _EXECUTED: Mapping[bool | None, int] = {  # by whether the goal was reached
 }
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 _PERIOD = 0.2  # s between attempts to ask for the parameters
-_PATIENCE = 2.0  # s that an answer may take: its client may have been met only just now
+_ANSWER_WAIT = 2.0  # s that an answer may take: its client may have been met only just now
 _FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
 _UNDER_WAY = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
 
 # A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
 # newest one waits, at most until shortly before its start.
-_SHARE = 0.01  # of the time
+_LOOKING_SHARE = 0.01  # of the time, for looking at plans
 _RESERVE = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
 _WORTH_IN_LEAD = 0.5  # s beyond the budget for a plan whose start must be prepared
@@ -78,13 +78,13 @@ class PlanIntake:
         if self.waiting is None or not self._clock.runs:
             return
         now, (stamp, data) = time.monotonic(), self.waiting
-        self._paid = max(self._paid, now - _RESERVE / _SHARE)
-        if _SHARE * (now - self._paid) + self._worth(stamp, lead) <= 0.0:
+        self._paid = max(self._paid, now - _RESERVE / _LOOKING_SHARE)
+        if _LOOKING_SHARE * (now - self._paid) + self._worth(stamp, lead) <= 0.0:
             return
         self.waiting = None
         began = time.perf_counter()
         self._look_at(stamp, data)
-        self._paid += (time.perf_counter() - began) / _SHARE
+        self._paid += (time.perf_counter() - began) / _LOOKING_SHARE
 
     def _worth(self, stamp: Any, lead: float) -> float:
         """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
@@ -301,7 +301,7 @@ class TrackerWatch:
         now, ready = time.monotonic(), self._plans is not None and self._client.service_is_ready()
         if now < self._due or self._class is None or not ready:
             return
-        self._due = now + _PATIENCE
+        self._due = now + _ANSWER_WAIT
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
         self._asked.add_done_callback(self._on_answer)
 

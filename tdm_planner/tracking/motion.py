@@ -19,7 +19,7 @@ from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
-_SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
+_MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
 
@@ -166,9 +166,9 @@ class Motion(TimedTrajectory):
         return (
             self.start == start
             and own.states.shape == trajectory.states.shape
-            and np.allclose(own.times, trajectory.times, rtol=0.0, atol=_SAME)
-            and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_SAME)
-            and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_SAME)
+            and np.allclose(own.times, trajectory.times, rtol=0.0, atol=_MESSAGE_ROUNDING)
+            and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_MESSAGE_ROUNDING)
+            and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_MESSAGE_ROUNDING)
         )
 
 

@@ -70,7 +70,7 @@ _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
 _AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
-_HURRY = 0.003  # of an interval, by which lateness is made up for in one, at most: any motor can
+_CATCH_UP = 0.003  # of an interval: the most lateness to make up for in one, as any motor can
 PACES = 0.85, 1.15  # at which a plan may be played
 UPRIGHT = 0.05  # rad from upright that counts as reached
 
@@ -287,7 +287,7 @@ class PendulumTracker(TrajectoryTracker):
         pace = float(np.clip(math.sqrt(max(state[4], 0.0)), *PACES))
         # Commands that act later than was known at the start have made it so late.
         owed = min(motion.late, self.estimator.delay - self.parameters.command_delay)
-        hurry = min(max(step * owed, 0.0), _HURRY * self.parameters.interval)
+        hurry = min(max(step * owed, 0.0), _CATCH_UP * self.parameters.interval)
         come = elapsed + min(_SHIFT * step, 1.0) * ahead + hurry
         return replace(motion, late=time - motion.start - come / pace, pace=pace)
 

@@ -31,7 +31,7 @@ Told = Callable[[str], None]
 SHORTEST, LONGEST = 0.2, 1.0  # s from a request to the start of the motion
 REPLAN_RATE = 5.0  # Hz
 PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
-_LOOK = 0.02  # s between requests while the planner is busy
+_RETRY_PERIOD = 0.02  # s between requests while the planner is busy
 _FIRST = 15.0  # s that the first message of a recording may take
 _ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
 
@@ -63,7 +63,7 @@ class Recordings:
                 self._recorder.end()
                 silent = f'no message has come in {self._namespace} within {_FIRST:g} s'
                 raise ProcessFailed(silent if late else self._recorder.last_line('recorder'))
-            time.sleep(_LOOK)
+            time.sleep(_RETRY_PERIOD)
         self.last = bag
         return bag
 
@@ -243,7 +243,7 @@ class Operations:
             except Busy:
                 if time.monotonic() > end:
                     raise
-                time.sleep(_LOOK)
+                time.sleep(_RETRY_PERIOD)
 
     def _await_start(self) -> None:
         """Wait until the newest plan has begun: until then the planner makes no other."""
@@ -251,7 +251,7 @@ class Operations:
         while (plan := self._listener.client.newest) is not None and time.monotonic() < end:
             if all(motion.instant >= plan.start for motion in self.rig.motions.values()):
                 return
-            time.sleep(_LOOK)
+            time.sleep(_RETRY_PERIOD)
 
     def _push(self, changes: Mapping[str, Any], name: str) -> str:
         """Push a vehicle, with parameters that are set for this push alone."""

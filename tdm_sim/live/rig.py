@@ -31,7 +31,7 @@ RATE = 25.0  # Hz of what is remembered
 MARGINS = 'margins of the limits'
 SOLVING = 'time to solve [ms]'
 
-_KEPT = 60  # plans whose time to solve is remembered
+_SOLVE_TIMES_KEPT = 60  # plans whose time to solve is remembered
 _LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -54,7 +54,7 @@ class Rig:
         self.vehicles: dict[str, MeasuredState] = {}
         self.motions: dict[str, Motion] = {}
         self.plan: PlanResult | None = None
-        self.solve_times: deque[float] = deque(maxlen=_KEPT)  # of the last plans [s]
+        self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES_KEPT)  # of the last plans [s]
         self.chosen = ''
 
     def follow(self, values: Mapping[str, Any]) -> bool:

@@ -31,7 +31,7 @@ _AGAIN = 'rollout', 'rollout', 'direct', 'rollout'
 _BENDS = 0.25, 0.5, 1.0, 2.0, 0.1, 0.25, 0.5, 3.0, 5.0  # of lines
 _SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
 _LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
-_LANES, _STEPS, _KEPT = 128, 160, 12  # rollouts at once; RK4 steps of each; best of them
+_LANES, _STEPS, _ROLLOUTS_KEPT = 128, 160, 12  # rollouts at once; RK4 steps of each; best of them
 _DURATIONS = -1.0, 1.6  # logarithm of a rollout's duration over the one that is guessed
 _PERIODS = 0.4, 8.0  # of a control, in a rollout
 _CHIRP, _AMPLITUDE, _OFFSET = 0.6, (0.5, 4.0), 0.3
@@ -105,7 +105,7 @@ class Guesses:
                 away = self._away(durations, states)
             self._budget.evaluations += _WORTH
             last = np.argmin(away, axis=0)
-            nearest = np.argsort(away[last, np.arange(_LANES)])[:_KEPT]
+            nearest = np.argsort(away[last, np.arange(_LANES)])[:_ROLLOUTS_KEPT]
             nearest = nearest[np.isfinite(away.min(axis=0)[nearest])]
             found = nearest.size > 0
             for lane in nearest:

@@ -24,7 +24,7 @@ from tdm_planner.trajectory import ReplayedMotion, Trajectory
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 # Violation of a limit: in its unit, share of its size at least and at most, and by rounding.
 _ALLOWED = 1e-5, 1e-6, 1e-4, 1e-14
-_SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
+_RATES_ROUNDING = 1e-7  # share by which traced rates may differ from numpy's along a plan
 _PACE = 1e-2  # share of the duration that counts as much as what is left to a control
 END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _FAR = 0.5  # units of room that controls may use up while the duration stays
@@ -178,7 +178,7 @@ class DirectPlant:
         stated = self.stated.derivative(states, controls)
         traced = self.rates(states, controls)
         size = 1.0 + np.abs(stated).max(axis=0)
-        return bool((np.abs(stated - traced) <= _SAME * size).all())
+        return bool((np.abs(stated - traced) <= _RATES_ROUNDING * size).all())
 
 
 @np.errstate(all='ignore')

@@ -38,7 +38,7 @@ FIRST, COARSE, FINE, FINEST = 12, 20, 40, 160
 _REPAIRS, _CORRECTIONS = 7, 5
 # Shares by which kinks between two limits of which one will do are rounded, in turn.
 _ALTERNATIVES = 0.2, 0.05, 0.01
-_SHARE = 0.1  # of the end's tolerance, to be content
+_END_REACHED = 0.1  # of the end's tolerance, to be content
 _TOUCHED = 0.5  # of what a limit may be violated by: it needs no repair
 _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the replay
 # A replay that misses the goal by so many tolerances goes elsewhere, unless twice the intervals
@@ -71,9 +71,9 @@ class _Replay(NamedTuple):
     A replay: states (m, nx) at m looks, J.
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
-    what the end is off the `goal` by, in tolerances, or _SHARE where a limit is just kept there;
-    `left` is the first node at which the replay is off the motion, the number of nodes if it is
-    nowhere. Where it fails there are no numbers but an infinite gap.
+    what the end is off the `goal` by, in tolerances, or `_END_REACHED` where a limit is just kept
+    there; `left` is the first node at which the replay is off the motion, the number of nodes if
+    it is nowhere. Where it fails there are no numbers but an infinite gap.
     """
 
     states: Array
@@ -211,9 +211,9 @@ class Refinement:
             lost |= flown.gap > max(_NEARER * before[0], _ELSEWHERE) and left <= _LATER * before[1]
             refines = more <= most and self.affords(more) and not lost
             near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
-            landed = flown.gap <= _SHARE and (near or not refines)
+            landed = flown.gap <= _END_REACHED and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
-            if flown.gap <= _SHARE and kept:
+            if flown.gap <= _END_REACHED and kept:
                 good = motion, flown
             if (landed and kept) or turn == _REPAIRS or self._late:
                 break
@@ -243,7 +243,7 @@ class Refinement:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
         flown = self._replayed(motion)
         for _ in range(_CORRECTIONS):
-            if flown.gap <= _SHARE or self._late:
+            if flown.gap <= _END_REACHED or self._late:
                 break
             tolerance = self.tolerance(motion.states)
             other = None
@@ -282,7 +282,7 @@ class Refinement:
         missed = np.nan_to_num((states[-1] - goal) / self.tolerance(motion.states))
         unit = self._plant.limit_tolerances(replace(motion, states=states[::_LOOKS]))
         # A goal on a limit is to be met more closely: no reserve can be kept there.
-        beyond = -_SHARE / _TOUCHED * seen[-1] / unit
+        beyond = -_END_REACHED / _TOUCHED * seen[-1] / unit
         gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
         away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)

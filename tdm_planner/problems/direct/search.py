@@ -50,13 +50,14 @@ _HASTY = 3  # guesses, of which none is solved, before more iterations are allow
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
-_HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
+_REFINED = 8.0  # times what the first solution took: with less time left it is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
-_EXCESS, _NEARER = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
+_EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
-_ROUNDS = 4  # of refinement of one candidate; of guesses while none leads to a feasible motion
+_REFINEMENTS = 4  # of one candidate of the direct method
+_GUESS_ROUNDS = 4  # while none leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 Candidate = CollocatedMotion | Minimum
@@ -131,7 +132,7 @@ class DirectSearch(Search[Candidate]):
 
     def widen(self) -> bool:
         """Try a few more rounds of the direct method while none leads to a feasible motion."""
-        return not (self._found or self._until_check.spent) and self._rounds < _ROUNDS
+        return not (self._found or self._until_check.spent) and self._rounds < _GUESS_ROUNDS
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -177,7 +178,7 @@ class DirectSearch(Search[Candidate]):
             yield plan
             violated = {} if lost else self._violated(plan)
             excess = sum(violated.values())  # the check looks more closely than the replay
-            if 0.0 < excess < _NEARER * before and not self.budget.spent:
+            if 0.0 < excess < _EXCESS_LEFT * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
@@ -258,7 +259,7 @@ class DirectSearch(Search[Candidate]):
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
         """Solve on as many intervals as J asks for, few in a hurry; put aside what fails."""
         solutions = _SOLUTIONS if self._best is None else 1
-        last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _HURRY)) else most
+        last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _REFINED)) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
         failed = False
         while intervals <= last and self._refinement.affords(intervals, solutions):
@@ -321,7 +322,7 @@ class DirectSearch(Search[Candidate]):
         program, nodes = minima.program, minima.program.nodes.size
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
-        for refinement in range(_ROUNDS):
+        for refinement in range(_REFINEMENTS):
             plan = self._plan(minimum.point.xi, samples)
             if plan is None:
                 return

@@ -52,7 +52,7 @@ _WEAK_THRUST = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wron
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
-_ROUNDS = 4  # of guesses, before giving up
+_GUESS_ROUNDS = 4  # before giving up
 _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
@@ -207,7 +207,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         self._enough = _NEARLY if self.rest else 1.0
         resumed = [partial(self._resumed, each) for each in (form, higher)] if self.rest else []
         self.starts = 1 if self.rest else self.starts
-        return [*resumed, *[self._minima] * _ROUNDS]
+        return [*resumed, *[self._minima] * _GUESS_ROUNDS]
 
     def _begun(self, task: FormationTask) -> tuple[PolynomialProgram, Iterator[Array]]:
         program = PolynomialProgram(task, self.form)

@@ -47,7 +47,7 @@ P = TypeVar('P', bound=FormationProgram)
 
 LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrusting, and back
 _NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
-_KEPT = 2e-3  # margin of a separation that is not active
+_INACTIVE_MARGIN = 2e-3  # margin of a separation that is not active
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _CHECK_TIME = 4e-3, 2.5e-4  # s a robot, and s for any two of them,
 _CHECK_SHARE = 0.45  # but no more than this share of the deadline
@@ -56,7 +56,7 @@ INSTANTS = 60  # at which the ways of choices are compared
 _EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
 _TRIES = 30  # random combinations to begin with, where they are more
 _SWEEPS = 6  # of a coordinate descent, at most
-_SAME = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
+_START_ROUNDING = np.full(7, 1e-6)  # difference of a start from the plan's that is rounding
 _MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
 
 
@@ -158,7 +158,7 @@ class FormationSearch(Search[C]):
             if candidate is not None:
                 found.append(candidate)
                 nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
-                alone = candidate.converged and not (nearest < _KEPT or self.rejected)
+                alone = candidate.converged and not (nearest < _INACTIVE_MARGIN or self.rejected)
             late = self.budget.past(_SEARCH_SHARE)
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break
@@ -289,7 +289,7 @@ def kept_motions(task: FormationTask, plans: Mapping[str, Trajectory]) -> dict[s
         if task.staying[i] or name not in plans or not plans[name].duration < leg:
             continue
         plan, start = plans[name], start_state(task, i)
-        if (np.abs(plan.states[0] - start) < _SAME).all():
+        if (np.abs(plan.states[0] - start) < _START_ROUNDING).all():
             begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
             states = replay(task.plant, begun, plan.times)
             if (np.abs(states[-1] - goal_state(task, i))[:6] < _MISSED).all():

@@ -36,7 +36,7 @@ _SAMPLES = 50  # of a motion at least, for those that draw it or follow it
 _TURNED = 2e-5  # rad: how far a held rate may let the thrust turn from its direction in a burn
 _GENTLE = 0.5  # of the thruster's rate, with which it turns where there is time
 _FULL = 0.9999  # of the thruster's rate
-_SAME = 5e-9  # s: samples nearer than that are one
+_LEAST_SPACING = 5e-9  # s: samples nearer than that are one
 _MISSED = 1e-11  # m, m/s: what is left of an error of the end
 _CORRECTIONS = 8
 _DIGITS = 11  # of a rate [rad/s]: less is rounding, and no switch
@@ -158,7 +158,7 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     if 0.0 < switch < duration:
         edges.append(switch)
     times = np.unique(to_nanoseconds(np.array(edges)))
-    times = times[np.concatenate([[True], np.diff(times) > _SAME])]
+    times = times[np.concatenate([[True], np.diff(times) > _LEAST_SPACING])]
     alpha, unlimited = np.interp(times, *path), np.full(times.size, np.inf)
     reach = _FULL * task.thruster_rate * np.diff(times)
     follow(alpha, -unlimited, unlimited, reach, alpha[0], alpha)

@@ -45,7 +45,7 @@ FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 TAIL_STEPS = Steps(12, 1.0 / 4.0)
-_KEPT = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
+_FIXED_STEP = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are: thousands, maybe
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _MOST_VARIED_ARCS = 56  # the last ones of an earlier plan, where there are more
@@ -175,7 +175,7 @@ def shoot_upright(
     if any(each.fixed for each in candidates):  # as finely as the arcs that do not stay
         limit = max(_INSIDE * task.disk_angle_limit, abs(task.start[1]))
         heads = ArcBatch.of([each.head for each in candidates])
-        ends, peaks = roll_to_ends(task, heads, _KEPT, limit)
+        ends, peaks = roll_to_ends(task, heads, _FIXED_STEP, limit)
         inside = peaks <= limit
         left, begins = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     tails, costs = ArcBatch.of([each.tail for each in left]), np.full(len(left), np.inf)

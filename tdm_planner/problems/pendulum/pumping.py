@@ -47,7 +47,7 @@ from tdm_planner.problems.pendulum.candidates import (
 from tdm_planner.problems.pendulum.task import SwingUpTask
 
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
-_SHARE, _SHARE_OF_DISK = 0.15, 0.12  # a step, of `quick_time` and of a crossing of the range
+_STEP_SHARE, _SHARE_OF_DISK = 0.15, 0.12  # a step, of `quick_time` and of a crossing of the range
 _NEVER, _SHAKEN = -2.0, 0.9  # energies, in m g l, below which the disk goes to and fro
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY, _NEAR = 4.0, 1.5  # sums of squares that a motion must have seen first, and is landed from
@@ -58,15 +58,17 @@ _INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be la
     _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
     _SHAKE, _ROWS,
 ) = range(6 * LANES, 18 * LANES, LANES)  # fmt: skip
-_VARIANTS, _AT_ONCE = 256, 2 * LANES  # simulated; so many, or tails, between two looks
-_USUAL, _MOST_VARIANTS = 4 * _VARIANTS, 6 * _VARIANTS  # undamped; where hardly any comes near
+_VARIANTS = 256  # simulated in a round
+_BATCH = 2 * LANES  # variants to simulate, or tails to shoot, between checks of the time left
+_USUAL, _MOST_VARIANTS = 4 * _VARIANTS, 6 * _VARIANTS  # undamped ones; all, damped ones included
 # Longest time of a pump, in 1/w0: the work over the drive, within bounds.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 12000.0
-_MANY, _AT_LEISURE = 3, 0.2  # so many for every lane are collected until that share of the time
+# Promising variants to collect for every lane, until a share of the time; one is enough after it.
+_SWINGS_A_LANE, _AT_LEISURE = 3, 0.2
 # Variants whose tails are shot; arrivals that are enough; share of the time after which one is.
 _LANDED, _ENOUGH, _ONE_DOES = 48, 5, 0.3
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance: at least; over the drive
-_PATIENCE, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
+_MOST_WEIGHT, _RANK = 30.0, 1.5  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied: at least and at most; over the drive
 _EVALUATION = 1500.0  # steps, that take as long as to compute the dynamics along one candidate
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
@@ -152,7 +154,7 @@ def _steer(k: Coefficients, p: PumpingConstants, x: Array) -> None:
         braking = (beyond if beyond < 0.0 else 1.0) if psi * v > 0.0 else -1.0
         x[_BRAKING + i] = braking
         x[_WANTED + i] = stop if braking > 0.0 else wanted
-        step = _SHARE * quick_time(k, theta, w, v)
+        step = _STEP_SHARE * quick_time(k, theta, w, v)
         x[STEP + i] = step if step < x[_LARGEST + i] else x[_LARGEST + i]
 
 
@@ -307,7 +309,7 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool)
         brake=rng.uniform(0.25 if damped else 0.6 - 0.08 * quick, 1.0 - 0.15 * quick, count),
         lead=lead,
         hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
-        weight=_over_drive(task, _WORK, _WEIGHT) * spread(1.0, _PATIENCE),
+        weight=_over_drive(task, _WORK, _WEIGHT) * spread(1.0, _MOST_WEIGHT),
         shake=mostly(0.5 - 0.25 * quick if narrow else 1.0, _NEVER, np.full(count, _SHAKEN)),
     )
 
@@ -323,16 +325,16 @@ def pumped_candidates(
     """
     swings, tried = list[Candidate](), 0
     while tried < _MOST_VARIANTS and not until.spent:
-        if len(swings) >= (1 if until.past(_AT_LEISURE) else _MANY) * LANES:
+        if len(swings) >= (1 if until.past(_AT_LEISURE) else _SWINGS_A_LANE) * LANES:
             break
         tried += _VARIANTS
         swings += _swings(task, _laws(task, rng, _VARIANTS, tried > _USUAL), most, until)
     swings.sort(key=lambda candidate: candidate.total)
     landed = list[Candidate]()
-    for first in range(0, len(swings), _AT_ONCE):
+    for first in range(0, len(swings), _BATCH):
         if until.spent or len(landed) >= (1 if until.past(_ONE_DOES) else _ENOUGH):
             break
-        some = slice(first, first + _AT_ONCE)
+        some = slice(first, first + _BATCH)
         landed += shoot_upright(task, swings[some], TAIL_STEPS, until, _ENOUGH)
     return to_polish(landed), tried
 
@@ -354,10 +356,10 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
 
-    for first in range(0, _VARIANTS, _AT_ONCE):
+    for first in range(0, _VARIANTS, _BATCH):
         if until.spent:
             break
-        steps = shared_out(work, range(first, first + _AT_ONCE, LANES))
+        steps = shared_out(work, range(first, first + _BATCH, LANES))
         until.evaluations += math.ceil(steps / _EVALUATION)
     total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
     promise = np.where(distances < _NEAR, w0 * total + weight * np.sqrt(distances), np.inf)

@@ -37,7 +37,7 @@ from tdm_planner.plants.pendulum_kernels import (
 )
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
-_LOOK = 0.2  # of `quick_time`: steps in which a motion is looked at for a mesh
+_MESH_STEP = 0.2  # of `quick_time`: steps in which a motion is looked at for a mesh
 DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
 SMALLEST_CURVATURE = 2e-2
 _SIDE_BY_SIDE = 4  # directions from which it takes less time to look at them together
@@ -97,7 +97,7 @@ def mesh_of_arcs(
         duration, last = durations[arc], 0
         quick, longest = quick_time(k, theta, w, v), duration / fewest
         while times[last] < duration:
-            left, h = duration - times[last], min(_LOOK * quick, longest)
+            left, h = duration - times[last], min(_MESH_STEP * quick, longest)
             h = h if h < ALL * left and last < MOST_STEPS - 1 else left
             theta, _, w, v = runge_kutta(k, theta, w, v, torques[arc], h)
             before, quick = quick, quick_time(k, theta, w, v)

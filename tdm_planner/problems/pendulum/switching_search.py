@@ -49,7 +49,7 @@ from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 
 # Random initial guesses.
-_ROUNDS = 3  # before pumping is tried
+_RANDOM_ROUNDS = 3  # before pumping is tried
 _MORE_ROUNDS = 30  # for strong motors where pumping did not help
 _STARTS, _FEWEST_STARTS = 100, 8  # of a round, and where the deadline is short:
 _START_TIME = 1e-3  # s of the deadline for one of them more
@@ -236,7 +236,7 @@ class SwitchingSearch(Search[Candidate]):
         if self._pumping:
             self._task = replace(self._task, whole_range=True)
         # From near upright random starts arrive, however weak the motor: they get one turn.
-        tried = self._rounds >= _ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
+        tried = self._rounds >= _RANDOM_ROUNDS and self._task.swing_drive < _ALWAYS_PUMPED
         self._pumping = tried or self._narrow or not self._pumping
         return not self.budget.past(_SEARCH_UNTIL)
 
@@ -273,7 +273,7 @@ class SwitchingSearch(Search[Candidate]):
         steps = _GUESSED[self._task.plant.quickness > 1.0].finer(self._finer)
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME)))
-        for _ in range(_MORE_ROUNDS if again and strong else _ROUNDS):
+        for _ in range(_MORE_ROUNDS if again and strong else _RANDOM_ROUNDS):
             if self.budget.past(min(_ENOUGH, latest) if found else latest) or (found and again):
                 break
             guesses = starts(self._task, self._rng, size, self._arcs)

@@ -39,7 +39,7 @@ def test_plans_get_their_share_of_the_time_in_the_long_run(work):
             clock.now += work
 
         intake = tracker_plans.PlanIntake(Mock(runs=True), look_at)
-        share, reserve, began = tracker_plans._SHARE, tracker_plans._RESERVE, clock.now
+        share, reserve, began = tracker_plans._LOOKING_SHARE, tracker_plans._RESERVE, clock.now
         plan = to_stamp(0), b''
         while (span := clock.now - began) < 60.0:
             clock.now += 0.01
