@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 import threading
 import time
 from typing import Any
@@ -31,7 +32,8 @@ from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import build
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning.execution import TimedPlan
+from tdm_planner.problems.solution import Solution
+from tdm_planner.replanning.execution import Observation, TimedPlan
 from tdm_planner.replanning.planned_plants import Values
 from tdm_planner.replanning.replanner import Replanner, Review
 
@@ -164,31 +166,37 @@ def make_plan(
         try:
             begin = adapter.measured_start(values, clock.now(), start) if measured else {}
             problem = problem_class.from_parameters({**values, **begin})
-            allowed = problem.solver.deadline
+            left = problem.solver.deadline
             if failure is not None:
-                allowed = min(allowed, _time_until(start, sooner, clock.now()))
-                if allowed < _SHORTEST:
+                left = min(left, _time_until(start, sooner, clock.now()))
+                if left < _SHORTEST:
                     break
-            solution = problem.solve(deadline=allowed)
-            check = solution.verification
-            if not check.ok:  # a user's problem may return it nevertheless
-                why = '; '.join(check.reasons) or 'it gives no reasons'
-                raise VerificationFailed(f'the plan is not verified: {why}')
+            solution = _verified(problem, left)
+            if failure is not None:
+                told = f'begins {delay:g} s ahead, as there is no plan for start.delay'
+                solution = replace(solution, summary=f'{solution.summary}; {told}')
             # Solving may have left too little time.
             if not measured or adapter.may_start_later(now):
                 start = max(start, clock.now() + _PREPARING * delay)
             return TimedPlan(problem, solution, start)
-        except (InvalidProblem, Infeasible) as error:
-            final = isinstance(error, (DeadlineExceeded, VerificationFailed))
-            if not measured or (final and failure is None):
-                raise
-            failure = failure or _with_prediction_note(error, delay)
-        except NoState:
+        except (DeadlineExceeded, VerificationFailed, NoState):  # a sooner start mends none
             if failure is None:
                 raise
-            break
+        except (InvalidProblem, Infeasible) as error:
+            if not measured:
+                raise
+            failure = failure or _with_prediction_note(error, delay)
     assert failure is not None
     raise failure
+
+
+def _verified(problem: Problem, left: float) -> Solution:
+    """Solve in `left` s; VerificationFailed where a user's problem returns an unverified plan."""
+    solution = problem.solve(deadline=left)
+    if not solution.verification.ok:
+        why = '; '.join(solution.verification.reasons) or 'it gives no reasons'
+        raise VerificationFailed(f'the plan is not verified: {why}')
+    return solution
 
 
 def await_trackers(recovery: Recovery) -> None:
@@ -305,23 +313,29 @@ class Replanning:
             self._last = f'{error.code}: {error}'
             self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
             return
-        plan, told = adapter.plans.reviewed(observations, now)
+        plan, failure = adapter.plans.reviewed(observations, now)
         if plan is None:
-            self._last = told
+            self._last = failure
             return
-
-        def review() -> Review:
-            # Ignore start.*: it must not make the problem invalid.
-            problem, own = plan.problem, plan.problem.to_parameters()
-            starts = {name: value for name, value in own.items() if 'start.' in name}
-            asked = {**values, **starts}
-            if any(asked.get(name) != value for name, value in own.items()):
-                problem = type(problem).from_parameters(asked)
-            replanner = self._replanner_of(plan, values)
-            return replanner.review(problem, observations, now, told)
-
         values = {**self._node.parameter_values, **plan.request_parameters}
+        review = partial(self._review, plan, values, observations, now, failure)
         self._queue.review(review, self._on_review)
+
+    def _review(
+        self,
+        plan: TimedPlan,
+        values: Values,
+        observations: Mapping[str, Observation],
+        now: float,
+        failure: str,
+    ) -> Review:
+        """Review a plan for the parameters `values`, see `Replanner`; in the queue's thread."""
+        # Ignore start.*: it must not make the problem invalid.
+        problem, own = plan.problem, plan.problem.to_parameters()
+        asked = {**values, **{name: own[name] for name in own if 'start.' in name}}
+        if any(asked.get(name) != value for name, value in own.items()):
+            problem = type(problem).from_parameters(asked)
+        return self._replanner_of(plan, values).review(problem, observations, now, failure)
 
     def _replanner_of(self, plan: TimedPlan, values: Values) -> Replanner:
         """Return the replanner, for the plan, its trackers and parameters as they are now."""

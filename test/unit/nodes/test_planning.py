@@ -13,8 +13,13 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Failure, Infeasible, InvalidProblem, NoState
 from tdm_planner.nodes import planning
+from tdm_planner.parameters import to_mapping
+from tdm_planner.problems.planner_parameters import PlannerParameters, StartParameters
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.plan_reports import plan_answer
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Verification
 
 BEGIN = 1_700.0  # s
 
@@ -54,11 +59,10 @@ def adapter(begins: float = -1.0, comes: float = 0.0, may_start_later: bool = Fa
     return made
 
 
-def solution(ok: bool = True, **changes):
-    check = SimpleNamespace(ok=ok, reasons=() if ok else ('it hits the wall',))
-    figures = {'duration': 1.0, 'cost': 1.0, 'penalty': 0.0, 'solve_time': 0.1}
-    figures |= {'evaluations': 3, 'summary': 'a plan', 'verification': check}
-    return SimpleNamespace(**(figures | changes))
+def solution(ok: bool = True, cost: float = 1.0) -> Solution:
+    check = Verification(ok, np.zeros(1), reasons=() if ok else ('it hits the wall',))
+    motion = Trajectory(np.arange(2), np.zeros((2, 1)), np.zeros((2, 1)), ('x',), ('u',))
+    return Solution({'plant': motion}, check, cost, np.zeros(0), 0.0, summary='a plan')
 
 
 class Problem:
@@ -111,9 +115,9 @@ def late(error: type[Exception], never: bool = False):
     return solved_by(search)
 
 
-def plan(kind=Problem, there=None, source: str = 'measured', **start):
-    asked = {'source': source, 'delay': 0.4, 'max_age': 0.5} | start
-    values = {f'start.{name}': value for name, value in asked.items()} | {'solver.deadline': 0.3}
+def plan(kind=Problem, there=None, **start):
+    parameters = PlannerParameters(start=StartParameters(**{'delay': 0.4, **start}))
+    values = to_mapping(parameters) | {'solver.deadline': 0.3}
     return planning.make_plan(kind, values, there or adapter(), Problem.clock)
 
 
@@ -167,7 +171,10 @@ def test_a_start_is_put_off_beyond_the_present_unless_the_plant_moves(source):
 
 @pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])
 def test_an_attempt_leaves_time_for_what_begins_sooner(clock, error):
-    assert plan(late(error), delay=0.8).start == pytest.approx(BEGIN + 0.2)
+    made = plan(late(error), delay=0.8)
+    assert made.start == pytest.approx(BEGIN + 0.2)
+    told = 'a plan; begins 0.2 s ahead, as there is no plan for start.delay'
+    assert [made.solution.summary, plan().solution.summary] == [told, 'a plan']
     assert clock.passed == pytest.approx(0.1)
     # the first attempt says why there is no plan: the last had the least time
     made = failure(late(error, never=True), delay=0.8)
