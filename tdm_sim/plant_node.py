@@ -30,7 +30,7 @@ from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Re
 from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
 from tdm_planner.nodes.reading import read_command
-from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.nodes.ros_parameters import ParameterNode, WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic
 from tdm_planner.parameters import (
     build,
@@ -49,7 +49,6 @@ from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from visualization_msgs.msg import MarkerArray
 
 LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
-WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 _COUNTED = ('states published', 'commands accepted', 'commands ignored', 'pushes')
 
 

@@ -4,8 +4,8 @@
 """
 Write what follows from the code: files in config/, tables and a figure of docs/.
 
-make config        (python tools/generate.py)
-python tools/generate.py --check   exit 1 where a file is not up to date
+make config                         (python -m tools.generate)
+python -m tools.generate --check    exit 1 where a file is not up to date
 """
 
 from __future__ import annotations

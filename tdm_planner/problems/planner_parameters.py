@@ -39,7 +39,8 @@ class SolverParameters(Validated):
     )
     seed: int = parameter(
         0,
-        'seed of the random initial guesses; the same seed gives the same plan',
+        'seed of the random initial guesses; the same seed gives the same plan where the deadline '
+        'cuts no stage of the search short',
         allowed=SEED,
     )
     tolerance: float = positive(
