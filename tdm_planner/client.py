@@ -47,7 +47,7 @@ T = TypeVar('T')
 _BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
 _REMEMBERED = 64  # summaries of plans, and motions of all vehicles
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_POLL_PERIOD = 0.05  # s between looks at what comes without a callback
+_POLL = 0.05  # s between looks at what comes without a callback
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +267,9 @@ class PlanClient:
             if left <= 0.0:
                 raise NoAnswer(otherwise)
             if self._node.executor in (None, self._executor):
-                rclpy.spin_once(
-                    self._node, executor=self._executor, timeout_sec=min(left, _POLL_PERIOD)
-                )
+                rclpy.spin_once(self._node, executor=self._executor, timeout_sec=min(left, _POLL))
             else:
-                self._news.wait(min(left, _POLL_PERIOD))
+                self._news.wait(min(left, _POLL))
                 self._news.clear()
         return found
 

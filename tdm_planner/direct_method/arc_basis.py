@@ -40,7 +40,7 @@ _PLACES = {  # of functions that are not called along the whole arc
     'start_conditions': slice(0, 1),
     'end_conditions': slice(-1, None),
 }
-_STATE_ROUNDING = 1e-9  # share by which a state passed on may differ from itself
+_ROUNDING = 1e-9  # share by which a state passed on may differ from itself
 
 
 @dataclass(frozen=True)
@@ -326,8 +326,7 @@ def check_integrated(
     for name, expected in zip(stated.integrated(), integrated.T, strict=True):
         given = motion.states[:, stated.state_names.index(name)]
         size = float(np.abs(expected).max())
-        least = _STATE_ROUNDING * size
-        same = np.isclose(given, expected, rtol=_STATE_ROUNDING, atol=least, equal_nan=True)
+        same = np.isclose(given, expected, rtol=_ROUNDING, atol=_ROUNDING * size, equal_nan=True)
         if not same.all():
             node = int(np.argmin(same))
             raise InvalidProblem(

@@ -229,10 +229,9 @@ class Adapter:
 
     def may_start_later(self, now: float) -> bool:
         """Whether a late start can be put off: of a stated plant that follows no plan."""
-        moved = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
-        return self.plant.rests_before_start and all(
-            motion is None or motion.end <= now for motion in moved
-        )
+        motions = [v.followed_motion(self.plans, now) for v in self.vehicles.values()]
+        over = all(motion is None or motion.end <= now for motion in motions)
+        return self.plant.rests_before_start and over
 
     def of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""

@@ -24,7 +24,7 @@ NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /
 _SMALLEST_STEP = 1_000_000  # ns; less is the jitter of reading two clocks
 _QUICK = 500_000  # ns that reading them may take, lest a pause between looks like a step
 _WINDOW = 2.0  # s over which a rate is counted
-_KEEPS_UP = 0.9  # share of the rate below which a node does not keep up
+_SLOW = 0.9  # share of the rate below which a node does not keep up
 
 
 def pacing_clock(node: Node) -> Clock:
@@ -141,10 +141,7 @@ class RateWatch:
         """Return a sentence where the rate is not held, '' otherwise."""
         # At a few Hz, one tick more or less must not count.
         measured = self.measured()
-        if (
-            self._now() - self._began < _WINDOW
-            or measured + 1.0 / _WINDOW >= _KEEPS_UP * self.rate
-        ):
+        if self._now() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SLOW * self.rate:
             return ''
         return (
             f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'

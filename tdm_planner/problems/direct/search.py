@@ -56,8 +56,7 @@ _EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be l
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
-_REFINEMENTS = 4  # of one candidate of the direct method
-_GUESS_ROUNDS = 4  # while none leads to a feasible motion
+_REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 Candidate = CollocatedMotion | Minimum

@@ -166,8 +166,7 @@ class FormationSearch(Search[C]):
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost, those that were kept among them."""
-        motions = {**motions, **self.kept}
-        return assessed(self._original_task, self.settings, motions, parameters)
+        return assessed(self._original_task, self.settings, {**motions, **self.kept}, parameters)
 
     def accept(self, plan: Solution) -> bool:
         """Return True, to end the search, if half the distance for the tracking is left."""
