@@ -305,6 +305,7 @@ class Collocation:
             known = dict(zip(('lam_x0', 'lam_g0'), guess.multipliers, strict=False))
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
             solved = unfinished or bool(solver.stats()['success'])
+            self.broke_down = solver.stats()['return_status'] == 'Invalid_Number_Detected'
             budget.evaluations += int(solver.stats()['iter_count'])
         z, *multipliers = (np.array(found[name]).ravel() for name in ('x', 'lam_x', 'lam_g'))
         if not (solved and np.isfinite(z).all()):

@@ -13,7 +13,7 @@ until the instant at which they do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
@@ -24,6 +24,9 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FIRST
 
 TRIED = 8  # initial guesses after which there are rollouts, and which solutions must agree
+# No further guess once over half of the solutions, so many at least (after TRIED guesses one
+# more), agree in cost within a share; or once so many (then twice as many) are solved.
+_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
 # Kinds of initial guesses, in turn: so many; then as long as there is no plan, or once there is.
 _BEFORE = ('direct', 'line') * (TRIED // 2)
 _FAILED = 'line', 'rollout'
@@ -178,3 +181,11 @@ class Guesses:
         first = _STEPS if shortest == longest else _STEPS // _SHORTEST
         away[:first] = np.inf
         return np.asarray(away)
+
+
+def suffice(solved: Sequence[CollocatedMotion], hard: bool) -> bool:
+    """Whether most of the solutions are alike in cost, or they are enough; more where `hard`."""
+    best = min(solved, key=lambda found: found.cost)
+    again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
+    alike = again >= _AGREED + hard and 2 * again > len(solved)
+    return alike or len(solved) >= _ENOUGH * (1 + hard)

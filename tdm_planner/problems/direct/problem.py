@@ -44,7 +44,7 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
 from tdm_planner.exceptions import InvalidProblem, VerificationFailed
 from tdm_planner.parameters import group, MISSPELT, parameter, positive, suggestion
-from tdm_planner.problems.direct.refinement import FINEST, prepare_refinement
+from tdm_planner.problems.direct.refinement import prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
 from tdm_planner.problems.planner_parameters import SolverParameters
@@ -160,7 +160,7 @@ class DirectProblem(Formulation, Problem):
         """
         Return the summary of a plan, one sentence.
 
-        It says where the duration is at a bound, and where collocation did not refine the plan.
+        It says where the duration is at a bound.
         """
         allowed, note = self.duration(), ''
         shortest, longest = allowed.bounds
@@ -169,8 +169,6 @@ class DirectProblem(Formulation, Problem):
                 note = f', duration at its shortest allowed value, {shortest:g} s'
             elif plan.duration >= longest * (1.0 - _AT_BOUND):
                 note = f', duration at its longest allowed value, {longest:g} s'
-        if self._refined and plan.trajectory.times.size > FINEST + 1:  # the direct method's own
-            note += ', not refined by collocation: some per cent above the optimum, or far more'
         check = plan.verification  # conditions, kept within a tolerance, are no limits
         limits = {k: v for k, v in check.worst.items() if k.rpartition(' ')[0] not in CONDITIONS}
         return super().describe(replace(plan, verification=replace(check, worst=limits))) + note

@@ -96,6 +96,7 @@ class Refinement:
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
+        self.breakdowns = 0  # solutions that ended where a number has no value
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
@@ -135,6 +136,7 @@ class Refinement:
             began = self._budget.elapsed
             found = program.solve(*given, roughly=roughly, **how)
             self._took = (self._budget.elapsed - began) / intervals
+            self.breakdowns += program.broke_down
             if found is not None and kinked:
                 self._roughly = roughly
             if found is not None or until.spent:

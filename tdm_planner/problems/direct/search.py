@@ -26,7 +26,7 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
-from tdm_planner.problems.direct.guesses import Guesses, TRIED
+from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
@@ -42,9 +42,6 @@ from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
 _MOST = 40  # initial guesses
-# No further guess once most solutions, so many at least (after TRIED guesses one more), are alike
-# in cost, within a share; or so many (then twice as many) are solved.
-_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -86,13 +83,14 @@ class DirectSearch(Search[Candidate]):
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
-        self._refines = refined and not self._refinement.ends.lost
+        self._asked, self._refines = refined, refined and not self._refinement.ends.lost
         # When minimising before any check has to end [s]: a check takes its time, too.
         kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
         self._latest = budget.seconds - kept
         check_use(self._trace)
         self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
+        self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
         self._best: Candidate | None = None  # what the cheapest plan is made of,
@@ -106,7 +104,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if self._best is None:
+        if self._best is None or self._is_stuck:
             yield from self._direct()
         if self._best is None:
             aside, self._aside = self._aside, []  # another round need not check them again
@@ -149,10 +147,18 @@ class DirectSearch(Search[Candidate]):
 
     @property
     def remark(self) -> str:
-        """Say where there was no time for as many intervals as J asks for."""
-        best = self._best
-        if self._coarse and isinstance(best, CollocatedMotion) and best.intervals < FINEST:
-            return f', on {best.intervals} intervals: J may be lower with a longer solver.deadline'
+        """Say where the plan is not refined, or on fewer intervals than J asks for, and why."""
+        best, why = self._best, ''
+        if isinstance(best, Minimum) and self._asked:
+            if self._refinement.breakdowns:
+                why = ' (rates have no value somewhere: limit the states)'
+            return f', not refined by collocation{why}: J is some per cent too high, or far more'
+        if isinstance(best, CollocatedMotion) and best.intervals < FINEST:
+            if self._coarse:
+                why = ': J may be lower with a longer solver.deadline'
+            elif self._is_stuck:
+                why = ', as more lead to no solution: J may be lower'
+            return f', on {best.intervals} intervals{why}' if why else ''
         return ''
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
@@ -212,7 +218,7 @@ class DirectSearch(Search[Candidate]):
                 if self._best is None:
                     continue
             solved.append(motion)
-            if self.budget.past(_STARTS_SHARE) or (_suffice(solved, hard) and sides.spent):
+            if self.budget.past(_STARTS_SHARE) or (suffice(solved, hard) and sides.spent):
                 break
         yield from self._cheaper(solved)
 
@@ -273,6 +279,7 @@ class DirectSearch(Search[Candidate]):
             self._aside.append(motion)
             return None
         self._coarse |= not failed
+        self._stuck = motion.cost if failed else self._stuck
         return motion
 
     def _direct(self) -> Iterator[Minimum]:
@@ -296,6 +303,12 @@ class DirectSearch(Search[Candidate]):
         minima = DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
         minima.check()
         return minima
+
+    @property
+    def _is_stuck(self) -> bool:
+        """Whether the plan has no solution on more intervals."""
+        best, off = self._best, abs(self._least - self._stuck)
+        return isinstance(best, CollocatedMotion) and bool(off < _WORTHWHILE * best.size)
 
     @property
     def _until_check(self) -> Budget:
@@ -384,11 +397,3 @@ class DirectSearch(Search[Candidate]):
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
         return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
-
-
-def _suffice(solved: Sequence[CollocatedMotion], hard: bool) -> bool:
-    """Whether most of the solutions are alike in cost, or they are enough; more where `hard`."""
-    best = min(solved, key=lambda found: found.cost)
-    again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-    alike = again >= _AGREED + hard and 2 * again > len(solved)
-    return alike or len(solved) >= _ENOUGH * (1 + hard)

@@ -10,10 +10,11 @@ import re
 from auv import Auv
 from brachistochrone import Brachistochrone, cycloid_time
 import casadi as ca
+from crane import Crane
 import numpy as np
 import pytest
 from stated import Cart, changed, LONG, QUICKEST, Quickest, solve
-from tdm_planner.direct_method import Budget, Integrated, Output
+from tdm_planner.direct_method import Budget, Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
@@ -215,6 +216,36 @@ def test_the_summary_tells_what_the_deadline_cut_short():
     assert int(told[1]) == hurried.trajectory.times.size - 1 < patient.trajectory.times.size - 1
     assert patient.cost < hurried.cost
     assert 'intervals' not in patient.summary
+
+
+def test_the_summary_tells_that_more_intervals_lead_to_no_solution(monkeypatch):
+    solve = Refinement.solve
+    few = lambda s, n, *a, **k: solve(s, n, *a, **k) if n < 40 else None  # noqa: E731
+    monkeypatch.setattr(Refinement, 'solve', few)
+    plan = Crane(solver=LONG).solve(counted=True)
+    assert plan.trajectory.times.size == 21
+    assert ', on 20 intervals, as more lead to no solution: J may be lower' in plan.summary
+
+
+def test_the_summary_tells_where_rates_without_a_value_keep_collocation_from_a_motion():
+    """The level of a tank is to be low, and no limit keeps it from below 0."""
+    tank = {
+        'states': {'level': 'm'},
+        'controls': {'inflow': 'm/s'},
+        'outputs': lambda s: {'level': Output((1.0,), (1.0,), free=8, derivatives=1, scale=1.0)},
+        'duration': lambda s: Duration(6.0, fixed=True),
+        'invert': lambda s, y, z: ((y['level'][0],), (y['level'][1] + np.sqrt(y['level'][0]),)),
+        'derivative': lambda s, x, u: (u[0] - np.sqrt(x[0]),),
+        'margins': lambda s, t, x, u: {'closed': u[0], 'open': 3.0 - u[0]},
+        'running_cost': lambda s, t, x, u: x[0],
+        'final_cost': DirectProblem.final_cost,
+    }
+    plan = changed(Cart, **tank)(solver=LONG).solve(counted=True)
+    assert 'rates have no value somewhere: limit the states' in plan.summary
+    kept = tank | {'margins': lambda s, t, x, u: tank['margins'](s, t, x, u) | {'empty': x[0]}}
+    better = changed(Cart, **kept)(solver=LONG).solve(counted=True)
+    assert 'refined' not in better.summary
+    assert better.cost < plan.cost
 
 
 def test_a_formula_that_has_no_value_somewhere_only_bars_the_way_and_is_named_where_all_fail():
