@@ -210,6 +210,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _plan(options: argparse.Namespace) -> int:
+    from tdm_planner.plant_views import view_of
     from tdm_planner.problems.direct.problem import misspelt
 
     check_path(options.output)
@@ -222,6 +223,7 @@ def _plan(options: argparse.Namespace) -> int:
         tell_of_compilation(progress.line)
         progress.phase('preparing')
         problem.prepare()
+        view_of(problem).check_drawing()
         progress.phase('planning')
         solution = problem.solve()
         save_plan(plan_document(problem, solution), options.output)

@@ -216,7 +216,7 @@ def test_a_held_plant_that_is_reset_is_held_until_the_next_plan(ros):
     loop = Loop(ros, 'moon_lander:MoonLander')
     start = list(loop.plans[-1].points[0].positions)
     for seconds in (-1.0, 0.5):  # in flight, then held at the goal by a thrust
-        assert ros.spin_until(lambda: ros.now >= loop.end + seconds * 1e9, timeout=200.0)
+        assert ros.spin_until(lambda at=loop.end + seconds * 1e9: ros.now >= at, timeout=200.0)
         assert loop.states[-1].effort[-1] > 0.0
         loop.trigger('reset')
         ros.spin_for(1.5)
