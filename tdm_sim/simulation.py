@@ -11,6 +11,7 @@ may differ from those of its controller's model (`mismatched`), and it may be di
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 import math
 from typing import Any, TypeVar
@@ -182,6 +183,13 @@ class SimulatedPlant:
     def measure(self) -> Array:
         """State (nx,) as the sensors see it: with white Gaussian noise."""
         return self._state + self.setup.noise * self._noise.standard_normal(self._state.shape)
+
+    def rates(self, state: Array) -> Array:
+        """Rates (nx,) of a measured state under what acts now; 0 where they are no numbers."""
+        if not self.held:
+            with np.errstate(all='ignore'), suppress(NotFinite):
+                return self.setup.plant.derivative(state, self.control)
+        return np.zeros_like(state)
 
     def direction(self) -> float:
         """Draw an angle [rad], all directions being equally likely."""

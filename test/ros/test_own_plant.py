@@ -283,6 +283,18 @@ def test_a_real_plant_is_drawn_with_the_planners_parameters(ros):
     assert (disc.pose.position.x, disc.scale.x) == (0.5, 0.5)
 
 
+def test_a_joint_without_a_velocity_tells_the_rate_of_its_position(ros):
+    space = Space(ros, 'rated')
+    space.start('plant', {'problem': 'double_integrator:DoubleIntegrator', 'held': True})
+    states, commands = space.hear('joint_states'), space.publisher('joint_command')
+    assert ros.spin_until(lambda: states)
+    assert not any(states[-1].velocity)
+    commands.publish(JointState(name=['u'], effort=[0.5]))
+    assert ros.spin_until(lambda: states[-1].effort[2] == 0.5)
+    told = states[-1]
+    assert list(told.velocity) == [told.position[1], 0.5, 0.0]
+
+
 def test_a_plant_has_an_initial_value_and_noise_of_every_state(ros):
     space = Space(ros, 'begun')
     given = {'initial.x': 0.5, 'noise.v': 0.1}
