@@ -4,9 +4,9 @@
 """
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
-Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
-goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129, 130,
-143 anything else that SIGHUP, SIGINT or SIGTERM ended.
+Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo failed or
+missed its goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129,
+130, 143 anything else that SIGHUP, SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations
@@ -252,10 +252,15 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from tdm_sim.demo import run_demo
+    from tdm_sim.demo import DemoFailed, run_demo
+    from tdm_sim.processes import ProcessFailed
 
     output = options.output or Path(options.plant.rpartition(':')[2].lower())
-    reached = run_demo(options.plant, output, options.params, options.quiet, options.speed)
+    try:
+        reached = run_demo(options.plant, output, options.params, options.quiet, options.speed)
+    except (DemoFailed, ProcessFailed) as error:
+        _say(f'{error.code}: {error}')
+        return EXIT_MISSED
     if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED
