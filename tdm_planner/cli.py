@@ -36,6 +36,7 @@ EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
+    options.done = options.run is _live  # so that a signal ends it as it should
     run: Callable[[argparse.Namespace], int] = options.run
     try:
         with interruptible():
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(_what_is_missing(error))
         return EXIT_USAGE
     except Interrupted as interrupted:
-        return EXIT_DONE if run in (_record, _live) else interrupted.code
+        return EXIT_DONE if options.done else interrupted.code
     finally:
         if started_as() == 'tdm':
             ignore_signals()  # what there was to do is done, and the process about to end
@@ -287,6 +288,7 @@ def _record(options: argparse.Namespace) -> int:
     try:
         with Progress(options.quiet) as progress:
             done = record(*given, progress)
+            options.done = True
     except IncompleteRecording as error:
         _say(f'{error.code}: {error}')
         return EXIT_MISSED

@@ -10,6 +10,7 @@ from pathlib import Path
 import re
 import resource
 import shutil
+import signal
 import sqlite3
 import sys
 from types import SimpleNamespace
@@ -33,6 +34,7 @@ from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
 from tdm_planner.robot_nodes import Part
+from tdm_planner.starting import Interrupted
 from tdm_sim import demo, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash, MOST_OPEN
 from tdm_sim.demo import DemoFailed, NamespaceTaken
@@ -244,3 +246,12 @@ def test_a_demo_that_fails_is_told_from_one_that_has_not_begun(monkeypatch, caps
     monkeypatch.setattr(demo, 'run_demo', Mock(side_effect=error))
     assert main(['demo', 'pendulum']) == code
     assert capsys.readouterr().err == f'tdm: {error.code}: {error}\n'
+
+
+def test_a_signal_before_a_recording_has_begun_is_told_from_one_afterwards(monkeypatch, tmp_path):
+    words = ['record', '-o', str(tmp_path / 'bag')]
+    monkeypatch.setattr(recorder, 'record', Mock(side_effect=Interrupted(signal.SIGINT)))
+    assert main(words) == 130
+    monkeypatch.setattr(recorder, 'record', Mock(return_value=DONE))
+    monkeypatch.setattr(Lines, 'line', Mock(side_effect=Interrupted(signal.SIGINT)))
+    assert main(words) == 0
