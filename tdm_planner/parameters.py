@@ -196,10 +196,8 @@ def parameter(
     multiple: int = 1,
 ) -> Any:
     """Declare a dataclass field as a parameter; the arguments are those of `ParameterSpec`."""
-    lists = {'length': length, 'multiple': multiple}
-    spec = ParameterSpec(
-        '', None, default, description, unit, allowed, choices, read_only=read_only, **lists
-    )
+    given = '', None, default, description, unit, allowed, choices
+    spec = ParameterSpec(*given, read_only=read_only, length=length, multiple=multiple)
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata={_METADATA_KEY: spec})
     return field(default=default, metadata={_METADATA_KEY: spec})
