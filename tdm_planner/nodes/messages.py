@@ -88,9 +88,10 @@ def plan_message(
     `extra` are histories (N,) by name that joints have beside states and controls. Where the
     trajectory has `rates`, accelerations are those after a jump of the controls, and a joint
     without a velocity has the rate of its position; accelerations are differences where velocities
-    are no states, and empty without `rates`. Velocities are exactly zero at the end of a motion
-    that ends at rest. Controls that are held act for no time at the last point and are 0 there: a
-    controller that keeps the last point must not keep them.
+    are no states. Without `rates` they are 0, not empty: rosbags, which reports read by, misreads
+    points without accelerations. Velocities are exactly zero at the end of a motion that ends at
+    rest. Controls that are held act for no time at the last point and are 0 there: a controller
+    that keeps the last point must not keep them.
     """
     controls = trajectory.controls.copy()
     if trajectory.interpolation == 'zero_order_hold':
@@ -130,7 +131,7 @@ def plan_message(
             columns[j.velocity] if j.velocity in columns else rates.get(j.position, nothing)
             for j in kind.joints
         ],
-        [acceleration(joint) for joint in kind.joints] if rates else [],
+        [acceleration(joint) if rates else nothing for joint in kind.joints],
         [columns.get(joint.effort, nothing) for joint in kind.joints],
     ]
     message = JointTrajectory(joint_names=[joint.name for joint in kind.joints])
@@ -144,9 +145,7 @@ def plan_message(
             time_from_start=to_duration(time),
         )
         for time, positions, velocities, accelerations, effort in zip(
-            trajectory.times.tolist(),
-            *(np.reshape(rows, (-1, nothing.size)).T.tolist() for rows in filled),
-            strict=True,
+            trajectory.times.tolist(), *(np.array(rows).T.tolist() for rows in filled), strict=True
         )
     ]
     return message

@@ -79,7 +79,7 @@ def read_plan(
         stacked(kind.control_names),
         interpolation or kind.interpolation or _looks_like(efforts),
     )
-    if not (rated and points[0].accelerations) or plan.interpolation == 'zero_order_hold':
+    if not rated or plan.interpolation == 'zero_order_hold':
         return plan
     columns = _columns(kind.joints, message.joint_names, {*kind.state_names}, points, _RATES, told)
     rates, slopes = stacked(kind.state_names), np.diff(plan.states.T) / np.diff(plan.times)
