@@ -4,9 +4,9 @@
 """
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
-Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
-goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129, 130,
-143 anything else that SIGHUP, SIGINT or SIGTERM ended.
+Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo failed or
+missed its goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129,
+130, 143 anything else that SIGHUP, SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = _parser().parse_args(arguments)
+    options.done = options.run is _live  # so that a signal ends it as it should
     run: Callable[[argparse.Namespace], int] = options.run
     try:
         with interruptible():
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(_what_is_missing(error))
         return EXIT_USAGE
     except Interrupted as interrupted:
-        return EXIT_DONE if run in (_record, _live) else interrupted.code
+        return EXIT_DONE if options.done else interrupted.code
     finally:
         if started_as() == 'tdm':
             ignore_signals()  # what there was to do is done, and the process about to end
@@ -210,6 +211,7 @@ def _problem(options: argparse.Namespace) -> Problem:
 
 
 def _plan(options: argparse.Namespace) -> int:
+    from tdm_planner.plant_views import view_of
     from tdm_planner.problems.direct.problem import misspelt
 
     check_path(options.output)
@@ -222,6 +224,7 @@ def _plan(options: argparse.Namespace) -> int:
         tell_of_compilation(progress.line)
         progress.phase('preparing')
         problem.prepare()
+        view_of(problem).check_drawing()
         progress.phase('planning')
         solution = problem.solve()
         save_plan(plan_document(problem, solution), options.output)
@@ -250,10 +253,15 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from tdm_sim.demo import run_demo
+    from tdm_sim.demo import DemoFailed, run_demo
+    from tdm_sim.processes import ProcessFailed
 
     output = options.output or Path(options.plant.rpartition(':')[2].lower())
-    reached = run_demo(options.plant, output, options.params, options.quiet, options.speed)
+    try:
+        reached = run_demo(options.plant, output, options.params, options.quiet, options.speed)
+    except (DemoFailed, ProcessFailed) as error:
+        _say(f'{error.code}: {error}')
+        return EXIT_MISSED
     if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED
@@ -280,6 +288,7 @@ def _record(options: argparse.Namespace) -> int:
     try:
         with Progress(options.quiet) as progress:
             done = record(*given, progress)
+            options.done = True
     except IncompleteRecording as error:
         _say(f'{error.code}: {error}')
         return EXIT_MISSED

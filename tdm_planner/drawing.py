@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 from tdm_planner.arrays import Array
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
@@ -71,6 +72,10 @@ class Disc:
     style: Style = 'body'
     trail: bool = False
 
+    def __post_init__(self) -> None:
+        """Raise InvalidProblem for a radius that depends on the states."""
+        _check_constant('Disc.radius', [self.radius])
+
 
 @dataclass(frozen=True, eq=False)
 class Box:
@@ -85,6 +90,15 @@ class Box:
     turn: ArrayLike = 0.0
     style: Style = 'body'
     trail: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InvalidProblem for a size that depends on the states."""
+        _check_constant('Box.size', self.size)
+
+
+def _check_constant(what: str, values: Sequence[ArrayLike]) -> None:
+    if any(np.ndim(value) for value in values):
+        raise InvalidProblem(f'{what} must be constant: it cannot depend on the states')
 
 
 Shape = Line | Disc | Box

@@ -89,7 +89,8 @@ class ParameterSpec:
     One parameter as users see it.
 
     `value_type` is one of float, int, bool, str, list[float], list[str]; `optional` parameters may
-    be unset (None). `length` fixes the number of elements of a list.
+    be unset (None). `length` fixes the number of elements of a list, which is else a multiple of
+    `multiple`.
     """
 
     name: str
@@ -102,6 +103,7 @@ class ParameterSpec:
     optional: bool = False
     read_only: bool = False
     length: int | None = None
+    multiple: int = 1
 
     @property
     def allowed(self) -> str:
@@ -111,6 +113,9 @@ class ParameterSpec:
         kind: str = _TYPE_NAMES[self.value_type]
         if self.length is not None:
             kind = kind.replace('a list of', f'a list of {self.length}')
+        elif self.multiple > 1:
+            counts = f'0, {self.multiple}, {2 * self.multiple}, ...'
+            kind = kind.replace('a list of', f'a list of {counts}')
         unit = f' {self.unit}' if self.unit else ''
         if self.value_type in (float, int, list[float]):
             return f'{kind} in {self.range}{unit}'
@@ -127,6 +132,7 @@ class ParameterSpec:
             (self.choices and checked not in self.choices)
             or (numeric and not all(n in self.range and abs(n) < math.inf for n in numbers))
             or (self.length is not None and len(checked) != self.length)
+            or (self.multiple > 1 and len(checked) % self.multiple)
         ):
             raise self._error(value)
         return checked
@@ -187,11 +193,11 @@ def parameter(
     choices: tuple[str, ...] = (),
     read_only: bool = False,
     length: int | None = None,
+    multiple: int = 1,
 ) -> Any:
     """Declare a dataclass field as a parameter; the arguments are those of `ParameterSpec`."""
-    spec = ParameterSpec(
-        '', None, default, description, unit, allowed, choices, read_only=read_only, length=length
-    )
+    given = '', None, default, description, unit, allowed, choices
+    spec = ParameterSpec(*given, read_only=read_only, length=length, multiple=multiple)
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata={_METADATA_KEY: spec})
     return field(default=default, metadata={_METADATA_KEY: spec})

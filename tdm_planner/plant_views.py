@@ -112,6 +112,9 @@ class PlantView(Drawn):
         """Return what the plant looks like in states `x`, under controls `u`."""
         return self._drawn.drawing(x, u)
 
+    def check_drawing(self) -> None:
+        """Raise InvalidProblem where a user's drawing fails."""
+
     def missed_by(self, plan: Trajectory, states: Components) -> list[tuple[Tolerance, Array]]:
         """Return the tolerances of a plan's goal, and how far states are from it by each (n,)."""
         goal, tolerances = self.goal(plan)
@@ -232,11 +235,11 @@ class StatedView(PlantView):
         """Return the share by which margins of limits may be negative: feedback needs room."""
         return ALLOWED
 
-    def checked(self) -> StatedView:
-        """Return this after a drawing of the start; raises InvalidProblem where that fails."""
-        start = np.nan_to_num(self._ends.states[0])
-        self.shapes(start)
-        return self
+    def check_drawing(self) -> None:
+        """Draw the start, then both ends at once, as a report draws all instants."""
+        ends = np.nan_to_num(self._ends.states)
+        self.shapes(ends[0])
+        self.shapes(ends)
 
     @cached_property
     def _ends(self) -> Ends:

@@ -53,6 +53,12 @@ class DemoFailed(TdmError):
     code = 'DEMO_FAILED'
 
 
+class NamespaceTaken(TdmError):
+    """Nodes run in the demo's namespace already: it has not begun."""
+
+    code = DemoFailed.code
+
+
 def run_demo(
     plant: str,
     output: Path,
@@ -65,14 +71,14 @@ def run_demo(
 
     Simulated time runs `speed` times as fast as real time. Returns whether the goal was reached
     and held without a violated limit. Raise InvalidProblem if file or folder cannot be used,
-    DemoFailed if nodes run in its namespace already, DemoFailed or ProcessFailed if a node did not
-    come up, ended, or did not answer.
+    NamespaceTaken if nodes run in its namespace already, DemoFailed or ProcessFailed if a node did
+    not come up, ended, or did not answer.
     """
     scene = make_scene(plant, parameters)
     scene.speed = SPEED.check(speed)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if nodes_run(scene.namespace):
-        raise DemoFailed(
+        raise NamespaceTaken(
             f'nodes run in {scene.namespace} already: end them, or set another ROS_DOMAIN_ID'
         )
     _prepare_folder(output)

@@ -254,7 +254,11 @@ class PlantNode(ParameterNode):
         plant, stamp = self.simulation.setup.plant, now.to_msg()
         values = dict(zip(plant.state_names, measured.tolist(), strict=True))
         applied = dict(zip(plant.control_names, self.simulation.control.tolist(), strict=True))
-        message = joint_states(self._joints, values | applied)
+        rates = dict[str, float]()
+        if any(joint.position and not joint.velocity for joint in self._joints):
+            found = self.simulation.rates(measured).tolist()
+            rates = dict(zip(plant.state_names, found, strict=True))
+        message = joint_states(self._joints, values | applied, rates)
         message.header.stamp, message.header.frame_id = stamp, self._name
         self._joint_states.publish(message)
         if self._odometry is not None:

@@ -182,6 +182,7 @@ class Scene:
         self.plants = [part for part in self.parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
         self._view = view_of(problem)
+        self._view.check_drawing()
         self._start: int | None = None  # of the plan [ns]
         self._duration = 0.0  # of the plan [s]
         self._figures: dict[str, dict[str, str]] = {}  # by node

@@ -11,6 +11,7 @@ may differ from those of its controller's model (`mismatched`), and it may be di
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 import math
 from typing import Any, TypeVar
@@ -24,6 +25,8 @@ from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
 PlantType = TypeVar('PlantType')
+
+LONGEST_GOING_ON = 1.0  # s after a reset in which commands may be those of the motion before
 
 
 def robot_actuators(limits: RobotLimits, mismatch: float, seed: int) -> dict[str, Any]:
@@ -94,7 +97,8 @@ class PlantSetup:
     `initial` is the state after `reset`. Commands are clipped to `limits`, lowest and highest, and
     act multiplied by `gains`. Without a command for `command_timeout` s the controls are zero.
     `noise` holds the standard deviations of measured states. A plant that is `held` stays in its
-    initial state until it is `released`, or until the first command that is not zero.
+    initial state until it is `released`, or until the first command that is not zero; after a
+    reset, those that go on from before do not count, for at most `LONGEST_GOING_ON` s.
     """
 
     plant: Plant
@@ -126,6 +130,8 @@ class SimulatedPlant:
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
         self.released = False
+        self._heard_at = -math.inf  # instant of the last command, or reset
+        self._goes_on_until = -math.inf  # until then, commands may be those from before a reset
         # Independent streams: draws from one must not change the other.
         streams = np.random.SeedSequence(seed).spawn(2)
         self._noise, self._direction = map(np.random.default_rng, streams)
@@ -159,8 +165,12 @@ class SimulatedPlant:
         if values.shape != self._command.shape or not np.isfinite(values).all():
             raise ValueError(f'a command must be {self._command.size} finite numbers')
         self._command = values
-        self.released = self.released or bool(values.any())
-        self._expiry = self.time + self.setup.command_timeout
+        timeout = self.setup.command_timeout
+        new = self.time >= min(self._goes_on_until, self._heard_at + timeout)
+        if new or not values.any():  # what follows a zero or a silence is new
+            self._goes_on_until = -math.inf
+        self.released = self.released or (new and bool(values.any()))
+        self._heard_at, self._expiry = self.time, self.time + timeout
 
     def step(self, duration: float) -> None:
         """Advance by `duration` s."""
@@ -173,6 +183,13 @@ class SimulatedPlant:
     def measure(self) -> Array:
         """State (nx,) as the sensors see it: with white Gaussian noise."""
         return self._state + self.setup.noise * self._noise.standard_normal(self._state.shape)
+
+    def rates(self, state: Array) -> Array:
+        """Rates (nx,) of a measured state under what acts now; 0 where they are no numbers."""
+        if not self.held:
+            with np.errstate(all='ignore'), suppress(NotFinite):
+                return self.setup.plant.derivative(state, self.control)
+        return np.zeros_like(state)
 
     def direction(self) -> float:
         """Draw an angle [rad], all directions being equally likely."""
@@ -187,6 +204,7 @@ class SimulatedPlant:
         self._state = self.setup.initial
         self._expiry = -math.inf
         self.released = False
+        self._heard_at, self._goes_on_until = self.time, self.time + LONGEST_GOING_ON
 
     def _advance(self, until: float) -> None:
         if self.held:

@@ -113,7 +113,9 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
             node.simulation.released = True
 
     def drawn(given: Any) -> StatedView:
-        return StatedView(problem_of(problem, given)).checked()
+        view = StatedView(problem_of(problem, given))
+        view.check_drawing()
+        return view
 
     node.create_subscription(GoalStatusArray, TOPIC, on_tracker_status, LATCHED)
     parameters = with_parameters_of(_with_states(problem), problem, besides=('solver',))

@@ -24,6 +24,8 @@ from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 
+LATEST = 10.0  # s that a state may be late; one that is older tells of a clock that was set back
+
 
 class MeasuredState:
     """
@@ -32,8 +34,8 @@ class MeasuredState:
     `prefix` is the plant's namespace ('' or 'robot1/'). Instants are those of `clock`: a stamp of
     zero means the arrival, and nothing is taken before the clock runs. `observer` is called with
     every state and its instant. A message that does not hold the states is ignored, as is a state
-    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. Safe to
-    read in any thread.
+    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. One that
+    is overtaken on its way by a newer one is dropped. Safe to read in any thread.
     """
 
     def __init__(
@@ -156,6 +158,10 @@ class MeasuredState:
             return
         self._faults.pop(name, None)
         at = self._clock.instant_of(message.header.stamp)
+        _, last = self._newest.get(name, (states, at))
+        # What is newest may lie ahead where a clock was set back: it is not waited for.
+        if last - LATEST < at < last <= self._clock.now():
+            return
         self._newest[name] = states, at
         if name == 'joint_states':
             self._joints = message

@@ -48,6 +48,7 @@ SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 # (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
 _NOTHING: Mapping[str, Array] = {}
+_NO_RATES: Mapping[str, float] = {}
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -86,9 +87,11 @@ def plan_message(
 
     `extra` are histories (N,) by name that joints have beside states and controls. Where the
     trajectory has `rates`, accelerations are those after a jump of the controls, and a joint
-    without a velocity among the states has that of its position. Velocities are exactly zero at
-    the end of a motion that ends at rest. Controls that are held act for no time at the last
-    point and are 0 there: a controller that keeps the last point must not keep them.
+    without a velocity has the rate of its position; accelerations are differences where velocities
+    are no states. Without `rates` they are 0, not empty: rosbags, which reports read by, misreads
+    points without accelerations. Velocities are exactly zero at the end of a motion that ends at
+    rest. Controls that are held act for no time at the last point and are 0 there: a controller
+    that keeps the last point must not keep them.
     """
     controls = trajectory.controls.copy()
     if trajectory.interpolation == 'zero_order_hold':
@@ -103,19 +106,32 @@ def plan_message(
         **dict(zip(trajectory.state_names, states.T, strict=True)),
         **dict(zip(trajectory.control_names, controls.T, strict=True)),
     }
-    rates: dict[str, Array] = {}
+    steps, nothing = np.diff(trajectory.times), np.zeros(trajectory.times.size)
+    rates, changes = dict[str, Array](), dict[str, Array]()  # of states; of their rates, between
     if trajectory.rates is not None:
         # Row k of `rates` belongs to the interval after sample k; the last sample ends the last.
         after = np.concatenate([trajectory.rates[:, 0], trajectory.rates[-1:, 1]])
         rates = dict(zip(trajectory.state_names, after.T, strict=True))
-    nothing = np.zeros(trajectory.times.size)
+        between = np.diff(trajectory.rates, axis=1)[:, 0].T / steps
+        changes = dict(zip(trajectory.state_names, between, strict=True))
+    held = trajectory.control_names if trajectory.interpolation == 'zero_order_hold' else ()
+
+    def acceleration(joint: Joint) -> Array:
+        if joint.velocity in rates or joint.velocity in held:
+            return rates.get(joint.velocity, nothing)
+        if joint.velocity in columns:
+            change = np.diff(columns[joint.velocity]) / steps
+        else:
+            change = changes.get(joint.position, nothing[1:])
+        return np.append(change, change[-1])
+
     filled = [
         [columns.get(joint.position, nothing) for joint in kind.joints],
         [
             columns[j.velocity] if j.velocity in columns else rates.get(j.position, nothing)
             for j in kind.joints
         ],
-        [rates.get(joint.velocity, nothing) for joint in kind.joints],
+        [acceleration(joint) if rates else nothing for joint in kind.joints],
         [columns.get(joint.effort, nothing) for joint in kind.joints],
     ]
     message = JointTrajectory(joint_names=[joint.name for joint in kind.joints])
@@ -135,12 +151,18 @@ def plan_message(
     return message
 
 
-def joint_states(joints: Sequence[Joint], values: Mapping[str, float]) -> JointState:
-    """Return joints with states and controls by name, without stamp; 0 what has no value."""
+def joint_states(
+    joints: Sequence[Joint], values: Mapping[str, float], rates: Mapping[str, float] = _NO_RATES
+) -> JointState:
+    """
+    Return joints with states and controls by name, without stamp; 0 what has no value.
+
+    A joint without a velocity has the rate of its position, if `rates` has it.
+    """
     return JointState(
         name=[joint.name for joint in joints],
         position=[values.get(joint.position, 0.0) for joint in joints],
-        velocity=[values.get(joint.velocity, 0.0) for joint in joints],
+        velocity=[values.get(j.velocity, rates.get(j.position, 0.0)) for j in joints],
         effort=[values.get(joint.effort, 0.0) for joint in joints],
     )
 

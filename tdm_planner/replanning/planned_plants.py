@@ -115,7 +115,10 @@ class PlannedPlant:
         if not issubclass(self._problem, DirectProblem):
             return None
         view = StatedView(self._problem.from_parameters(values))
-        return view.checked() if view.kind.state_names == self.kind.state_names else None
+        if view.kind.state_names != self.kind.state_names:
+            return None
+        view.check_drawing()
+        return view
 
     def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]] | None:
         """Return surroundings and goals to draw before there is a plan; None: nothing."""

@@ -171,15 +171,14 @@ class TrajectoryTracker(ABC):
         """
         Accept a trajectory whose motion begins at `start` [s]; until then it may be `pending`.
 
-        One already under way is joined midway. The gains are computed here.
+        One already under way is joined midway. The gains are computed here. After an abort a
+        sensor that seems stuck is believed anew: the plant may have been held fast.
 
-        Raises
-        ------
-        TrajectoryRejected
-            If it lies in the past, or the state is too far from it. A tracker that has just been
-            restarted into a plan recovers then, with `replan.on_deviation`.
-
+        Raise TrajectoryRejected if it lies in the past, or the state is too far from it. A tracker
+        that has just been restarted into a plan recovers then, with `replan.on_deviation`.
         """
+        if self.phase in (Phase.STOPPED, Phase.RECOVERING) and not self.braking:
+            self._repetition = RepetitionWatch(self.estimator, self.parameters.state_timeout)
         try:
             check_trajectory(trajectory, start, now)
             with suppress(*BREAKDOWN):  # what cannot be predicted is compared at the start

@@ -22,6 +22,7 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import write_file
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
@@ -47,7 +48,11 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
     comparison = comparison or compare(mission)
     charts = mission_charts(mission)
-    scene, most = animation.scene(mission), points_per_curve(charts)
+    most, scene, missing = points_per_curve(charts), None, mission.missing
+    try:
+        scene = animation.scene(mission)
+    except InvalidProblem as error:  # a user's drawing must not cost the report
+        missing = (*missing, f'There is no picture: {error}.')
     report = {
         'span': list(mission.span),
         'motion': list(motion_span(mission)),
@@ -61,7 +66,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
         _subtitle(mission),
         _columns(mission, comparison, charts, scene is not None),
         source=_source(mission),
-        missing=_missing(mission.missing),
+        missing=_missing(missing),
         details=f'<div class="column details">{_details(mission)}</div>',
         player={'data': data, 'plotly': get_plotlyjs(), 'script': script},
     )

@@ -160,12 +160,16 @@ class Loop(Space):
         self.planner = self.start('planner', given)
         self.states, plans = self.hear('joint_states'), self.hear('trajectory')
         self.statuses = self.hear('tracker_status', GoalStatusArray)
+        self.plans = plans
+        self.fly()
+
+    def fly(self) -> None:
         self.plan()
-        self.plans, points = plans, plans[-1].points
+        points = self.plans[-1].points
         ranges = np.ptp([point.positions for point in points], axis=0)
         self.ranges = np.maximum(ranges, 0.01 * ranges.max())
         self.goal = np.array(points[-1].positions)
-        start, last = plans[-1].header.stamp, points[-1].time_from_start
+        start, last = self.plans[-1].header.stamp, points[-1].time_from_start
         self.end = nanoseconds_of(start) + nanoseconds_of(last)
 
     def away(self, instant: int) -> float:
@@ -206,6 +210,21 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
     loop.trigger('push')
     loop.away(ros.now + 5 * 10**9)
     assert np.abs(loop.states[-1].position).max() < 0.1
+
+
+def test_a_held_plant_that_is_reset_is_held_until_the_next_plan(ros):
+    loop = Loop(ros, 'moon_lander:MoonLander')
+    start = list(loop.plans[-1].points[0].positions)
+    for seconds in (-1.0, 0.5):  # in flight, then held at the goal by a thrust
+        assert ros.spin_until(lambda at=loop.end + seconds * 1e9: ros.now >= at, timeout=200.0)
+        assert loop.states[-1].effort[-1] > 0.0
+        loop.trigger('reset')
+        ros.spin_for(1.5)
+        assert list(loop.states[-1].position) == pytest.approx(start)
+        loop.set('planner', start__source='measured')
+        loop.fly()
+        assert loop.plans[-1].points[0].positions == pytest.approx(start)
+    assert loop.away(loop.end + 10**9) < ALLOWED
 
 
 def test_a_plant_is_drawn_in_motion_and_its_plan(ros, tmp_path):
@@ -262,6 +281,18 @@ def test_a_real_plant_is_drawn_with_the_planners_parameters(ros):
     assert ros.publish_until(measure, lambda: bool(shown)), space.here.output
     (disc,) = (marker for marker in shown[-1].markers if marker.ns == 'body')
     assert (disc.pose.position.x, disc.scale.x) == (0.5, 0.5)
+
+
+def test_a_joint_without_a_velocity_tells_the_rate_of_its_position(ros):
+    space = Space(ros, 'rated')
+    space.start('plant', {'problem': 'double_integrator:DoubleIntegrator', 'held': True})
+    states, commands = space.hear('joint_states'), space.publisher('joint_command')
+    assert ros.spin_until(lambda: states)
+    assert not any(states[-1].velocity)
+    commands.publish(JointState(name=['u'], effort=[0.5]))
+    assert ros.spin_until(lambda: states[-1].effort[2] == 0.5)
+    told = states[-1]
+    assert list(told.velocity) == [told.position[1], 0.5, 0.0]
 
 
 def test_a_plant_has_an_initial_value_and_noise_of_every_state(ros):

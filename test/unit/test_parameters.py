@@ -39,7 +39,7 @@ class Outer(Validated):
     on: bool = parameter(True, 'switch')
     names: list[str] = parameter(['x', 'no'], 'names')
     anchor: list[float] = parameter([0.0, 0.0], 'anchor', length=2)
-    zones: list[float] = parameter([], 'zones')
+    zones: list[float] = parameter([], 'zones', multiple=3)
     plant: Inner = group(Inner)
     method: str = parameter('a', 'the method', choices=('a', 'b'), read_only=True)
     optional: Optional = group(Optional)
@@ -88,6 +88,7 @@ def test_names_and_round_trip():
         ('method', 'c', 'one of a, b'),
         *(('names', value, 'a list of strings') for value in ('x', [1])),
         *(('anchor', value, '2 numbers') for value in ([1.0], [1.0, math.nan])),
+        ('zones', [1.0, 2.0], 'a list of 0, 3, 6, ... numbers'),
     ],
 )
 def test_one_sentence_names_parameter_value_and_range(name, value, allowed):

@@ -10,6 +10,7 @@ from pathlib import Path
 import re
 import resource
 import shutil
+import signal
 import sqlite3
 import sys
 from types import SimpleNamespace
@@ -33,9 +34,11 @@ from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
 from tdm_planner.robot_nodes import Part
-from tdm_sim import recorder
+from tdm_planner.starting import Interrupted
+from tdm_sim import demo, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash, MOST_OPEN
-from tdm_sim.processes import speed_settings
+from tdm_sim.demo import DemoFailed, NamespaceTaken
+from tdm_sim.processes import ProcessFailed, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.recorder import (
     Figures,
@@ -228,3 +231,27 @@ def test_a_namespace_is_recorded_with_what_belongs_to_none(namespace, wanted):
     asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')
     for chosen, wanted in ((named, '110000'), (both, '101100'), (((), None), '101110')):
         assert [is_wanted(topic, *chosen) for topic in asked] == [flag == '1' for flag in wanted]
+
+
+@pytest.mark.parametrize(
+    ('error', 'code'),
+    [
+        (DemoFailed('no plan: it is too weak'), 1),
+        (ProcessFailed('the planner ended with exit code 1'), 1),
+        (NamespaceTaken('nodes run in it already'), 2),
+        (InvalidProblem('there is no such problem'), 2),
+    ],
+)
+def test_a_demo_that_fails_is_told_from_one_that_has_not_begun(monkeypatch, capsys, error, code):
+    monkeypatch.setattr(demo, 'run_demo', Mock(side_effect=error))
+    assert main(['demo', 'pendulum']) == code
+    assert capsys.readouterr().err == f'tdm: {error.code}: {error}\n'
+
+
+def test_a_signal_before_a_recording_has_begun_is_told_from_one_afterwards(monkeypatch, tmp_path):
+    words = ['record', '-o', str(tmp_path / 'bag')]
+    monkeypatch.setattr(recorder, 'record', Mock(side_effect=Interrupted(signal.SIGINT)))
+    assert main(words) == 130
+    monkeypatch.setattr(recorder, 'record', Mock(return_value=DONE))
+    monkeypatch.setattr(Lines, 'line', Mock(side_effect=Interrupted(signal.SIGINT)))
+    assert main(words) == 0

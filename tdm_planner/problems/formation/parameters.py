@@ -72,6 +72,7 @@ class Arena(Validated):
         'circular keep-out zones: x, y, radius of one after the other',
         unit='m',
         allowed=_COORDINATE,
+        multiple=3,
     )
 
 

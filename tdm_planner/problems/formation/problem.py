@@ -87,11 +87,6 @@ class RobotFormation(FormationParameters, Problem):
                 "parameters 'weights.time', 'weights.sequence', 'weights.gas' are all 0: at least "
                 'one must be in (0, inf)'
             )
-        if len(self.arena.obstacles) % 3:
-            raise InvalidProblem(
-                f"parameter 'arena.obstacles' holds {len(self.arena.obstacles)} numbers: must be "
-                'x, y, radius of every zone'
-            )
         self._check_given()
         check_task(self.task)
 

@@ -15,7 +15,7 @@ from rclpy.clock import ClockType
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
-from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.measured_state import LATEST, MeasuredState
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import ROBOT
@@ -235,7 +235,7 @@ def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest():
 class Parts:
     """A robot whose odometry and joints come at instants of a clock that is set by hand [ns]."""
 
-    now, runs = 1_700_000_000_000, True
+    time, runs = 1_700_000_000_000, True
 
     def __init__(self) -> None:
         self.observe, self.ignore, node = Mock(), Mock(), Mock()
@@ -243,7 +243,10 @@ class Parts:
         self.callbacks = [call.args[2] for call in node.create_subscription.call_args_list]
 
     def instant_of(self, stamp) -> float:
-        return (nanoseconds_of(stamp) or self.now) * 1e-9
+        return nanoseconds_of(stamp) * 1e-9 or self.now()
+
+    def now(self) -> float:
+        return self.time * 1e-9
 
     def take(self, stamp: int, message) -> bool:
         message.header.stamp = to_stamp(stamp)
@@ -262,22 +265,44 @@ class Parts:
 
 
 def test_stamps_may_differ_by_the_timeout():
-    parts, begin = Parts(), Parts.now
+    parts, begin = Parts(), Parts.time
     assert not parts.state(begin)  # without joints there is none
     parts.ignore.assert_not_called()
+    for milliseconds, fits in ((-101, False), (-99, True), (99, True), (101, False)):
+        parts = Parts()
+        parts.joints(begin)
+        parts.time += 3600 * SECOND  # by what clock it came is no matter
+        assert parts.state(begin + milliseconds * 1_000_000) is fits
+        told = [call.args[0] for call in parts.ignore.call_args_list]
+        assert fits is (not told)
+        assert all('0.101 s apart, more than state_timeout = 0.1 s' in text for text in told)
+
+
+def test_a_state_that_is_overtaken_is_dropped_unless_a_clock_was_set_back():
+    parts, begin = Parts(), Parts.time
     parts.joints(begin)
-    parts.now += 3600 * SECOND  # by what clock it came is no matter
-    for sign in (-1, 1):
-        assert parts.state(begin + sign * 99_000_000)
-        assert not parts.state(begin + sign * 101_000_000)
-        assert '0.101 s apart, more than state_timeout = 0.1 s' in parts.ignore.call_args.args[0]
+    parts.time += SECOND
+    late = round((LATEST - 0.01) * SECOND)
+    for stamp, taken in ((5, True), (4, False), (5 - late, False), (5, True), (6, True)):
+        assert parts.state(begin + stamp) is taken
+    for back in (1, 3600):
+        parts.time -= back * SECOND
+        parts.joints(parts.time)
+        assert parts.state(parts.time)
+    parts.time += 60 * SECOND
+    parts.joints(parts.time)
+    assert parts.state(parts.time)
+    slow = parts.time - round((LATEST + 0.01) * SECOND)  # the clock of the plant alone
+    parts.joints(slow)
+    assert parts.state(slow)
+    parts.ignore.assert_not_called()
 
 
-@pytest.mark.parametrize('stamps', [(0, 0), (Parts.now, 0), (0, Parts.now + 90_000_000)])
+@pytest.mark.parametrize('stamps', [(0, 0), (Parts.time, 0), (0, Parts.time + 90_000_000)])
 def test_without_stamps_it_is_when_they_come(stamps):
     parts = Parts()
     parts.joints(stamps[0])
-    parts.now += 90_000_000
+    parts.time += 90_000_000
     assert parts.state(stamps[1])
-    parts.now += 20_000_000
+    parts.time += 20_000_000
     assert parts.state(stamps[1] and stamps[1] + 20_000_000) is False

@@ -210,7 +210,7 @@ def test_no_plan_is_explained():
         ({'formation.robot2': [5.0, 0.0, 0.0]}, "goal of 'robot2' has"),
         ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, "starts of 'robot1' and 'robot2'"),
         ({'formation.robot1': [-0.2, 0.39, 0.0]}, "goals of 'robot1' and 'robot2'"),
-        ({'arena.obstacles': [1.0, 1.0]}, 'holds 2 numbers'),
+        ({'arena.obstacles': [1.0, 1.0]}, 'must be a list of 0, 3, 6, ... numbers in [-10000'),
         ({'arena.obstacles': [1.0, 1.0, -0.1]}, 'radius -0.1'),
         ({'arena.obstacles': [0.6, 0.9, 0.1]}, "start of 'robot1' is 0.2 m from the centre"),
         ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, 'are all 0'),

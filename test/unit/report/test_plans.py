@@ -8,21 +8,23 @@ import json
 from pathlib import Path
 import webbrowser
 
-from double_integrator import DoubleIntegrator
+from double_integrator import DoubleIntegrator as Cart
 from missions import pendulum_plan, recorded, write
 import numpy as np
 import pytest
 from stated import changed, refused
 from tdm_planner.cli import main
 from tdm_planner.direct_method import Duration, Output
-from tdm_planner.drawing import Disc
+from tdm_planner.drawing import Box, Disc
 from tdm_planner.plan_files import plan_document, save_plan
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.trajectory import Sample, Trajectory
+from tdm_sim.processes import make_scene
 from tdm_sim.report.animation import scene
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import FollowedPlan, Mission, RecordedVehicle
+from tdm_sim.report.page import report_page
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.signals import Signals, smallest
 from tdm_sim.report.verdict import judge
@@ -136,7 +138,7 @@ def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content) -> 
 
 LENGTH = 2.0  # s
 Sled = changed(
-    DoubleIntegrator,
+    Cart,
     name='sled',
     margins=DirectProblem.margins,
     final_cost=DirectProblem.final_cost,
@@ -151,6 +153,9 @@ Passing = changed(
     outputs=lambda s: {'x': Output(start=(0.0, 0.0), end=(1.0,))},
     end_conditions=lambda s, t, x: (x[1] - 1.5,),
 )
+Stretched = changed(Cart, drawing=lambda s, x: [Box((x[0], 0.0), (0.1, 0.1 + x[0] ** 2))])
+Swollen = changed(Cart, drawing=lambda s, x: [Disc((x[0], 0.0), 0.1 + x[0] ** 2)])
+Misdrawn = changed(Sled, drawing=lambda s, x: [Disc((x[7], 0.0), 0.1)])
 SLED, PASSING = Sled(limit=2.0), Passing(limit=2.0)
 
 
@@ -209,3 +214,22 @@ def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) ->
     # what a recording names is not imported
     assert judge(read_mission(bag)) is None
     assert any("'sled' is not installed" in text for text in read_mission(bag).missing)
+
+
+@pytest.mark.parametrize(('name', 'what'), [('Stretched', 'Box.size'), ('Swollen', 'Disc.radius')])
+def test_a_size_that_depends_on_the_state_is_refused_at_once(capsys, tmp_path, name, what):
+    problem, file = f'{__name__}:{name}', tmp_path / 'plan.json'
+    assert main(['plan', problem, '-o', str(file)]) == main(['check', problem]) == 2
+    told = capsys.readouterr().err.strip().split('\n')
+    assert len(set(told)) == 1
+    assert f'{what} must be constant: it cannot depend on the states' in told[0]
+    assert 'in line' in told[0]
+    assert not file.exists()
+    assert refused(lambda: make_scene(problem)) in told[0]
+
+
+def test_a_drawing_that_fails_costs_no_report() -> None:
+    page = report_page(replace(mission(Misdrawn(limit=2.0), 0.0), missing=('No tea.',)))
+    assert 'No tea.' in page
+    assert 'There is no picture: drawing of Changed raises IndexError' in page
+    assert 'Goal reached and held' in page

@@ -211,3 +211,31 @@ def test_noise_is_in_the_measurement_alone_and_streams_do_not_disturb_each_other
     first = one.measure()
     np.testing.assert_array_equal(first, two.measure())
     assert not np.array_equal(first, other.measure())
+
+
+@pytest.mark.parametrize('after', ['zero', 'silence', 'long'])
+def test_a_held_plant_that_is_reset_is_held_against_commands_that_go_on(after: str) -> None:
+    plant = simulation(SWINGING, held=True)
+    plant.command(0.0 * LIMIT)
+    plant.step(0.05)
+    assert plant.held
+    plant.command(LIMIT)
+    plant.step(0.05)
+    assert not plant.held
+    plant.reset()
+    for _ in range(round(simulated.LONGEST_GOING_ON / 0.05) if after == 'long' else 9):
+        plant.command(LIMIT)
+        plant.step(0.05)
+        assert plant.held
+        np.testing.assert_array_equal(plant.state, SWINGING.initial)
+    if after == 'zero':
+        plant.command(0.0 * LIMIT)
+        assert plant.held
+    if after == 'silence':
+        plant.step(0.06)
+    plant.command(LIMIT)
+    assert not plant.held
+    plant.reset()
+    plant.released = True  # by a plan that is executed
+    plant.command(LIMIT)
+    assert not plant.held

@@ -5,10 +5,12 @@
 
 from ball_and_beam import BallAndBeam
 from double_integrator import CartStart, DoubleIntegrator
+from moon_lander import MoonLander
 import numpy as np
 import pytest
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems import DirectProblem
+from tdm_planner.tracking.estimator import STUCK
 from tdm_planner.tracking.motion import Phase, TrajectoryRejected
 from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
@@ -30,8 +32,11 @@ class Rig:
         for _ in range(round(duration / step)):
             control = self.tracker.command(self.now).control
             self.state = integrate(self.tracker.plant, self.state, control, step, 1e-3)
-            self.now += step
-            self.tracker.observe(self.state, self.now)
+            self.show(self.state)
+
+    def show(self, state: np.ndarray) -> None:
+        self.now += self.tracker.parameters.interval
+        self.tracker.observe(state, self.now)
 
 
 @pytest.mark.parametrize('kind', [BallAndBeam, DoubleIntegrator])
@@ -59,11 +64,31 @@ def test_a_plant_that_is_thrown_back_to_the_start_gets_no_control() -> None:
     rig.accept(plan)
     rig.run(plan.duration + 1.0)
     assert rig.tracker.phase is Phase.HOLDING
-    rig.now += rig.tracker.parameters.interval
-    rig.tracker.observe(plan.states[0], rig.now)
+    rig.show(plan.states[0])
     assert not rig.tracker.command(rig.now).control.any()
     assert rig.tracker.phase is Phase.STOPPED
     assert 'more than tolerance.path' in rig.tracker.reason
+
+
+def test_a_plant_that_was_held_fast_seems_stuck_until_the_next_plan() -> None:
+    lander = MoonLander()
+    plan = lander.solve(deadline=10.0).trajectory
+    rig = Rig(lander, plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration - 1.0)
+    for _ in range(5):
+        rig.show(plan.states[0])  # noticed late
+    for _ in range(200):
+        rig.show(plan.states[0])
+        told = rig.tracker.command(rig.now)
+    assert (told.phase, told.problem) == (Phase.STOPPED, STUCK)
+    rig.state = plan.states[0].copy()
+    rig.accept(plan, 0.2)
+    while rig.tracker.phase is not Phase.TRACKING:
+        assert not rig.tracker.command(rig.now).problem
+        rig.show(plan.states[0])
+    rig.run(plan.duration + 1.0)
+    assert rig.tracker.phase is Phase.HOLDING
 
 
 def test_a_plan_that_starts_elsewhere_is_rejected_at_once() -> None:
