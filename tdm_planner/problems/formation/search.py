@@ -49,6 +49,7 @@ LATE: Final = 3.0  # half-turns of the thruster before the arrival: away, thrust
 _NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
 _INACTIVE_MARGIN = 2e-3  # margin of a separation that is not active
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
+_SLOW_TURN = 0.25  # share of solver.longest for half a turn of the thruster, which is told
 _CHECK_TIME = 4e-3, 2.5e-4  # s a robot, and s for any two of them,
 _CHECK_SHARE = 0.45  # but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
@@ -174,13 +175,17 @@ class FormationSearch(Search[C]):
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
+        turn, slow = math.pi / self.task.thruster_rate, ''
+        if turn > _SLOW_TURN * self.task.longest:
+            slow = f'; the thruster takes {turn:.3g} s for half a turn (limits.thruster_rate)'
         if self.rejected:
-            return VerificationFailed(f'no plan survived the check: {self.rejected}')
+            return VerificationFailed(f'no plan survived the check: {self.rejected}{slow}')
         closest, late = self.closest, self._until_check.spent
         within = f' within {self.budget.seconds:g} s' if late else ''
         found = f'no feasible plan{within} from {self.tried} initial guesses'
         if closest is not None:
             found += f'; the best one violates {closest.program.binding(closest.point)}'
+        found += slow
         return DeadlineExceeded(found) if late else Infeasible(found)
 
     @property

@@ -255,6 +255,12 @@ def test_a_goal_that_takes_longer_than_allowed_is_infeasible(changes) -> None:
         RobotFormation.from_parameters({'solver.longest': 3.0, **changes}).solve()
 
 
+def test_a_thruster_that_turns_too_slowly_is_named():
+    slow = RobotFormation.from_parameters({'limits.thruster_rate': 0.02})
+    with pytest.raises(Infeasible, match=r'takes 157 s for half a turn \(limits\.thruster_rate'):
+        slow.solve(counted=True)
+
+
 def test_the_reserve_for_tracking_survives_a_slow_thruster():
     slow = {'limits.thruster_rate': 0.5} | {f'robot{i}.start.alpha': 0.0 for i in (1, 2, 3)}
     problem = formation(**slow)
