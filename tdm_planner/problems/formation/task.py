@@ -23,6 +23,7 @@ _NUMERICAL_RESERVE = 0.01
 # Robots nearer than this to their goal, and slower, have arrived already.
 _ARRIVED = 1e-4
 _ROUNDING = 1e-9
+_AT_WALL = 2e-3  # m by which a robot that cannot stop sooner comes too near a wall
 # Half-turns of the thruster: for which a robot goes on as it moved, and that a motion leaves time
 # for, in initial guesses.
 DRIFT, _TURNS = 1.5, 2.25
@@ -192,10 +193,20 @@ def _check_places(task: FormationTask, place: str, points: Array) -> None:
 
 def check_reach(task: FormationTask) -> None:
     """
-    Check a lower bound of every arrival: along the straight way alone, and of the turn.
+    Check a lower bound of every arrival, along the straight way alone and of the turn, and walls.
 
-    Raise Infeasible if a robot cannot be at its goal in time.
+    Raise Infeasible if a robot cannot be at its goal in time, or stop before a wall.
     """
+    braking = task.velocity * np.abs(task.velocity) / (2.0 * task.thrust)
+    half, rest = task.separation / 2, task.start + braking
+    near = np.maximum(half - rest, rest - (task.sides - half))
+    if near.max(initial=0.0) > _AT_WALL:
+        robot, axis = np.unravel_index(int(near.argmax()), near.shape)
+        raise Infeasible(
+            f"'{task.names[robot]}' cannot stop before the wall from start.{'uv'[axis]} = "
+            f'{task.velocity[robot, axis]:.3g} m/s: with limits.thrust it comes '
+            f'{near[robot, axis]:.3g} m nearer than half of arena.minimum_separation'
+        )
     away = task.goal - task.start
     way = np.linalg.norm(away, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)

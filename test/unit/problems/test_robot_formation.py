@@ -249,6 +249,13 @@ def test_a_robot_that_drifts_comes_back(seed):
     flown(problem, deadline=0.3, counted=True)
 
 
+@pytest.mark.parametrize(('x', 'u', 'over'), [(0.6, 0.9, 0.85), (3.0, -0.9, 1.25)])
+def test_a_robot_that_cannot_stop_before_the_wall_is_infeasible(x, u, over) -> None:
+    moving = {'robot1.start.x': x, 'robot1.start.u': u}
+    with pytest.raises(Infeasible, match=rf'cannot stop .* start\.u = {u} m/s.* {over} m nearer'):
+        RobotFormation.from_parameters(moving).solve()
+
+
 @pytest.mark.parametrize('changes', [{}, {'robot1.start.u': 0.01}])
 def test_a_goal_that_takes_longer_than_allowed_is_infeasible(changes) -> None:
     with pytest.raises(Infeasible, match=r'solver\.longest = 3 s: at least .* s are needed'):
