@@ -201,7 +201,7 @@ def check_reach(task: FormationTask) -> None:
     half, rest = task.separation / 2, task.start + braking
     near = np.maximum(half - rest, rest - (task.sides - half))
     if near.max(initial=0.0) > _AT_WALL:
-        robot, axis = np.unravel_index(int(near.argmax()), near.shape)
+        robot, axis = divmod(int(near.argmax()), 2)
         raise Infeasible(
             f"'{task.names[robot]}' cannot stop before the wall from start.{'uv'[axis]} = "
             f'{task.velocity[robot, axis]:.3g} m/s: with limits.thrust it comes '
