@@ -66,10 +66,10 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     for name, pair_of in zip(names, given, strict=True):
         table.add_row(name, *(f'{v:.6g}' if np.isfinite(v) else 'free' for v in pair_of))
     console.print(table)
-    if ends.lost:
+    if ends.unkept:
         console.print(
             '[bold red]plans are not refined by collocation, and dearer for it, as these boundary '
-            f'conditions fix neither a state nor a control: {", ".join(ends.lost)}'
+            f'conditions fix neither a state nor a control: {", ".join(ends.unkept)}'
         )
     for function in (plant.trace.start_conditions, plant.trace.end_conditions):
         if count := function.numel_out(0):

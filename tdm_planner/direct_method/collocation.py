@@ -139,13 +139,13 @@ class Ends:
     """
     What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
 
-    `lost` names the conditions that fix neither a state nor a control: collocation cannot keep
+    `unkept` names the conditions that fix neither a state nor a control: collocation cannot keep
     them. `regular` where `invert` gives numbers at both ends.
     """
 
     states: Array
     controls: Array
-    lost: tuple[str, ...] = ()
+    unkept: tuple[str, ...] = ()
     regular: bool = True
 
     @classmethod
@@ -156,7 +156,7 @@ class Ends:
         A component is given if the free boundary values, varied at random, do not change it.
         """
         rng, states, controls = np.random.default_rng(1), [], []
-        lost, regular = list[str](), True
+        unkept, regular = list[str](), True
         for side, where in enumerate(('start', 'end')):
             y = {}
             for name, output in stated.outputs().items():
@@ -183,8 +183,8 @@ class Ends:
                     if order <= output.derivatives:
                         moved[name][order] = moved[name][order] + 0.1
                     if np.array_equal(_inverted(stated, moved, z), both, equal_nan=True):
-                        lost.append(f"'{name}' of order {order} at the {where}")
-        return cls(np.array(states), np.array(controls), tuple(lost), regular)
+                        unkept.append(f"'{name}' of order {order} at the {where}")
+        return cls(np.array(states), np.array(controls), tuple(unkept), regular)
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
@@ -274,12 +274,12 @@ class Collocation:
             largest = [np.abs(np.nan_to_num(v)).max(axis=0, initial=0.0) for v in inside]
             # How far the kinks of the running cost, the rates and the limits are rounded.
             kinks = [by * v + _LEAST_KINK for by, v in zip(shares, largest, strict=True)]
-            lost = np.nan_to_num(rows - self._rounded_limits(*along, kinks[2])[0])
+            rounding = np.nan_to_num(rows - self._rounded_limits(*along, kinks[2])[0])
         sl = np.abs(np.nan_to_num(rows, posinf=0.0, neginf=0.0)).max(axis=0)
         sl[(sl > _SMALL_LIMIT) | (sl < _NO_LIMIT)] = 1.0  # Ipopt itself scales what is large
         kept = kept[:, self.trace.unfolded.limit]
         # What is given may be on a limit, or in its kink, but for rounding.
-        kept[[0, -1]] -= _IPOPT['constr_viol_tol'] * sl + np.maximum(lost[[0, -1]], 0.0)
+        kept[[0, -1]] -= _IPOPT['constr_viol_tol'] * sl + np.maximum(rounding[[0, -1]], 0.0)
         x_units, u_units = self.trace.units
         sx, su, st = _scales(states, x_units), _scales(controls, u_units), guess.duration
         program = self._program

@@ -75,7 +75,7 @@ class _Pieces:
         e_running, e_motion, e_limits = (ca.SX.sym('e', one.count) for one in self.rounded)
         given = ca.vertcat(p, sx, su, sl, e_running, e_motion, e_limits, st, charged, unit_j)
         self.parameters = given.numel()
-        self.inner = np.flatnonzero(trace.between[trace.unfolded.limit])
+        self.inner = np.flatnonzero(trace.kept_between[trace.unfolded.limit])
         self.simple = SimpleBounds(trace.unfolded.rows)
 
         def kept(t: Any, x: Any, u: Any) -> Any:

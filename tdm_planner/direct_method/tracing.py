@@ -131,8 +131,8 @@ class Trace:
         followed = self.invert(symbolic_of['y'], z, p)
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)
-        self.between = self.of_states | bent(self.margins, values, 'u')
-        self.obstacles = bool(bent(self.margins, values, 'x').any())
+        self.kept_between = self.of_states | bent(self.margins, values, 'u')
+        self.has_obstacles = bool(bent(self.margins, values, 'x').any())
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
 
     def _flow(

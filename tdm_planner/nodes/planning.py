@@ -128,7 +128,7 @@ class PlanQueue:
             outcome = job.compute()
         except Exception as error:  # noqa: B902
             outcome = error
-        except BaseException as error:  # a problem of the user's calls sys.exit, say
+        except BaseException as error:  # noqa: B902 - a problem of the user's calls sys.exit
             outcome = RuntimeError(f'{type(error).__name__} ended the computation')
             outcome.__cause__ = error
         executor = self._node.executor

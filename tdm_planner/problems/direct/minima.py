@@ -23,7 +23,7 @@ from tdm_planner.problems.direct.statement import check_costs, check_dynamics
 
 _GUESS_NODES = 25
 _STIFF = 1e9  # times its size, beyond which an integrated state has left the range of numbers
-_PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers
+_DENSITIES = 1, 4  # the second where integrated states leave the range of numbers
 _TIGHT = TrustRegionOptions(
     penalties=(5.0, 5.0),
     largest_penalty=1e4,
@@ -49,7 +49,7 @@ class DirectMinima:
     Minima of the direct method for one problem; `budget` counts what they took.
 
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
-    `parts` times as many nodes as usual; `changed` a changed initial guess to look along. Xi of
+    `density` times as many nodes as usual; `changed` a changed initial guess to look along. Xi of
     rough minima that are feasible but for little are `in_sight`. `nearest_miss` says what the
     minimum violates that is nearest to a feasible motion.
 
@@ -69,7 +69,7 @@ class DirectMinima:
         self._problem = plant.stated.formulation
         self.in_sight: list[Array] = []
         self._closest, self.nearest_miss = np.inf, ''
-        self.parts, self.rough, self.changed = self._begun()
+        self.density, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
         feasibility = (tolerance, _FEASIBLE)
@@ -90,7 +90,7 @@ class DirectMinima:
         """Return the program on the nodes of the direct method's own plans."""
         outputs = self._stated.outputs().values()
         free = max(o.free if o.shapes is None else o.shapes.size for o in outputs)
-        count = self.parts * max(self._problem.nodes, 3 * free + 15)
+        count = self.density * max(self._problem.nodes, 3 * free + 15)
         return self.rough.refine(chebyshev_nodes(count), {})
 
     def _begun(self) -> tuple[int, Transcription, Array]:
@@ -100,20 +100,20 @@ class DirectMinima:
         Its cost is scaled at the initial guess, or at a change of it that is finite everywhere.
         """
         refusals = []
-        for parts in _PARTS:
-            program = self.on(chebyshev_nodes(parts * _GUESS_NODES))
+        for density in _DENSITIES:
+            program = self.on(chebyshev_nodes(density * _GUESS_NODES))
             for size in (0.0, *np.linspace(0.1, 1.0, _CHANGES)):
                 xi = self._change(program, float(size)) if size else program.first_guess
                 try:
                     program.begin(xi)
-                    return parts, program, xi if size else self._change(program, 0.5)
+                    return density, program, xi if size else self._change(program, 0.5)
                 except NotFinite as error:
                     refusals.append(error)
             if not program.integrated:
                 break
         raise refusals[0]
 
-    def loose(self, attempt: int) -> Minimum | None:
+    def minimise_roughly(self, attempt: int) -> Minimum | None:
         """Minimise roughly from the initial guess or, from `attempt` 1 on, a change of it."""
         program = self.rough
         size = min(_CHANGE[program.has_end_conditions] * attempt, 1.0)
@@ -126,15 +126,15 @@ class DirectMinima:
     @cached_property
     def _halves(self) -> Transcription:
         """Return the program on the ends and middles of the first intervals."""
-        return self.on(np.linspace(0.0, 1.0, 2 * FIRST * self.parts + 1))
+        return self.on(np.linspace(0.0, 1.0, 2 * FIRST * self.density + 1))
 
     def collocated(self, xi: Array) -> Iterator[CollocatedMotion]:
         """Yield the motion of Xi on the first intervals, if it is finite and takes some time."""
         motion = self._halves.motion(xi)
-        times = motion.times[:: self.parts]
+        times = motion.times[:: self.density]
         even = np.linspace(0.0, times[-1], times.size)
         states, controls = (
-            np.stack([np.interp(even, times, c) for c in values[:: self.parts].T], axis=-1)
+            np.stack([np.interp(even, times, c) for c in values[:: self.density].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
         for name, state in self._stated.integrated().items():
@@ -147,7 +147,7 @@ class DirectMinima:
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
+    def minimise_fully(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         """Minimise to the end; None where nothing can be computed."""
         return self._minimise(program, xi, budget, self._tight)
 

@@ -56,14 +56,14 @@ class Repaired(NamedTuple):
     """
     A motion whose cost is that of its replay, and the replayed `states` (n + 1, nx) at its nodes.
 
-    `reserve` (nm,) is kept of the limits beside what is stated. It is `lost` where the replay goes
-    elsewhere, and more intervals would not help.
+    `reserve` (nm,) is kept of the limits beside what is stated. The replay has `diverged` where it
+    goes elsewhere, and more intervals would not help.
     """
 
     motion: CollocatedMotion
     states: Array
     reserve: Array
-    lost: bool
+    diverged: bool
 
 
 class _Replay(NamedTuple):
@@ -72,8 +72,8 @@ class _Replay(NamedTuple):
 
     `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
     what the end is off the `goal` by, in tolerances, or `_END_REACHED` where a limit is just kept
-    there; `left` is the first node at which the replay is off the motion, the number of nodes if
-    it is nowhere. Where it fails there are no numbers but an infinite gap.
+    there; `departs` is the first node at which the replay is off the motion, n + 1 if it never
+    is. Where it fails there are no numbers but an infinite gap.
     """
 
     states: Array
@@ -82,7 +82,7 @@ class _Replay(NamedTuple):
     cost: float
     gap: float
     goal: Array
-    left: int
+    departs: int
 
 
 class Refinement:
@@ -143,7 +143,7 @@ class Refinement:
                 break
         return found
 
-    def first(
+    def from_guess(
         self, guess: CollocatedMotion, until: Budget, *, eased: bool, patient: bool
     ) -> CollocatedMotion | None:
         """
@@ -166,7 +166,7 @@ class Refinement:
         """Solve from what is left of an earlier plan; None if that leads nowhere."""
         if plan.states.shape[1] != self.ends.states.shape[1]:
             return None
-        now = self._left(plan)
+        now = self._resume_instant(plan)
         rest = plan.duration - now
         if not rest > 0.0:
             return None
@@ -184,7 +184,7 @@ class Refinement:
             motion = motion and self.finer(motion, COARSE)
         return motion
 
-    def _left(self, plan: Trajectory) -> float:
+    def _resume_instant(self, plan: Trajectory) -> float:
         """Instant [s] at which a plan is nearest to the given part of the start."""
         times = np.linspace(0.0, plan.duration, _INSTANTS)
         states = plan.sample(times).state
@@ -206,12 +206,13 @@ class Refinement:
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
-        most, before, lost = FINEST, (np.inf, 0.0), False
+        most, before, diverged = FINEST, (np.inf, 0.0), False
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
-            more, left = 2 * motion.intervals, flown.left / motion.intervals
-            lost |= flown.gap > max(_NEARER * before[0], _ELSEWHERE) and left <= _LATER * before[1]
-            refines = more <= most and self.affords(more) and not lost
+            more, along = 2 * motion.intervals, flown.departs / motion.intervals
+            far = flown.gap > max(_NEARER * before[0], _ELSEWHERE)
+            diverged |= far and along <= _LATER * before[1]
+            refines = more <= most and self.affords(more) and not diverged
             near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
             landed = flown.gap <= _END_REACHED and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
@@ -225,7 +226,7 @@ class Refinement:
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 again = self.solve(motion.intervals, motion, reserve=reserve)
             elif refines:
-                before = flown.gap, left
+                before = flown.gap, along
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
                 again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
                 most = motion.intervals if again is None else most
@@ -238,8 +239,8 @@ class Refinement:
             motion, flown = good
         # A root of what should be zero may be of less than that in the replay.
         cost = flown.cost if np.isfinite(flown.cost) else motion.cost
-        motion, lost = replace(motion, cost=cost), lost and good is None
-        return Repaired(motion, flown.states[::_LOOKS], reserve, lost)
+        motion, diverged = replace(motion, cost=cost), diverged and good is None
+        return Repaired(motion, flown.states[::_LOOKS], reserve, diverged)
 
     def _landed(self, motion: CollocatedMotion) -> tuple[CollocatedMotion, _Replay]:
         """Correct a motion while that brings the end of its replay nearer to the goal."""
@@ -255,7 +256,7 @@ class Refinement:
             if other is None:
                 break
             again = self._replayed(other)
-            if not (again.gap < flown.gap or again.left > flown.left):
+            if not (again.gap < flown.gap or again.departs > flown.departs):
                 break
             motion, flown = other, again
         return motion, flown
@@ -288,8 +289,8 @@ class Refinement:
         gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
         away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)
-        left = int(np.argmax(np.append(away.any(axis=1), True)))
-        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, left)
+        departs = int(np.argmax(np.append(away.any(axis=1), True)))
+        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, departs)
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:
         """Whether there is time for so many solutions on so many intervals, and a check."""

@@ -83,12 +83,12 @@ class DirectSearch(Search[Candidate]):
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
-        self._asked, self._refines = refined, refined and not self._refinement.ends.lost
+        self._asked, self._refines = refined, refined and not self._refinement.ends.unkept
         # When minimising before any check has to end [s]: a check takes its time, too.
         kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
         self._latest = budget.seconds - kept
         check_use(self._trace)
-        self._left = check_ends(self._stated, self._refinement.ends)
+        self._end_margins = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
@@ -140,7 +140,7 @@ class DirectSearch(Search[Candidate]):
         else:
             reason = 'no initial guess gives a motion that is finite everywhere'
         for where in ('start', 'end'):
-            reason = '; '.join([reason, *short_of_reserve(self._stated, self._left, where)])
+            reason = '; '.join([reason, *short_of_reserve(self._stated, self._end_margins, where)])
         if self._until_check.spent:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return (VerificationFailed if self.rejected else Infeasible)(reason)
@@ -172,21 +172,21 @@ class DirectSearch(Search[Candidate]):
         found: CollocatedMotion | None = candidate
         reserve, before = np.zeros(len(names)), np.inf
         while found is not None:
-            found, states, reserve, lost = refinement.repaired(found, reserve)
+            found, states, reserve, diverged = refinement.repaired(found, reserve)
             self._checked = found
             xi = np.concatenate([[found.duration], found.controls.ravel()])
             plan = self.checked(found.times, states, found.controls, found.cost, xi)
             if plan is None:
                 return
             yield plan
-            violated = {} if lost else self._violated(plan)
+            violated = {} if diverged else self._violated(plan)
             excess = sum(violated.values())  # the check looks more closely than the replay
             if 0.0 < excess < _EXCESS_LEFT * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
             reserve, before, more = np.zeros(len(names)), np.inf, 2 * found.intervals
-            goes_on = refinement.affords(more) and not lost
+            goes_on = refinement.affords(more) and not diverged
             found = refinement.finer(found, more) if goes_on else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
@@ -206,7 +206,7 @@ class DirectSearch(Search[Candidate]):
                 guess = self._refinement.spread(guess, COARSE)
             if attempt == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
-            motion = self._refinement.first(guess, until, eased=eased, patient=patient)
+            motion = self._refinement.from_guess(guess, until, eased=eased, patient=patient)
             if motion is None:
                 continue
             if not solved:  # a plan to fall back on, and mostly the plan
@@ -214,7 +214,7 @@ class DirectSearch(Search[Candidate]):
                     continue
                 self._found = True
                 yield settled
-                sides = self.budget.part(_SIDES * self.budget.seconds * self._trace.obstacles)
+                sides = self.budget.part(_SIDES * self.budget.seconds * self._trace.has_obstacles)
                 if self._best is None:
                     continue
             solved.append(motion)
@@ -255,7 +255,7 @@ class DirectSearch(Search[Candidate]):
             if kind != 'direct' or minima is None:
                 rollout = guesses.rollout() if kind == 'rollout' else None
                 yield rollout or guesses.line(straight=attempt == 0)
-            elif (minimum := minima.loose(attempt)) is not None:
+            elif (minimum := minima.minimise_roughly(attempt)) is not None:
                 minima.note_miss(minima.rough, minimum)
                 yield from minima.collocated(minimum.point.xi)
 
@@ -291,7 +291,7 @@ class DirectSearch(Search[Candidate]):
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
                 break
-            minimum = minima.tight(minima.program, xi, until)
+            minimum = minima.minimise_fully(minima.program, xi, until)
             if minimum is not None and minima.feasible(minimum):
                 found = self._found = True
                 yield minimum
@@ -335,7 +335,7 @@ class DirectSearch(Search[Candidate]):
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
             program, until = program.refine(chebyshev_nodes(nodes), reserve), self._until_check
-            again = None if until.spent else minima.tight(program, xi, until)
+            again = None if until.spent else minima.minimise_fully(program, xi, until)
             if again is None or not minima.feasible(again):
                 if until.spent:
                     self.rejected += '; it was not refined further: the time was up'

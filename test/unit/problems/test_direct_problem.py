@@ -236,7 +236,7 @@ def test_a_program_whose_multipliers_grow_without_end_is_given_up():
 def test_limits_on_controls_are_kept_while_they_change():
     """Straight on is quickest, but the thrust would pass through nothing when it turns round."""
     burning = BURNING(drag=0.0)
-    assert Trace.of(CheckedFormulation(burning)).between.tolist() == [False, True]
+    assert Trace.of(CheckedFormulation(burning)).kept_between.tolist() == [False, True]
     assert burning.solve(deadline=30.0).verification.ok
 
 
@@ -251,8 +251,8 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_stay_where_an_end_is_
     assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
     # bent to either side, from (-2, 0) to (2, 0): the way round a disc in between is along y
     problem = RoundTheObstacle()
-    assert Trace.of(CheckedFormulation(problem)).obstacles
-    assert not Trace.of(CheckedFormulation(WEAK())).obstacles
+    assert Trace.of(CheckedFormulation(problem)).has_obstacles
+    assert not Trace.of(CheckedFormulation(WEAK())).has_obstacles
     lines = (guesses(problem).bent(20, b, np.random.default_rng(1)) for b in (0, 0.2, -0.2))
     straight, left, right = (line.states for line in lines)
     assert left - straight == pytest.approx(straight - right)

@@ -357,8 +357,9 @@ def test_a_condition_that_asks_nothing_and_limits_that_leave_one_value() -> None
 
 def test_no_initial_guess_is_minimised_twice(monkeypatch):
     tried = []
-    monkeypatch.setattr(Refinement, 'first', lambda *_, **__: None)
-    monkeypatch.setattr(DirectMinima, 'tight', lambda self, _, xi, __: tried.append(xi.tobytes()))
+    monkeypatch.setattr(Refinement, 'from_guess', lambda *_, **__: None)
+    note = lambda self, _, xi, __: tried.append(xi.tobytes())  # noqa: E731
+    monkeypatch.setattr(DirectMinima, 'minimise_fully', note)
     with pytest.raises(Infeasible):
         changed(Cart, **QUICKEST)(solver=LONG).solve()
     assert len(set(tried)) == len(tried) > 2 * Cart.starts

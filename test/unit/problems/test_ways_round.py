@@ -68,7 +68,7 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
     budget = Budget(60.0)
     refinement = Refinement(plant := DirectPlant(problem), budget)
     line = Guesses(plant, refinement.ends, budget, 0).line(straight=True)
-    eased = refinement.first(line, budget, eased=True, patient=False)
+    eased = refinement.from_guess(line, budget, eased=True, patient=False)
     assert eased is not None
     finer = refinement.finer(eased, COARSE)
     assert finer is not None
@@ -112,7 +112,7 @@ def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> Non
     limits = ca.vertcat(ca.fmax(sides[0], sides[1]), ca.fmin(-sides[0], -sides[1]), 2.0 - x[0])
     margins = ca.Function('margins', [t, x, u, p], [limits])
     assert bent(margins, np.zeros(0), 'x').tolist() == [True, False, False]
-    assert Trace.of(CheckedFormulation(WINDOW())).obstacles
+    assert Trace.of(CheckedFormulation(WINDOW())).has_obstacles
 
 
 def test_only_kinks_between_two_limits_are_eased() -> None:
