@@ -150,7 +150,7 @@ class CheckedFormulation:
         return found
 
     def size_of(self, margin: str) -> tuple[float, str]:
-        """Return what a margin of 1 is, and its unit: of a control's limit; of others they are."""
+        """Return size and unit of a margin of 1: half a control's range, else 1 and no unit."""
         name = margin.rpartition(', ')[0]
         if name not in self.control_limits:
             return 1.0, ''

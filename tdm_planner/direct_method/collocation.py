@@ -60,8 +60,8 @@ class Settings:
     How a program is solved: most `iterations` of Ipopt, its first barrier parameter `barrier`.
 
     `smoothing` is the share of J that is charged for the controls' changes: where they do not
-    matter they rest. `rounding` is the share of what stands in a kink of the running cost, or of
-    the rates, by which that is rounded, see `graphs.Rounded`.
+    matter they rest. `rounding` rounds kinks of the running cost and of the rates, as |a| to
+    sqrt(a^2 + e^2): e is that share of the largest |a| along the guess, see `graphs.Rounded`.
     """
 
     iterations: int

@@ -299,8 +299,8 @@ class Formulation(ABC):
 
     `reserve` keeps a share of limits for feedback, by the name of a margin or a control. A plan's
     end may differ by `terminal_tolerance` (nx,) from the goal when replayed; by default by 1e-3 of
-    the largest range that a state of the same unit runs through. Without refinement limits are
-    kept at `nodes` (at least) along the arc, from `starts` initial guesses.
+    the largest range that a state of the same unit runs through. The direct method's own plans
+    keep limits at `nodes` or more along the arc, and begin from `starts` initial guesses.
     """
 
     name: ClassVar[str]

@@ -127,7 +127,7 @@ class Trace:
         self.final, self.start_conditions, self.end_conditions = ends
         everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
         of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
-        self.of_states, self.of_controls = of  # limits on more than controls; with a part of them
+        self.of_states, self.of_controls = of  # masks of limits (nm,): of t or x; of u
         followed = self.invert(symbolic_of['y'], z, p)
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)

@@ -186,9 +186,9 @@ class DirectMinima:
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
-        Yield changes of the initial guess; if `plain`, what none has been tried of before them.
+        Yield random changes of the initial guess, if `plain` after the unchanged guesses.
 
-        That are those in sight, an `earlier` solution, the initial guess itself. With an earlier
+        Those are rough minima in sight, an `earlier` solution, the initial guess. With an earlier
         solution no changes are tried: replanning is to be quick.
         """
         program, first = self.program, self.program.first_guess

@@ -22,7 +22,7 @@ from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
-# Violation of a limit: in its unit, share of its size at least and at most, and by rounding.
+# Violation of a limit that is allowed: clip(1e-5, 1e-6 size, 1e-4 size) + 1e-14, in its unit.
 _ALLOWED = 1e-5, 1e-6, 1e-4, 1e-14
 _RATES_ROUNDING = 1e-7  # share by which traced rates may differ from numpy's along a plan
 _PACE = 1e-2  # share of the duration that counts as much as what is left to a control
