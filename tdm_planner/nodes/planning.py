@@ -128,6 +128,9 @@ class PlanQueue:
             outcome = job.compute()
         except Exception as error:  # noqa: B902
             outcome = error
+        except BaseException as error:  # a problem of the user's calls sys.exit, say
+            outcome = RuntimeError(f'{type(error).__name__} ended the computation')
+            outcome.__cause__ = error
         executor = self._node.executor
         if executor is not None:  # None: the node is being destroyed
             executor.create_task(self._deliver, job, outcome)

@@ -50,7 +50,8 @@ class DirectMinima:
 
     `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
     `parts` times as many nodes as usual; `changed` a changed initial guess to look along. Xi of
-    rough minima that are feasible but for little are `in_sight`.
+    rough minima that are feasible but for little are `in_sight`. `nearest_miss` says what the
+    minimum violates that is nearest to a feasible motion.
 
     Making them raises NotFinite if the initial guess and its changes give numbers that are not
     finite.
@@ -67,6 +68,7 @@ class DirectMinima:
         self._plant, self._stated, self._trace = plant, plant.stated, plant.trace
         self._problem = plant.stated.formulation
         self.in_sight: list[Array] = []
+        self._closest, self.nearest_miss = np.inf, ''
         self.parts, self.rough, self.changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = _LOOSE._replace(steering=steering)
@@ -168,6 +170,19 @@ class DirectMinima:
         ends, margins = minimum.point.violations
         tolerance = max(self._tolerance, _PROMISING)
         return bool(ends <= tolerance and margins <= _PROMISING)
+
+    def note_miss(self, program: Transcription, minimum: Minimum) -> None:
+        """Keep what a minimum violates if it is the nearest to a feasible motion so far."""
+        if self.feasible(minimum) or not minimum.point.violation < self._closest:
+            return
+        self._closest, allowed = minimum.point.violation, self._stated.duration()
+        self.nearest_miss = (
+            f'no initial guess led to a feasible motion of {allowed.allowed}; '
+            f'the nearest violated {program.violated(minimum.point)}'
+        )
+        takes, longest = program.motion(minimum.point.xi).times[-1], allowed.bounds[1]
+        if takes > (1.0 - 1e-6) * longest and not allowed.fixed:
+            self.nearest_miss += f' and took {longest:.3g} s, the longest that is allowed'
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """

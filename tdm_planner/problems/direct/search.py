@@ -13,7 +13,7 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -24,7 +24,6 @@ from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.guesses import Guesses, TRIED
@@ -98,7 +97,6 @@ class DirectSearch(Search[Candidate]):
         self._tried = list[CollocatedMotion]()  # those that were checked
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
-        self._closest, self._nearest_miss = np.inf, ''
 
     def candidates(self) -> Iterator[Candidate]:
         """
@@ -137,8 +135,8 @@ class DirectSearch(Search[Candidate]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
-        elif self._nearest_miss:
-            reason = self._nearest_miss
+        elif self._minima.nearest_miss:
+            reason = self._minima.nearest_miss
         elif self._until_check.spent:
             reason = 'no search from a guess finished'
         else:
@@ -197,8 +195,8 @@ class DirectSearch(Search[Candidate]):
             if until.spent:
                 break
             eased = attempt % 2 == 0  # kinks show the way more often, and more often the same
-            patient = attempt >= _HASTY and not solved
-            if attempt >= TRIED and self._best:  # the first intervals may rank motions wrongly
+            patient, hard = attempt >= _HASTY and not solved, attempt >= TRIED
+            if hard and self._best:  # the first intervals may rank motions wrongly
                 guess = self._refinement.spread(guess, COARSE)
             if attempt == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
@@ -214,12 +212,12 @@ class DirectSearch(Search[Candidate]):
                 if self._best is None:
                     continue
             solved.append(motion)
-            best, hard = min(solved, key=lambda found: found.cost), attempt >= TRIED
-            again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-            alike = again >= _AGREED + hard and 2 * again > len(solved)
-            enough = alike or len(solved) >= _ENOUGH * (1 + hard)
-            if self.budget.past(_STARTS_SHARE) or (enough and sides.spent):
+            if self.budget.past(_STARTS_SHARE) or (_suffice(solved, hard) and sides.spent):
                 break
+        yield from self._cheaper(solved)
+
+    def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
+        """Yield the others on more intervals while they may be cheaper; at last the plan's own."""
         origin = solved[0].cost if solved else np.inf  # J of what the best plan is made of
         for motion in sorted(solved[1:], key=lambda found: found.cost):
             least = self._least
@@ -252,7 +250,7 @@ class DirectSearch(Search[Candidate]):
                 rollout = guesses.rollout() if kind == 'rollout' else None
                 yield rollout or guesses.line(straight=attempt == 0)
             elif (minimum := minima.loose(attempt)) is not None:
-                self._keep_nearest(minima.rough, minimum)
+                minima.note_miss(minima.rough, minimum)
                 yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
@@ -291,19 +289,7 @@ class DirectSearch(Search[Candidate]):
                 found = self._found = True
                 yield minimum
             elif minimum is not None:
-                self._keep_nearest(minima.program, minimum)
-
-    def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
-        """Remember what the minimum violates that is nearest to a feasible motion."""
-        if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
-            self._closest, allowed = minimum.point.violation, self._stated.duration()
-            self._nearest_miss = (
-                f'no initial guess led to a feasible motion of {allowed.allowed}; '
-                f'the nearest violated {program.violated(minimum.point)}'
-            )
-            takes, longest = program.motion(minimum.point.xi).times[-1], allowed.bounds[1]
-            if takes > (1.0 - 1e-6) * longest and not allowed.fixed:
-                self._nearest_miss += f' and took {longest:.3g} s, the longest that is allowed'
+                minima.note_miss(minima.program, minimum)
 
     @cached_property
     def _minima(self) -> DirectMinima:
@@ -398,3 +384,11 @@ class DirectSearch(Search[Candidate]):
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
         return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
+
+
+def _suffice(solved: Sequence[CollocatedMotion], hard: bool) -> bool:
+    """Whether most of the solutions are alike in cost, or they are enough; more where `hard`."""
+    best = min(solved, key=lambda found: found.cost)
+    again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
+    alike = again >= _AGREED + hard and 2 * again > len(solved)
+    return alike or len(solved) >= _ENOUGH * (1 + hard)

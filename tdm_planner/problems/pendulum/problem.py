@@ -159,6 +159,9 @@ class PendulumSwingUp(Problem):
             raise Infeasible(
                 f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
             )
+        psi, speed = self.start.psi, self.start.psi_dot
+        if abs(psi) >= task.disk_angle_limit and psi * speed > 0.0:
+            raise Infeasible(task.unstoppable)
         switching = partial(
             SwitchingSearch, task, rng=rng, arcs=self.switching_arcs, tolerance=tolerance
         )

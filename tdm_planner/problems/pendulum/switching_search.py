@@ -62,6 +62,8 @@ _SEARCH_UNTIL = 0.85  # if none has; also the end of pumping, and no round begin
 _PUMPED_FIRST = 0.25  # below which pumping is tried first
 _ALWAYS_PUMPED = 0.1  # below which random starts hardly ever arrive
 
+_FEW_ARCS = 64  # of `switching_arcs`, below which a failure tells that, too
+
 # Minimising the time.
 _POLISHED, _POLISHED_PUMPED = 5, 2  # candidates, of random starts and pumped ones
 _COARSE = 0.75  # share of the deadline after which no more are polished
@@ -249,7 +251,7 @@ class SwitchingSearch(Search[Candidate]):
             )
         peak = 0.0 if self._arrived else self._task.least_peak()
         if peak > self._task.disk_angle_limit:
-            found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
+            found = f': least peak found {peak:.5g} rad' if math.isfinite(peak) else ''
             return Infeasible(self._task.unstoppable + found)
         return DeadlineExceeded(self._missed())
 
@@ -369,6 +371,8 @@ class SwitchingSearch(Search[Candidate]):
             f'in {self.budget.seconds:g} s, {self._starts} initial guesses with at most '
             f'{task.planned_torque:.3g} N m (limits.torque less torque_reserve) '
         )
+        if self._arcs < _FEW_ARCS:
+            search += f'and {self._arcs} arcs (switching_arcs) '
         if self._arrived:
             return search + f'gave {self._arrived} swing-ups, but left no time to verify one'
         return search + 'gave no swing-up' + task.difficulties

@@ -154,7 +154,7 @@ class SwingUpTask:
         return (
             f'no torque within {self.planned_torque:.3g} N m (limits.torque less torque_reserve) '
             f'keeps the disk inside limits.disk_angle = {self.disk_angle_limit:g} rad from '
-            f'start.psi_dot = {self.start[3]:g} rad/s on'
+            f'start.psi = {self.start[1]:g} rad, start.psi_dot = {self.start[3]:g} rad/s on'
         )
 
     @property

@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from tdm_planner.exceptions import Busy, Inactive
+from tdm_planner.exceptions import Busy, Failure, Inactive
 from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.adapter import Vehicle
 from tdm_planner.nodes.planning import await_trackers, PlanQueue, Replanning
@@ -137,6 +137,18 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
         assert [call.args[0].start for call in it.publish.call_args_list] == [0.5]
         it.now.return_value += 0.6
     assert replanning._last == 'a new plan came 0.100 s late'
+
+
+def test_a_computation_that_ends_its_thread_is_a_fault_and_the_next_one_runs():
+    queue = Queue()
+    queue.request(Mock(side_effect=SystemExit(1)), queue.done.append)
+    queue.finish()
+    (fault,) = queue.done
+    assert Failure.of(fault).code == 'INTERNAL'
+    assert 'SystemExit' in Failure.of(fault).trace
+    queue.request(*queue.job('next'))
+    queue.finish()
+    assert queue.done[1:] == ['next']
 
 
 class Restarted:

@@ -221,18 +221,21 @@ def test_the_deadline_is_kept_where_it_takes_very_many_arcs(monkeypatch, seconds
 BRAKED = PendulumStart(theta=2.0, psi=1.5, psi_dot=9.5)
 OTHER_WAY = PendulumStart(theta=2.0, psi=-1.5, psi_dot=-9.5)
 FAST = PendulumStart(psi=1.9, psi_dot=200.0)
-AWAY = PendulumStart(theta=2.0, theta_dot=1.0)
+AWAY, OUTWARD = PendulumStart(theta=2.0, theta_dot=1.0), PendulumStart(psi=2.0, psi_dot=0.1)
 ARC = {'method': 'virtual_arc'}
 NARROW = {'limits': PendulumLimits(torque=0.02, disk_angle=1e-3)}
 AT_0 = {'goal': PendulumGoal(turns=0)}
-BRAKING = r'limits\.disk_angle = 2 rad from start\.psi_dot'
+BRAKING = r'limits\.disk_angle = 2 rad from start\.psi = .* rad, start\.psi_dot'
 GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
 
 
 @pytest.mark.parametrize(
     ('torque', 'start', 'others', 'seconds', 'words', 'code'),
     [
-        (1e-12, HANGING, {}, 0.2, r'limits\.torque', ''),
+        (1e-12, HANGING, {}, 0.2, r'try a limits\.torque above 4\.7e-05', ''),
+        (0.02, HANGING, {'goal': PendulumGoal(turns=99)}, 0.2, '99 is 98.5 turns away', ''),
+        (0.02, HANGING, {'switching_arcs': 5}, 0.2, r'and 5 arcs \(switching_arcs\)', ''),
+        (0.02, OUTWARD, {}, ENOUGH, BRAKING, 'INFEASIBLE'),
         (0.02, HANGING, {}, 1e-5, 'in 1e-05 s', ''),
         (0.02, BRAKED, {}, 0.3, BRAKING, 'INFEASIBLE'),
         (0.02, OTHER_WAY, {}, 0.3, BRAKING, 'INFEASIBLE'),

@@ -55,7 +55,7 @@ def test_a_slow_machine_finds_the_same(kind, parameters, monkeypatch):
     ('point', 'code', 'reason'),
     [
         ({'start.psi': 2.5}, 'INVALID_PROBLEM', 'limits.disk_angle'),
-        ({'limits.torque': 1e-6}, 'DEADLINE', 'many swings'),
+        ({'limits.torque': 1e-6}, 'DEADLINE', 'more swings than'),
         ({'start.psi': 0.0}, 'INTERNAL', 'ZeroDivisionError: a fault'),
     ],
 )
