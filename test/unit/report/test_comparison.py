@@ -156,6 +156,20 @@ def test_a_formation() -> None:
     assert comparison.verdict.reached
 
 
+def test_what_robots_do_before_the_motion_does_not_count() -> None:
+    mission = formation()
+    columns = mission.vehicles[0].states.columns
+    early = mission.vehicles[0].states.times < 0.5
+    for name in ('x', 'y'):  # one drifts through the other while the nodes come up
+        columns[name][early] = mission.vehicles[1].states.columns[name][early]
+    plans = [(FollowedPlan(v.plans[0].trajectory, 0.5),) for v in mission.vehicles]
+    for given, least in ((plans, 1.0), ([(), ()], 0.0)):
+        vehicles = tuple(replace(v, plans=p) for v, p in zip(mission.vehicles, given, strict=True))
+        comparison = compare(replace(mission, vehicles=vehicles))
+        assert entry(comparison, 'smallest distance').achieved == pytest.approx(least)
+        assert comparison.verdict is None or comparison.verdict.reached
+
+
 def coasting(thrust: float) -> Comparison:
     mission = formation()
     controls = mission.vehicles[0].controls
