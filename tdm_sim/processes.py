@@ -257,7 +257,7 @@ class Scene:
         return [part.name for part in self.parts if not self._up(part)]
 
     def _up(self, part: Part) -> bool:
-        """Whether a service is there, a plant receives commands; a tracker states and a planner."""
+        """Whether services are there, plants get commands, trackers states, and see a planner."""
         figures, client = self._figures.get(part.name, {}), self.clients.get(part.name)
         if client is not None and not client.service_is_ready():
             return False

@@ -171,8 +171,8 @@ class TrajectoryTracker(ABC):
         """
         Accept a trajectory whose motion begins at `start` [s]; until then it may be `pending`.
 
-        One already under way is joined midway. The gains are computed here. After an aborted motion
-        a sensor that seems stuck is believed anew: the plant may have been held fast.
+        One already under way is joined midway. The gains are computed here. After an abort a
+        sensor that seems stuck is believed anew: the plant may have been held fast.
 
         Raise TrajectoryRejected if it lies in the past, or the state is too far from it. A tracker
         that has just been restarted into a plan recovers then, with `replan.on_deviation`.
