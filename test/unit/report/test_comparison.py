@@ -17,6 +17,7 @@ from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity
 from tdm_sim.report.signals import Signals
+from tdm_sim.report.tables import figures as figures_of
 from tdm_sim.report.verdict import judge
 
 TURN = 2 * math.pi
@@ -204,6 +205,9 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     for name, count in (counts | {'time to solve': pytest.approx(0.9)}).items():
         assert entry(comparison, name).achieved == count
     assert entry(comparison, 'time to solve').planned == 0.5
+    told = {name: values for name, *values in figures_of(comparison)}
+    assert told['time to solve [s]'] == ['at most 0.5', '0.9']
+    assert told['missed deadlines'] == ['', '4']
     # those of nodes that wait for each other are not
     early = (
         Event(-3.0, Severity.ERROR, '/p/tracker', 'idle: no state has been received yet'),

@@ -191,6 +191,10 @@ def test_a_goal_that_can_be_held_must_be() -> None:
     assert judged(SLED, 0.0, until=6.5).undecided.startswith('the recording ends at 6.5 s')
     # limits leave the feedback some room
     assert judged(SLED, 0.0, u=0.55).reached  # 2.5 % above 2 m/s^2
+    saturated = mission(SLED, 0.0)
+    saturated.vehicles[0].commands.columns['u'][60] = 2.0
+    marks = {e.name: e.mark for e in compare(saturated).entries}
+    assert (marks['margin of u, highest'], marks['margin of u, lowest']) == ('saturated', '')
     (reason,) = judged(SLED, 0.0, u=0.7).reasons
     assert "violated the limit 'u, highest' by 0.0" in reason
 
