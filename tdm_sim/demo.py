@@ -44,6 +44,7 @@ _POLL_PERIOD = 0.05  # s between looks at the processes, at what is awaited, and
 _RETRY = 0.2  # s between requests while states are on their way
 _SETTLED = 0.1  # s after a reset, when the planner has received states from after it
 _SILENCE = 30.0  # s without a state, after which the demo ends
+_LATE = 'older than state_timeout'  # as trackers say it
 _OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
 _OF_MESSAGES = ('plan_id', 'stamp', 'vehicles')  # what a plan's summary has, and its file has not
 
@@ -101,9 +102,22 @@ def run_demo(
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     unjudged = ('too little was recorded to judge it',)
     told = unjudged if judged is None else (*judged.reasons, judged.undecided)
-    for reason in filter(None, (*told, *unclean)):
+    done = judged is not None and judged.reached and not unclean
+    advice = '' if done else _advice(mission, scene.speed)
+    for reason in filter(None, (*told, *unclean, advice)):
         print(f'tdm demo: {reason}', file=sys.stderr)
-    return judged is not None and judged.reached and not unclean
+    return done
+
+
+def _advice(mission: Mission, speed: float) -> str:
+    """Say what helps where states came too late during the motion."""
+    late = sum(_LATE in e.text for e in mission.events if not mission.is_early(e))
+    slower = max(speed / 2.0, SPEED.range.lower)
+    if not late or slower == speed:
+        return ''
+    return (
+        f"states came too late ({_LATE}) {late} times: '--speed {slower:g}' gives them more time"
+    )
 
 
 def _prepare_folder(folder: Path) -> None:

@@ -12,7 +12,9 @@ import pytest
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.trajectory import Sample, Trajectory
+from tdm_sim import demo
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity
@@ -218,6 +220,19 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
+
+
+def test_a_demo_on_too_slow_a_computer_is_told_what_helps() -> None:
+    tracker = PendulumTracker(PendulumTrackerParameters())
+    tracker.observe(np.array([math.pi, 0.0, 0.0, 0.0]), 0.0)
+    tracker.accept(swing_up().vehicles[0].plans[0].trajectory, 0.05, 0.0)
+    text = tracker.command(1.0).problem
+    late = [Event(at, Severity.ERROR, '/p/tracker', text) for at in (-1.0, 0.2, 0.4)]
+    mission = replace(swing_up(), events=tuple(late))
+    told = "states came too late (older than state_timeout) 2 times: '--speed 0.5' gives"
+    assert demo._advice(mission, 1.0).startswith(told)
+    assert not demo._advice(mission, 0.05)
+    assert not demo._advice(replace(mission, events=tuple(late[:1])), 1.0)
 
 
 def test_tracking_errors_are_what_was_measured_less_what_was_planned() -> None:
