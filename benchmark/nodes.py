@@ -72,7 +72,7 @@ class Rig:
 
     def begin(self) -> None:
         """Wait until the nodes are connected."""
-        self._wait(lambda: not self._scene.missing(self._plan))
+        self._wait(lambda: not self._scene.missing())
 
     def _wait(self, done: Callable[[], bool]) -> None:
         end = time.monotonic() + LONGEST

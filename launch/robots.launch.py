@@ -8,8 +8,9 @@ Start with ``ros2 launch tdm_planner robots.launch.py rviz:=true``, then ask for
 ``ros2 service call /robots/plan std_srvs/srv/Trigger``.
 
 The robots are those that the parameter file's section `planner` names in `robots`; the simulated
-ones stand at its `<robot>.start` to begin with. ``number_of_robots:=2`` takes the first two of
-them, a larger number adds more, with places of their own.
+ones begin at its `<robot>.start`, and drift from there if it has velocities, until a plan starts.
+``number_of_robots:=2`` takes the first two of them, a larger number adds more, with places of
+their own.
 
 Ctrl-C ends all of it. A tracker that dies is restarted: it resumes the active plan if the robot is
 on it, and holds otherwise. Planner and simulated plants are not restarted, because they would lose

@@ -34,16 +34,22 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import BUILT_IN, kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
 from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
-from tdm_planner.tracking.stated_tracking import ALLOWED, StatedTracker, StatedTrackerParameters
+from tdm_planner.tracking.stated_tracking import (
+    GOAL_SHARE,
+    StatedTracker,
+    StatedTrackerParameters,
+)
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 THRUST = 'thrust'
 
+_LIMIT_SHARE = 0.05  # of a limit's size, that feedback needs beyond it
 _ROUNDING = 1e-9
 _NO_THRUST = 1e-6  # N
 
@@ -104,8 +110,8 @@ class PlantView(Drawn):
         """Return the limits of one vehicle's motion."""
         return () if self.problem is None else self.problem.constraints_on(plan)
 
-    def allowed(self, limit: str) -> float:
-        """Return what a limit may be violated by, in its unit."""
+    def allowed(self, limit: str, plan: Trajectory) -> float:
+        """Return what a limit may be violated by on a flight of a plan, in its unit."""
         return _ROUNDING
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
@@ -160,11 +166,11 @@ class PendulumView(PlantView):
         """Return the same, and the delay of a rig that swings more slowly."""
         return self._settling + (1.0 / PACES[0] - 1.0) * duration
 
-    def allowed(self, limit: str) -> float:
+    def allowed(self, limit: str, plan: Trajectory) -> float:
         """Return room for the feedback beyond the disk's angle, none beyond the torque."""
         if limit == 'disk_angle' and 'psi' in self.bounds:
-            return ALLOWED * self.bounds['psi'][1]
-        return super().allowed(limit)
+            return _LIMIT_SHARE * self.bounds['psi'][1]
+        return super().allowed(limit, plan)
 
 
 class RobotView(PlantView):
@@ -217,6 +223,14 @@ class RobotView(PlantView):
         return [replace(c, margin=left) if c.name == THRUST else c for c in found]
 
 
+class _Flown(NamedTuple):
+    """Ranges of a plan's states (nx,), sizes of limits by name, whether its end can be held."""
+
+    ranges: Array
+    limits: Mapping[str, float]
+    held: bool
+
+
 class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
@@ -226,14 +240,14 @@ class StatedView(PlantView):
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
         self._stated = CheckedFormulation(problem)
-        self._known: dict[Trajectory, tuple[Array, bool]] = {}
+        self._known: dict[Trajectory, _Flown] = {}
         self.name = self.title = problem.name
         limits = self._stated.control_limits.items()
         self.bounds = {name: tuple(v for v in both if np.isfinite(v)) for name, both in limits}
 
-    def allowed(self, limit: str) -> float:
-        """Return the share by which margins of limits may be negative: feedback needs room."""
-        return ALLOWED
+    def allowed(self, limit: str, plan: Trajectory) -> float:
+        """Return a share of what the limit changes by along the plan: feedback needs room."""
+        return _LIMIT_SHARE * self._flown(plan).limits.get(limit, 1.0)
 
     def check_drawing(self) -> None:
         """Draw the start, then both ends at once, as a report draws all instants."""
@@ -245,33 +259,38 @@ class StatedView(PlantView):
     def _ends(self) -> Ends:
         return Ends.of(self._stated)
 
-    def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
-        """Return the range of every state (nx,) along a plan, and whether its end can be held."""
+    def _flown(self, plan: Trajectory) -> _Flown:
         if plan not in self._known:
             law = StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan)
-            self._known[plan] = law.ranges, law.end is not None
+            plant = DirectPlant(self.problem)
+            half = 0.5 * np.diff(plant.control_range, axis=0)[0]
+            controls = np.where(np.isfinite(half), half, np.abs(plan.controls).max(axis=0))
+            sizes = plant.limit_sizes(plan, law.ranges, controls).tolist()
+            limits = dict(zip(plant.trace.margin_names, sizes, strict=True))
+            self._known[plan] = _Flown(law.ranges, limits, law.end is not None)
         return self._known[plan]
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Every state that the statement gives the end of, within a share of its range."""
         end = self._ends.states[1]
         given = np.isfinite(end)
-        ranges, _ = self._tracked(plan)
         tolerances = tuple(
-            Tolerance((name,), ALLOWED * float(size))
-            for name, size, known in zip(plan.state_names, ranges, given, strict=True)
+            Tolerance((name,), GOAL_SHARE * float(size))
+            for name, size, known in zip(
+                plan.state_names, self._flown(plan).ranges, given, strict=True
+            )
             if known
         )
         return np.where(given, end, plan.states[-1]), tolerances
 
     def is_held(self, plan: Trajectory) -> bool:
         """Whether some control keeps the plan's end."""
-        return self._tracked(plan)[1]
+        return self._flown(plan).held
 
     def end_conditions(self, time: float, state: Array) -> Array:
         """Return the conditions, of order one, as shares of what is allowed."""
         found = self._stated.parts('end_conditions', np.array([time]), state[None])
-        return np.array([float(value[0]) / ALLOWED for value in found])
+        return np.array([float(value[0]) / GOAL_SHARE for value in found])
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the statement draws."""

@@ -29,14 +29,19 @@ class Part(NamedTuple):
     namespace: str = ''
     parameters: Mapping[str, Any] = {}
 
+    @property
+    def name(self) -> str:
+        """Return the node's full name, in its namespace."""
+        return f'{self.namespace}/{self.executable}'
+
 
 def robot_nodes(document: Any, namespace: str = 'robots', number: int | None = None) -> list[Part]:
     """
     Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
-    The planner's section names the `robots`. Simulated robots stand at `<robot>.start` to begin
-    with. `namespace` is the planner's; the trackers ask for new plans there. With a `number` that
-    many robots take part, see `resized`.
+    The planner's section names the `robots`. Simulated robots begin at `<robot>.start`, and
+    drift from there if it has velocities. `namespace` is the planner's; the trackers ask for new
+    plans there. With a `number` that many robots take part, see `resized`.
 
     Raise InvalidProblem if the names cannot be used, a start is not allowed, or there is no room
     for so many.

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import json
 import math
 import os
@@ -42,9 +42,13 @@ _START_LIMIT = 60.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 300.0  # s for the planner to answer: it may have to compile its kernels
 _POLL_PERIOD = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
+_SETTLED = 0.1  # s after a reset, when the planner has received states from after it
 _SILENCE = 30.0  # s without a state, after which the demo ends
+_LATE = 'older than state_timeout'  # as trackers say it
 _OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
 _OF_MESSAGES = ('plan_id', 'stamp', 'vehicles')  # what a plan's summary has, and its file has not
+
+Wait = Callable[[Callable[[], bool], float], bool]
 
 
 class DemoFailed(TdmError):
@@ -98,9 +102,22 @@ def run_demo(
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     unjudged = ('too little was recorded to judge it',)
     told = unjudged if judged is None else (*judged.reasons, judged.undecided)
-    for reason in filter(None, (*told, *unclean)):
+    done = judged is not None and judged.reached and not unclean
+    advice = '' if done else _advice(mission, scene.speed)
+    for reason in filter(None, (*told, *unclean, advice)):
         print(f'tdm demo: {reason}', file=sys.stderr)
-    return judged is not None and judged.reached and not unclean
+    return done
+
+
+def _advice(mission: Mission, speed: float) -> str:
+    """Say what helps where states came too late during the motion."""
+    late = sum(_LATE in e.text for e in mission.events if not mission.is_early(e))
+    slower = max(speed / 2.0, SPEED.range.lower)
+    if not late or slower == speed:
+        return ''
+    return (
+        f"states came too late ({_LATE}) {late} times: '--speed {slower:g}' gives them more time"
+    )
 
 
 def _prepare_folder(folder: Path) -> None:
@@ -130,7 +147,6 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         scene.listen(node)
-        client = node.create_client(Trigger, 'plan')
 
         def wait(until: Callable[[], bool], limit: float = math.inf) -> bool:
             end = time.monotonic() + limit
@@ -151,11 +167,11 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
         words = ['record', '-o', f'{output}/bag', '--namespace', scene.namespace, '--quiet']
         for name, module, arguments in [('recorder', 'tdm_planner.cli', words), *nodes]:
             processes.start(name, module, arguments)
-        if not wait(lambda: not scene.missing(client), _START_LIMIT):
-            missing = ', '.join(scene.missing(client))
+        if not wait(lambda: not scene.missing(), _START_LIMIT):
+            missing = ', '.join(scene.missing())
             raise DemoFailed(f'not up and connected after {_START_LIMIT:g} s: {missing}')
         progress.phase('asking for a plan')
-        progress.phase(_ask(client, wait)['summary'])
+        progress.phase(_ask(scene, wait)['summary'])
         if not wait(lambda: scene.planned, _ANSWER_LIMIT):
             raise DemoFailed('the planner answered, but no plan was published')
         wait(lambda: scene.over or time.monotonic() - scene.heard_at > _SILENCE)
@@ -165,20 +181,38 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
     return [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
 
 
-def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
-    """Request a plan, again while the planner has not received every plant's state."""
+def _ask(scene: Scene, wait: Wait) -> dict[str, Any]:
+    """
+    Request a plan of plants that begin, again while the planner has not received their states.
+
+    Those that move by themselves have gone far away while the nodes came up.
+    """
     end = time.monotonic() + _START_LIMIT
     while True:
-        future = client.call_async(Trigger.Request())
-        if not wait(future.done, _ANSWER_LIMIT):
-            raise DemoFailed(f'the planner did not answer within {_ANSWER_LIMIT:g} s')
-        response = future.result()
+        _reset(scene, wait)
+        (response,) = _call(scene, [f'{scene.namespace}/planner'], wait)
         answer: dict[str, Any] = json.loads(response.message)
         if response.success:
             return answer
         if answer['code'] != NoState.code or time.monotonic() > end:
             raise DemoFailed(f'no plan: {answer["code"]}: {answer["reason"]}')
         wait(lambda: False, _RETRY)
+
+
+def _reset(scene: Scene, wait: Wait) -> None:
+    """Put the plants back to where they begin, and wait until the planner can know."""
+    _call(scene, [plant.name for plant in scene.plants], wait)
+    settled = scene.now + _SETTLED
+    wait(lambda: scene.now >= settled, _START_LIMIT)
+
+
+def _call(scene: Scene, nodes: Sequence[str], wait: Wait) -> list[Any]:
+    """Return the answers of nodes' services."""
+    answers = {name: scene.clients[name].call_async(Trigger.Request()) for name in nodes}
+    if not wait(lambda: all(answer.done() for answer in answers.values()), _ANSWER_LIMIT):
+        late = ', '.join(name for name, answer in answers.items() if not answer.done())
+        raise DemoFailed(f'no answer within {_ANSWER_LIMIT:g} s: {late}')
+    return [answer.result() for answer in answers.values()]
 
 
 def _plan_file(mission: Mission) -> dict[str, Any]:

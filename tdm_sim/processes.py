@@ -27,6 +27,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED
@@ -168,7 +169,8 @@ class Scene:
 
     `file` is the parameter file of all nodes, if any; `parts` are the nodes, a plant before its
     tracker. `now` is the instant [s] of the newest state, in the plants' time; -inf before the
-    first. `heard_at` is the monotonic time at which it, or the plan, was heard.
+    first. `heard_at` is the monotonic time at which it, or the plan, was heard. `clients` are of
+    the planner's service `plan` and the plants' `reset`, by the nodes' names.
     """
 
     def __init__(
@@ -181,6 +183,7 @@ class Scene:
         self.speed = 1.0  # of simulated time
         self.plants = [part for part in self.parts if part.executable.endswith('plant')]
         self.now, self.heard_at = -math.inf, -math.inf
+        self.clients: dict[str, Client] = {}
         self._view = view_of(problem)
         self._view.check_drawing()
         self._start: int | None = None  # of the plan [ns]
@@ -211,7 +214,7 @@ class Scene:
         return commands
 
     def listen(self, node: Node) -> None:
-        """Subscribe to diagnostics, the plan, and the first plant's state: all have one clock."""
+        """Subscribe to diagnostics, plan and the first plant's state (one clock); make clients."""
         node.create_subscription(DiagnosticArray, TOPIC, self.take_diagnostics, _NODES)
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
         first = f'{self.plants[0].namespace}/joint_states'
@@ -219,6 +222,9 @@ class Scene:
         for plant in self.plants:
             told, space = partial(self._on_statuses, plant.namespace), plant.namespace
             node.create_subscription(GoalStatusArray, f'{space}/{STATUSES}', told, LATCHED)
+            self.clients[plant.name] = node.create_client(Trigger, f'{space}/reset')
+        plan = node.create_client(Trigger, f'{self.namespace}/plan')
+        self.clients[f'{self.namespace}/planner'] = plan
 
     def take_diagnostics(self, message: DiagnosticArray) -> None:
         """Keep the figures of nodes."""
@@ -241,24 +247,24 @@ class Scene:
         if now > self.now:  # a clock that stands still is silence
             self.now, self.heard_at = now, time.monotonic()
 
-    def missing(self, client: Client) -> list[str]:
+    def missing(self) -> list[str]:
         """
-        Name the nodes that are not up or not connected; `client` is of the planner's service.
+        Name the nodes that are not up or not connected.
 
         A plan requested earlier might reach a node after its motion is over. Whether others see
         each other is in their own figures: the middleware may connect some pairs seconds later.
         """
-        return [
-            f'{part.namespace}/{part.executable}'
-            for part in self.parts
-            if not (client.service_is_ready() if part.executable == 'planner' else self.up(part))
-        ]
+        return [part.name for part in self.parts if not self._up(part)]
 
-    def up(self, part: Part) -> bool:
-        """Whether a plant receives commands; a tracker states, and sees a planner."""
-        figures = self._figures.get(f'{part.namespace}/{part.executable}', {})
+    def _up(self, part: Part) -> bool:
+        """Whether services are there, plants get commands, trackers states, and see a planner."""
+        figures, client = self._figures.get(part.name, {}), self.clients.get(part.name)
+        if client is not None and not client.service_is_ready():
+            return False
         if part in self.plants:
             return figures.get('commands accepted', '0') != '0'
+        if part.executable == 'planner':
+            return True
         return figures.get('planners', '0') != '0' and figures.get('state age [s]', 'inf') != 'inf'
 
     @property

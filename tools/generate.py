@@ -35,7 +35,7 @@ The planner's plant and limits are what it believes, the plant node's what is si
 ROBOTS_TITLE = """Robots: one planner, tracker and simulated plant of each robot, in any namespace.
 Written by `make config` from the declarations in the code: the values are the defaults, but for
 `rate`: motions of many seconds need no more than 100 Hz, and each robot is two processes.
-The simulated robots stand at <robot>.start to begin with."""
+The simulated robots begin at <robot>.start, and after `reset`; those with u, v, omega drift."""
 
 AIR_BEARING_TITLE = """Robots of 10.5 kg on an air-bearing floor, driven by cold gas (slow).
 Bevilacqua et al., Int. J. Aerospace Eng. 2011, 308245.

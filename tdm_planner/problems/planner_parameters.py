@@ -128,10 +128,19 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     if unknown:
         plain = {item.name for item in fields(cast(Any, cls))} - {n.split('.')[0] for n in specs}
         hint = 'it is a field without parameter(...)' if unknown[0] in plain else ''
-        hint = hint or suggestion(unknown[0], specs)
+        hint = hint or _left_out(unknown[0], values) or suggestion(unknown[0], specs)
         listed = '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
         raise InvalidProblem(
             f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
             + (f': {hint}' if hint else listed)
         )
     return {name: specs[name].check(value) for name, value in values.items() if name in specs}
+
+
+def _left_out(name: str, values: Mapping[str, Any]) -> str:
+    """Say of a parameter of a robot that the robot is not among those that `values` name."""
+    robot, robots = name.removeprefix('formation.').split('.')[0], values.get('robots')
+    named = any(value.startswith(f'{robot}.start.') for value in values)
+    if not named or not isinstance(robots, list | tuple) or robot in robots:
+        return ''
+    return f"'{shown(robot)}' is not among robots = [{', '.join(map(str, robots))}]"

@@ -27,7 +27,7 @@ from tdm_planner.tracking.motion import Action, Motion, Tolerances, TrackerParam
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
-ALLOWED = 0.05  # share of a state's range from a given end that counts as reached
+GOAL_SHARE = 0.05  # of a state's range: so near to a given end it counts as reached
 _FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
@@ -210,7 +210,7 @@ class StatedTracker(TrajectoryTracker):
     def at_goal(self, motion: Motion, state: Array) -> bool:
         """Whether every state whose end is given is near to it."""
         away = np.abs(self.error(state, motion.trajectory.states[-1]))
-        return bool((away < ALLOWED * motion.law.ranges)[self._ends_at_goal].all())
+        return bool((away < GOAL_SHARE * motion.law.ranges)[self._ends_at_goal].all())
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""

@@ -153,7 +153,7 @@ def _margins(mission: Mission) -> Iterator[Entry]:
             achieved = measured.get(name)
             # of a control: the plant could not do more
             at_limit = achieved is not None and abs(achieved.worst) <= ROUNDING
-            mark = 'saturated' if at_limit and name in controls else ''
+            mark = 'saturated' if at_limit and name.partition(', ')[0] in controls else ''
             entry = _smallest('margin', f'margin of {name}', planned.get(name), achieved)
             yield entry._replace(vehicle=vehicle.name, mark=mark)
 

@@ -225,13 +225,17 @@ class Mission:
 
     @cached_property
     def separations(self) -> History:
-        """Return the distance of every pair of vehicles over time, called ``one - other``."""
+        """
+        Return the distance of every pair of vehicles, called ``one - other``.
+
+        What was measured counts from the start of the first plan on, if there is one.
+        """
         moving = [v for v in self.vehicles if v.view.place]
         planned = [v for v in moving if v.plans]
-        seen = {v.name: v.states for v in moving if v.states}
+        start = min((v.plans[0].start for v in planned), default=-np.inf)
+        seen = {v.name: v.states.between(start, np.inf) for v in moving if v.states}
         found = History()
         if len(planned) > 1:
-            start = min(v.plans[0].start for v in planned)
             end = max(v.plans[-1].end for v in planned)
             times = np.linspace(start, end, min(int((end - start) / _STEP) + 2, 20_000))
             states = {v.name: v.planned(times)[0] for v in planned}

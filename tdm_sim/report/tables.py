@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 import math
 
@@ -52,7 +52,7 @@ def _verdict(comparison: Comparison) -> str:
 def figures(comparison: Comparison) -> list[tuple[str, str, str]]:
     """Return name, planned and achieved of the summary's figures as text, for terminals."""
     return [
-        (f'{e.name} [{e.unit}]' if e.unit else e.name, _text(e.planned), _text(e.achieved))
+        (f'{e.name} [{e.unit}]' if e.unit else e.name, _due(e, _text), _text(e.achieved))
         for e in _worst(comparison.entries)
     ]
 
@@ -111,8 +111,7 @@ def _row(mission: Mission, entry: Entry) -> str:
     small = f'<small>{escape(", ".join(notes))}</small>' if notes else ''
     planned, achieved = entry.planned, entry.achieved
     if entry.kind == 'planner':
-        # the planner's deadline, and its solve time
-        texts = [f'at most {number(planned)}' if planned else '', number(achieved)]
+        texts = [_due(entry, number), number(achieved)]
         cells = ''.join(f'<td>{text}</td>' for text in (texts if executed else texts[1:]))
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
@@ -121,6 +120,13 @@ def _row(mission: Mission, entry: Entry) -> str:
         if executed:
             cells += _cell(achieved, entry.achieved_at, bad, entry.mark)
     return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
+
+
+def _due(entry: Entry, shown: Callable[[float | None], str]) -> str:
+    """Return what was planned, of the planner the most that it may be: its deadline."""
+    if entry.kind != 'planner':
+        return shown(entry.planned)
+    return f'at most {shown(entry.planned)}' if entry.planned else ''
 
 
 def _cell(value: float | None, instant: float | None, bad: bool = False, mark: str = '') -> str:

@@ -176,8 +176,13 @@ def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
         for name, margin in smallest(judged).items()
-        if not margin.worst >= -vehicle.view.allowed(name) and name not in vehicle.view.enforced
+        if name not in vehicle.view.enforced and not margin.worst >= -_allowed(vehicle, name)
     ]
+
+
+def _allowed(vehicle: RecordedVehicle, limit: str) -> float:
+    """Return what a limit may be violated by: of the last plan little may be left."""
+    return max(vehicle.view.allowed(limit, plan.trajectory) for plan in vehicle.plans)
 
 
 def _too_close(mission: Mission) -> list[str]:

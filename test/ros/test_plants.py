@@ -14,10 +14,12 @@ import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
 from stated import Cart
+from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.tracked_plants import PLANT_NODE
+from tdm_sim import demo
 from tdm_sim.stated_plant import _with_states
 
 OK, WARN = 0, 1
@@ -195,6 +197,30 @@ def test_push_reset_and_a_command_that_names_no_wheel_to_a_robot_with_a_name_of_
     assert words in robot.process.output
     assert robot.states[-1].effort[0] == 0.0
     robot.set('robot_plant', arena__robot_radius=0.2)
+
+
+def test_robots_that_drift_begin_anew_when_a_demo_asks_for_a_plan(ros, tmp_path):
+    values = '{robots: [robot1, robot2], robot1: {start: {u: 0.15, v: -0.1}}}'
+    (tmp_path / 'two.yaml').write_text(f'/**/planner:\n  ros__parameters: {values}\n')
+    scene = demo.make_scene('robots', tmp_path / 'two.yaml')
+    scene.listen(ros.node)
+    robots = [ros.start(p.executable, p.parameters, p.namespace).node for p in scene.plants]
+    answers = ['{"code": "NO_STATE", "reason": "none"}', '{"summary": "a plan"}']
+    away = []
+
+    def plan(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        away.extend(r.simulation.state[:2] - r.simulation.setup.initial[:2] for r in robots)
+        response.message, response.success = answers.pop(0), not answers
+        return response
+
+    ros.node.create_service(Trigger, '/robots/plan', plan)
+    ros.spin_for(10.0)
+    assert robots[0].simulation.state[0] - robots[0].simulation.setup.initial[0] > 1.4
+    assert demo._ask(scene, ros.spin_until) == {'summary': 'a plan'}
+    for moving, resting in (away[:2], away[2:]):
+        assert 0.09 < moving[0] / 0.15 < 0.2  # s since it began
+        assert moving[0] / 0.15 == pytest.approx(moving[1] / -0.1)
+        assert not resting.any()
 
 
 def test_states_stream_with_noise_commands_saturate_and_parameters_act_at_once(ros):

@@ -20,15 +20,18 @@ from tdm_planner.trajectory import Trajectory
 import yaml
 
 reader = pytest.importorskip('mcap_ros2.reader')
+DRIFT = 0.05  # m/s
 LONG = 280.0  # s for a process that ends by itself
 
 
-def parameters(folder: Path, file: str, without: str = '') -> list[str]:
-    """Return options for the shipped parameters, with time enough for a plan, less one robot."""
+def parameters(folder: Path, file: str, without: str = '', drifts: str = '') -> list[str]:
+    """Return options for the shipped parameters, with time for a plan, less one robot."""
     document = yaml.safe_load((SOURCE / 'config' / f'{file}.yaml').read_text(encoding='utf-8'))
     planner = document['/**/planner']['ros__parameters']
     planner.setdefault('solver', {})['deadline'] = ENOUGH
     planner.setdefault('start', {})['delay'] = 3.0
+    if drifts:
+        planner[drifts]['start']['u'] = DRIFT
     if without:
         planner['robots'].remove(without)
         del planner[without], planner['formation'][without]
@@ -69,7 +72,12 @@ def test_the_pendulum_is_swung_up_and_held(ros, tmp_path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros, tmp_path):
-    demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots', without='robot3'))
+    given = parameters(tmp_path, 'robots', without='robot3', drifts='robot1')
+    demo(ros, tmp_path, 'robots', '--speed=2', *given)
+    begins = load_plan(tmp_path / 'out' / 'plan.json')['robots']['robot1']['states']['x'][0]
+    start = yaml.safe_load((tmp_path / 'unhurried.yaml').read_text())['/**/planner']
+    away = begins - start['ros__parameters']['robot1']['start']['x']
+    assert 6.0 < away / DRIFT < 8.0  # s, of which start.delay takes 6: it does not drift before
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
     for k in (1, 2):
         assert counts[f'/robots/robot{k}/trajectory'] == 1

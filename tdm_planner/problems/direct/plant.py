@@ -155,19 +155,28 @@ class DirectPlant:
         Return by how much a plan may violate every limit, (nm,).
 
         Whoever states a thrust in micronewtons or a height in kilometres gets as true a plan: the
-        size of a limit is what it changes by, where it is least, if all states change by the
-        largest range of their unit and all controls by their size. Its own values are no measure:
-        they may have a pole elsewhere, or be 0 throughout.
+        size of a limit is that for the largest range of the states of a unit.
         """
-        states, controls = plan.states, plan.controls
-        left, by_state, by_control = self.linear_limits(plan.times, states, controls)
-        at = np.argmin(np.nan_to_num(left, nan=np.inf), axis=0), np.arange(left.shape[1])
-        changes = np.nan_to_num(np.hstack([by_state[at], by_control[at]]), posinf=0.0, neginf=0.0)
-        alike = largest_of_unit(np.ptp(states, axis=0), self.state_units)
-        sizes = np.abs(changes) @ np.concatenate([alike, np.abs(controls).max(axis=0)])
-        sizes[sizes == 0.0] = 1.0
+        alike = largest_of_unit(np.ptp(plan.states, axis=0), self.state_units)
+        sizes = self.limit_sizes(plan, alike, np.abs(plan.controls).max(axis=0))
         usual, least, most, rounding = _ALLOWED
         return np.asarray(np.clip(usual, least * sizes, most * sizes) + rounding)
+
+    def limit_sizes(
+        self, plan: Trajectory | CollocatedMotion, states: Array, controls: Array
+    ) -> Array:
+        """
+        Return what every limit changes by, where it is least, for such changes: (nm,).
+
+        They are those of `states` (nx,) and `controls` (nu,). Its own values are no measure: they
+        may have a pole elsewhere, or be 0 throughout. It is 1 where nothing changes a limit.
+        """
+        left, by_state, by_control = self.linear_limits(plan.times, plan.states, plan.controls)
+        at = np.argmin(np.nan_to_num(left, nan=np.inf), axis=0), np.arange(left.shape[1])
+        changes = np.nan_to_num(np.hstack([by_state[at], by_control[at]]), posinf=0.0, neginf=0.0)
+        sizes: Array = np.abs(changes) @ np.concatenate([states, controls])
+        sizes[sizes == 0.0] = 1.0
+        return sizes
 
     def rates(self, states: Array, controls: Array) -> Array:
         """Return the rates of states (N, nx) by the trace, NaN where they are no numbers."""

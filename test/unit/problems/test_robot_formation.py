@@ -24,6 +24,7 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
+CAT = {'robots': ['ant'], 'formation.cat': [0.0, 0.0, 0.0], 'cat.start.x': 0.5}
 IN_PLACE = {'formation.anchor': [0.0, 0.0, 0.0]}
 
 
@@ -206,6 +207,9 @@ def test_no_plan_is_explained():
         ({'robots': ['plant']}, "'plant', which is the name of a group"),
         ({'robots': ['newcomer']}, "state of robot 'newcomer' is missing"),
         ({'formation.robot9': [0.0, 0.0, 0.0]}, "'formation.robot9' is unknown"),
+        ({'formation.ancho': [0.0, 0.0, 0.0]}, 'did you mean formation.anchor or '),
+        ({'robot1.start.speed': 0.0}, 'did you mean robot1.start.'),
+        (CAT, "'formation.cat' is unknown to robot_formation: 'cat' is not among robots = [ant]"),
         ({'robot1.start.x': 0.1}, "start of 'robot1' has x = 0.1"),
         ({'formation.robot2': [5.0, 0.0, 0.0]}, "goal of 'robot2' has"),
         ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, "starts of 'robot1' and 'robot2'"),

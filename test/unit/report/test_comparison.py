@@ -12,11 +12,14 @@ import pytest
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.trajectory import Sample, Trajectory
+from tdm_sim import demo
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
 from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity
 from tdm_sim.report.signals import Signals
+from tdm_sim.report.tables import figures as figures_of
 from tdm_sim.report.verdict import judge
 
 TURN = 2 * math.pi
@@ -156,6 +159,20 @@ def test_a_formation() -> None:
     assert comparison.verdict.reached
 
 
+def test_what_robots_do_before_the_motion_does_not_count() -> None:
+    mission = formation()
+    columns = mission.vehicles[0].states.columns
+    early = mission.vehicles[0].states.times < 0.5
+    for name in ('x', 'y'):  # one drifts through the other while the nodes come up
+        columns[name][early] = mission.vehicles[1].states.columns[name][early]
+    plans = [(FollowedPlan(v.plans[0].trajectory, 0.5),) for v in mission.vehicles]
+    for given, least in ((plans, 1.0), ([(), ()], 0.0)):
+        vehicles = tuple(replace(v, plans=p) for v, p in zip(mission.vehicles, given, strict=True))
+        comparison = compare(replace(mission, vehicles=vehicles))
+        assert entry(comparison, 'smallest distance').achieved == pytest.approx(least)
+        assert comparison.verdict is None or comparison.verdict.reached
+
+
 def coasting(thrust: float) -> Comparison:
     mission = formation()
     controls = mission.vehicles[0].controls
@@ -190,6 +207,9 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     for name, count in (counts | {'time to solve': pytest.approx(0.9)}).items():
         assert entry(comparison, name).achieved == count
     assert entry(comparison, 'time to solve').planned == 0.5
+    told = {name: values for name, *values in figures_of(comparison)}
+    assert told['time to solve [s]'] == ['at most 0.5', '0.9']
+    assert told['missed deadlines'] == ['', '4']
     # those of nodes that wait for each other are not
     early = (
         Event(-3.0, Severity.ERROR, '/p/tracker', 'idle: no state has been received yet'),
@@ -200,6 +220,19 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
+
+
+def test_a_demo_on_too_slow_a_computer_is_told_what_helps() -> None:
+    tracker = PendulumTracker(PendulumTrackerParameters())
+    tracker.observe(np.array([math.pi, 0.0, 0.0, 0.0]), 0.0)
+    tracker.accept(swing_up().vehicles[0].plans[0].trajectory, 0.05, 0.0)
+    text = tracker.command(1.0).problem
+    late = [Event(at, Severity.ERROR, '/p/tracker', text) for at in (-1.0, 0.2, 0.4)]
+    mission = replace(swing_up(), events=tuple(late))
+    told = "states came too late (older than state_timeout) 2 times: '--speed 0.5' gives"
+    assert demo._advice(mission, 1.0).startswith(told)
+    assert not demo._advice(mission, 0.05)
+    assert not demo._advice(replace(mission, events=tuple(late[:1])), 1.0)
 
 
 def test_tracking_errors_are_what_was_measured_less_what_was_planned() -> None:

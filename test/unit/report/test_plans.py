@@ -191,8 +191,32 @@ def test_a_goal_that_can_be_held_must_be() -> None:
     assert judged(SLED, 0.0, until=6.5).undecided.startswith('the recording ends at 6.5 s')
     # limits leave the feedback some room
     assert judged(SLED, 0.0, u=0.55).reached  # 2.5 % above 2 m/s^2
+    saturated = mission(SLED, 0.0)
+    saturated.vehicles[0].commands.columns['u'][60] = 2.0
+    marks = {e.name: e.mark for e in compare(saturated).entries}
+    assert (marks['margin of u, highest'], marks['margin of u, lowest']) == ('saturated', '')
     (reason,) = judged(SLED, 0.0, u=0.7).reasons
     assert "violated the limit 'u, highest' by 0.0" in reason
+
+
+@pytest.mark.parametrize('unit', [1e-3, 1.0 / 3.0, 1.0, 1e3])
+def test_what_a_limit_may_be_violated_by_does_not_depend_on_its_unit(unit: float) -> None:
+    """Whether it is stated as what is left, as a share of that, or in another unit."""
+    fastest = 1.5 / LENGTH  # as planned, from rest
+    names = {'name': 'sled', 'margins': lambda s, t, x, u: {'speed': unit * (fastest - x[1])}}
+    problem = changed(Sled, **names)(limit=2.0)
+    for share, reached in ((0.04, True), (0.06, False)):
+        flown = mission(problem, 0.0)
+        (vehicle,) = flown.vehicles
+        vehicle.states.columns['v'][60] = (1.0 + share) * fastest
+        (plan,) = vehicle.plans
+        states = plan.trajectory.states
+        rest = replace(plan.trajectory, states=states[-1] + 1e-3 * (states - states[-1]))
+        again = replace(vehicle, plans=(plan, FollowedPlan(rest, 5.0)))  # little is left of it
+        for judged in (vehicle, again):
+            verdict = judge(replace(flown, vehicles=(judged,)))
+            assert verdict.reached is reached, verdict
+            assert reached or "violated the limit 'speed' by" in verdict.reasons[0]
 
 
 def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> None:
