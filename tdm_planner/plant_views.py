@@ -252,8 +252,9 @@ class StatedView(PlantView):
     def check_drawing(self) -> None:
         """Draw the start, then both ends at once, as a report draws all instants."""
         ends = np.nan_to_num(self._ends.states)
-        self.shapes(ends[0])
-        self.shapes(ends)
+        with np.errstate(all='ignore'):
+            self.shapes(ends[0])
+            self.shapes(ends)
 
     @cached_property
     def _ends(self) -> Ends:

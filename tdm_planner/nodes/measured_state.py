@@ -159,8 +159,8 @@ class MeasuredState:
         self._faults.pop(name, None)
         at = self._clock.instant_of(message.header.stamp)
         _, last = self._newest.get(name, (states, at))
-        # What is newest may lie ahead where a clock was set back: it is not waited for.
-        if last - LATEST < at < last <= self._clock.now():
+        # Not where a clock was set back, or is another than ours: those are not waited for.
+        if last - LATEST < at < last <= self._clock.now() < last + LATEST:
             return
         self._newest[name] = states, at
         if name == 'joint_states':

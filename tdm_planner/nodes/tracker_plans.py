@@ -330,7 +330,7 @@ class Recovery:
 
     def __init__(self, node: Node, kind: PlantKind, trackers: Mapping[str, TrackerWatch]) -> None:
         self._kind, self._trackers = kind, trackers
-        self._until = time.monotonic() + WINDOW
+        self._until = self._window = time.monotonic() + WINDOW
         self._by_vehicle: dict[str, JointTrajectory] = {}  # empty: it follows none
         self._waits = False  # for the planner to be ready
         for name, tracker in trackers.items():
@@ -340,10 +340,10 @@ class Recovery:
     @property
     def due(self) -> bool:
         """Whether a tracker has yet to say what it follows, or that it does. Any thread."""
-        waits, told = time.monotonic() < self._until, self._by_vehicle.copy()
+        now, told = time.monotonic(), self._by_vehicle.copy()
         silent = (t.has_plan is not False for n, t in self._trackers.items() if n not in told)
         unsaid = (self._trackers[n].has_plan is None for n, plan in told.items() if plan.points)
-        return (waits and any(silent)) or any(unsaid)
+        return (now < self._until and any(silent)) or (now < self._window and any(unsaid))
 
     def end(self) -> None:
         """Look for no plan any more: the planner has one."""

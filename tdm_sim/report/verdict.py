@@ -176,7 +176,8 @@ def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
         for name, margin in smallest(judged).items()
-        if name not in vehicle.view.enforced and not margin.worst >= -_allowed(vehicle, name)
+        if not (margin.worst >= 0.0 or name in vehicle.view.enforced)
+        and not margin.worst >= -_allowed(vehicle, name)
     ]
 
 

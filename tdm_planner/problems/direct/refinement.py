@@ -226,9 +226,9 @@ class Refinement:
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 again = self.solve(motion.intervals, motion, reserve=reserve)
             elif refines:
-                before = flown.gap, along
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
                 again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
+                before = (np.inf, 0.0) if again is None else (flown.gap, along)
                 most = motion.intervals if again is None else most
             else:
                 break

@@ -53,7 +53,7 @@ _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of th
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
-_SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
+_SEARCH_SHARE, _STUCK_SHARE = 0.6, 0.3  # of the time allowed, beside a first candidate, a plan
 
 Candidate = CollocatedMotion | Minimum
 
@@ -104,7 +104,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if self._best is None or self._is_stuck:
+        if self._best is None or (self._is_stuck and '_minima' in vars(self)):  # they were made
             yield from self._direct()
         if self._best is None:
             aside, self._aside = self._aside, []  # another round need not check them again
@@ -150,8 +150,8 @@ class DirectSearch(Search[Candidate]):
         """Say where the plan is not refined, or on fewer intervals than J asks for, and why."""
         best, why = self._best, ''
         if isinstance(best, Minimum) and self._asked:
-            if self._refinement.breakdowns:
-                why = ' (rates have no value somewhere: limit the states)'
+            if broken := self._refinement.breakdowns:
+                why = f' (rates had no value in {broken} attempts: limit the states)'
             return f', not refined by collocation{why}: J is some per cent too high, or far more'
         if isinstance(best, CollocatedMotion) and best.intervals < FINEST:
             if self._coarse:
@@ -268,7 +268,7 @@ class DirectSearch(Search[Candidate]):
         while intervals <= last and self._refinement.affords(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
-                failed = True
+                failed = not self.budget.spent
                 break
             # The error is that of a second-order method: controls are linear in an interval.
             left = abs(motion.cost - finer.cost) / ((intervals / motion.intervals) ** 2 - 1.0)
@@ -286,7 +286,8 @@ class DirectSearch(Search[Candidate]):
         """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
-        until = self._until_check
+        latest = self._latest if self._best is None else _STUCK_SHARE * self.budget.seconds
+        until = self.budget.part(latest - self.budget.elapsed)
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):

@@ -208,9 +208,11 @@ def test_what_is_followed_when_it_starts_is_taken_over(monkeypatch) -> None:
     restarted = Restarted(monkeypatch)
     restarted.active = True
     restarted.told('A', 1, 1)
+    assert restarted.recovery.due  # that they follow it is not told yet
     for seconds in (0.0, 1.0, tracker_plans.WINDOW):
         restarted.later(seconds)
         assert restarted.taken == [(['A', 'A'], 1)]
+    assert not restarted.recovery.due
     restarted.told('B', 2, 2)
     restarted.later(60.0)
     assert len(restarted.taken) == 1

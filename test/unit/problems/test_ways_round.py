@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from unittest.mock import Mock
 
 from auv import Auv
 from brachistochrone import Brachistochrone, cycloid_time
@@ -19,9 +20,10 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.graphs import bent, Rounded
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.exceptions import VerificationFailed
+from tdm_planner.exceptions import NotFinite, VerificationFailed
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.guesses import Guesses
+from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, Refinement
 
@@ -218,7 +220,11 @@ def test_the_summary_tells_what_the_deadline_cut_short():
     assert 'intervals' not in patient.summary
 
 
-def test_the_summary_tells_that_more_intervals_lead_to_no_solution(monkeypatch):
+@pytest.mark.parametrize('finite', [True, False])
+def test_the_summary_tells_that_more_intervals_lead_to_no_solution(finite, monkeypatch):
+    """Also where the direct method cannot be tried, as its guess is not finite."""
+    if not finite:
+        monkeypatch.setattr(DirectMinima, '__init__', Mock(side_effect=NotFinite('no rates')))
     solve = Refinement.solve
     few = lambda s, n, *a, **k: solve(s, n, *a, **k) if n < 40 else None  # noqa: E731
     monkeypatch.setattr(Refinement, 'solve', few)
@@ -241,7 +247,7 @@ def test_the_summary_tells_where_rates_without_a_value_keep_collocation_from_a_m
         'final_cost': DirectProblem.final_cost,
     }
     plan = changed(Cart, **tank)(solver=LONG).solve(counted=True)
-    assert 'rates have no value somewhere: limit the states' in plan.summary
+    assert 'attempts: limit the states)' in plan.summary
     kept = tank | {'margins': lambda s, t, x, u: tank['margins'](s, t, x, u) | {'empty': x[0]}}
     better = changed(Cart, **kept)(solver=LONG).solve(counted=True)
     assert 'refined' not in better.summary
