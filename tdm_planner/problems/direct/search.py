@@ -286,8 +286,8 @@ class DirectSearch(Search[Candidate]):
         """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
-        latest = self._latest if self._best is None else _STUCK_SHARE * self.budget.seconds
-        until = self.budget.part(latest - self.budget.elapsed)
+        most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds
+        until = self.budget.part(min(most, self._latest - self.budget.elapsed))
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
