@@ -147,6 +147,7 @@ class PlantNode(ParameterNode):
         kind = self.model.kind
         self.simulation = SimulatedPlant(self._setup(given), given.seed)
         self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
+        self._tells_rates = any(joint.position and not joint.velocity for joint in self._joints)
         diagnostics = Diagnostics(self, 'simulation', self._report)
         harm = 'the plant follows the newest of their commands; run only one of them'
         self._counted = [PublisherCount(self, 'joint_command', harm, diagnostics.update, 'nodes')]
@@ -255,7 +256,7 @@ class PlantNode(ParameterNode):
         values = dict(zip(plant.state_names, measured.tolist(), strict=True))
         applied = dict(zip(plant.control_names, self.simulation.control.tolist(), strict=True))
         rates = dict[str, float]()
-        if any(joint.position and not joint.velocity for joint in self._joints):
+        if self._tells_rates:
             found = self.simulation.rates(measured).tolist()
             rates = dict(zip(plant.state_names, found, strict=True))
         message = joint_states(self._joints, values | applied, rates)

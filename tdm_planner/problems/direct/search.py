@@ -46,7 +46,7 @@ _HASTY = 3  # guesses, of which none is solved, before more iterations are allow
 _SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
-_REFINED = 8.0  # times what the first solution took: with less time left it is checked at once
+_LATE = 1.0 / 9.0  # of the time allowed: a first solution after that is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
 _DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
@@ -176,18 +176,18 @@ class DirectSearch(Search[Candidate]):
             self._checked = found
             xi = np.concatenate([[found.duration], found.controls.ravel()])
             plan = self.checked(found.times, states, found.controls, found.cost, xi)
-            if plan is None:
+            if plan is not None:
+                yield plan
+            if plan is None or diverged:
                 return
-            yield plan
-            violated = {} if diverged else self._violated(plan)
+            violated = self._violated(plan)
             excess = sum(violated.values())  # the check looks more closely than the replay
             if 0.0 < excess < _EXCESS_LEFT * before and not self.budget.spent:
                 before = excess
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
             reserve, before, more = np.zeros(len(names)), np.inf, 2 * found.intervals
-            goes_on = refinement.affords(more) and not diverged
-            found = refinement.finer(found, more) if goes_on else None
+            found = refinement.finer(found, more) if refinement.affords(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
@@ -262,7 +262,7 @@ class DirectSearch(Search[Candidate]):
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
         """Solve on as many intervals as J asks for, few in a hurry; put aside what fails."""
         solutions = _SOLUTIONS if self._best is None else 1
-        last = COARSE if self._best is None and self.budget.past(1.0 / (1.0 + _REFINED)) else most
+        last = COARSE if self._best is None and self.budget.past(_LATE) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
         failed = False
         while intervals <= last and self._refinement.affords(intervals, solutions):
