@@ -183,9 +183,13 @@ class Guesses:
         return np.asarray(away)
 
 
-def suffice(solved: Sequence[CollocatedMotion], hard: bool) -> bool:
-    """Whether most of the solutions are alike in cost, or they are enough; more where `hard`."""
+def suffice(solved: Sequence[CollocatedMotion], hard: bool, obstacles: bool) -> bool:
+    """
+    Whether most of the solutions are alike in cost, or they are enough; more where `hard`.
+
+    Past `obstacles` there are several ways: one more must be alike, but not most of them.
+    """
     best = min(solved, key=lambda found: found.cost)
     again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-    alike = again >= _AGREED + hard and 2 * again > len(solved)
+    alike = again >= _AGREED + hard + obstacles and (obstacles or 2 * again > len(solved))
     return alike or len(solved) >= _ENOUGH * (1 + hard)

@@ -43,13 +43,12 @@ from tdm_planner.verification import verify
 
 _MOST = 40  # initial guesses
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
-_SIDES = 0.2  # of the time allowed, for other ways round obstacles than that of the first plan
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _LATE = 1.0 / 9.0  # of the time allowed: a first solution after that is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
-_DEAR = 0.25  # of J's size, by which a replan may cost more than the rest of the earlier plan
+_DEAR = 0.25  # of J's size: a replan over the rest of its plan; a plan over what it was made of
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
@@ -198,29 +197,30 @@ class DirectSearch(Search[Candidate]):
             self._enough = -np.inf
         solved, until = list[CollocatedMotion](), self._until_check
         for attempt, guess in enumerate(self._guesses()):
-            if until.spent:
-                break
             eased = attempt % 2 == 0  # kinks show the way more often, and more often the same
             patient, hard = attempt >= _HASTY and not solved, attempt >= TRIED
             if hard and self._best:  # the first intervals may rank motions wrongly
                 guess = self._refinement.spread(guess, COARSE)
-            if attempt == TRIED:
-                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
             motion = self._refinement.from_guess(guess, until, eased=eased, patient=patient)
-            if motion is None:
-                continue
-            if not solved:  # a plan to fall back on, and mostly the plan
-                if (settled := self._settled(motion)) is None:
-                    continue
-                self._found = True
-                yield settled
-                sides = self.budget.part(_SIDES * self.budget.seconds * self._trace.has_obstacles)
-                if self._best is None:
-                    continue
-            solved.append(motion)
-            if self.budget.past(_STARTS_SHARE) or (suffice(solved, hard) and sides.spent):
+            if motion and not solved:  # a plan to fall back on, and mostly the plan
+                if settled := self._settled(motion):
+                    self._found = True
+                    yield settled
+                motion = motion if settled and self._best else None
+            if motion:
+                solved.append(motion)
+            if attempt + 1 == TRIED:
+                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
+            if until.spent or (solved and self._are_enough(solved, hard=attempt + 1 >= TRIED)):
                 break
         yield from self._cheaper(solved)
+
+    def _are_enough(self, solved: Sequence[CollocatedMotion], *, hard: bool) -> bool:
+        """Whether no other guess is to be tried; a plan far dearer says that motions leap."""
+        blocked, origin = self._trace.has_obstacles, solved[0]
+        leap = blocked and not hard and self._least > origin.cost + _DEAR * origin.size
+        alike = suffice(solved, hard, blocked) and not leap
+        return alike or self.budget.past(_STARTS_SHARE)
 
     def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
         """Yield the others on more intervals while they may be cheaper; at last the plan's own."""

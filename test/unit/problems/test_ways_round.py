@@ -13,6 +13,7 @@ from brachistochrone import Brachistochrone, cycloid_time
 import casadi as ca
 from crane import Crane
 import numpy as np
+from overtaking import Overtaking
 import pytest
 from stated import Cart, changed, LONG, QUICKEST, Quickest, solve
 from tdm_planner.direct_method import Budget, Duration, Integrated, Output
@@ -81,6 +82,14 @@ def test_a_thin_wall_that_first_motions_leap_over_is_planned_for() -> None:
     """Between two nodes; what is dearer than such a motion goes round it."""
     problem = changed(WINDOW, wall=4.0, half=0.15, gap=-2.0, width=0.4)(solver=LONG)
     assert problem.solve(counted=True).cost < 1.9
+
+
+def test_ways_round_are_looked_for_until_three_agree_not_for_as_long_as_there_is_time() -> None:
+    """A longer deadline is for harder problems: it costs nothing where the best way is found."""
+    short, long = (Overtaking(solver=DirectSolverParameters(deadline=s)) for s in (6.0, 60.0))
+    plans = [problem.solve(counted=True) for problem in (short, long)]
+    assert plans[0].evaluations == plans[1].evaluations
+    assert plans[0].cost == plans[1].cost
 
 
 def test_a_motion_whose_replay_goes_elsewhere_is_left_for_another(monkeypatch):
