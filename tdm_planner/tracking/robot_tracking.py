@@ -141,6 +141,7 @@ class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
     parameters: RobotTrackerParameters
+    plant: FloatingRobot
     settling = 8.0
 
     def __init__(
@@ -203,7 +204,7 @@ class RobotTracker(TrajectoryTracker):
         instants = at + interval * np.array([0.0, 0.5, 1.0])
         reference, middle, after = motion.trajectory.sample(instants).state
         thrust, _, torque = mean_controls(motion.trajectory, [at, at + interval])[0]
-        driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
+        driven = self.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
@@ -262,7 +263,7 @@ class RobotTracker(TrajectoryTracker):
 
     def _yaw_feedback(self, yaw: float, omega: float) -> float:
         turn = self._yaw_stiffness * yaw + self._yaw_damping * omega
-        return float(-self.parameters.plant.inertia * turn)
+        return float(-self.plant.inertia * turn)
 
     def _servo(self, angle: float) -> float:
         """Rate of the thruster that takes away an error `angle` [rad]."""
@@ -283,8 +284,7 @@ class RobotTracker(TrajectoryTracker):
         That is the acceleration `wanted` (2,) and the `torque`. The thruster rests at `alpha`
         where next to no acceleration is wanted.
         """
-        limits, plant = self.parameters.limits, self.parameters.plant
-        feedback = self.parameters.feedback
+        limits, feedback = self.parameters.limits, self.parameters.feedback
         quiet = 0.0 if coasting else feedback.deadband * self._largest
         size = math.hypot(wanted[0], wanted[1])
         now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
@@ -294,7 +294,7 @@ class RobotTracker(TrajectoryTracker):
         thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0
         if abs(off) < (_ALIGNED if coasting else feedback.misalignment):
-            thrust = plant.mass * size * math.cos(off) / thruster
+            thrust = self.plant.mass * size * math.cos(off) / thruster
         torque = min(max(torque / wheel, -limits.torque), limits.torque)
         return np.array([min(thrust, limits.thrust), self._servo(target - now), torque])
 
