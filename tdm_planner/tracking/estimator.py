@@ -11,14 +11,14 @@ sensor repeats itself.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 import math
 from typing import Any, Final, Protocol
 
 import numpy as np
-from tdm_planner.arrays import Array
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.plants.base import integrate, Plant, SymbolicPlant
 
 PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
@@ -143,7 +143,7 @@ class StateEstimator:
         self,
         plant: DifferentiablePlant,
         noise: EstimatorNoise,
-        angles: Sequence[int],
+        angles: list[int],
         longest_gap: float,
         longest_step: float = PREDICTION_STEP,
         delay: float = 0.0,
@@ -261,8 +261,7 @@ class StateEstimator:
 
     def _correct(self, measured: Array) -> None:
         innovation = measured - self._state
-        for angle in self.angles:
-            innovation[angle] -= math.tau * np.round(innovation[angle] / math.tau)
+        innovation[self.angles] = wrapped(innovation[self.angles])
         size = self.size
         total = self._covariance[:size, :size] + self._measurement_covariance
         weighed = np.linalg.solve(total, innovation)

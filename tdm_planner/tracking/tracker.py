@@ -99,9 +99,8 @@ class TrajectoryTracker(ABC):
 
     def error(self, state: Array, reference: Array) -> Array:
         """State, without gains, minus reference (nx,), angles the shorter way round."""
-        error = state[: reference.size] - reference
-        for angle in self.estimator.angles:
-            error[angle] = wrapped(error[angle])
+        error, angles = state[: reference.size] - reference, self.estimator.angles
+        error[angles] = wrapped(error[angles])
         return error
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
