@@ -46,6 +46,7 @@ BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their 
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
+_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
 
@@ -131,7 +132,9 @@ class TrajectoryTracker(ABC):
     @property
     def warning(self) -> str:
         """Say that the commands are too slow for the plant, where they are."""
-        return self.parameters.too_slow(self.growth_rate)
+        rate, least = self.parameters.rate, _SLOWEST * self.growth_rate
+        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
+        return slow if rate < least else ''
 
     @property
     def found(self) -> dict[str, float]:
