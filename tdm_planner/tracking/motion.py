@@ -177,13 +177,12 @@ def check_trajectory(trajectory: Trajectory, start: float, now: float) -> None:
             f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
         )
     for what, seconds, most in (
-        ('starts', start - now, _LATEST_START),
+        ('starts in', start - now, _LATEST_START),
         ('lasts', trajectory.duration, _LONGEST_MOTION),
     ):
         if seconds > most:
             raise TrajectoryRejected(
-                f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
-                f'be more than {most:g} s'
+                f'the trajectory {what} {seconds:.3g} s: must not be more than {most:g} s'
             )
     largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
     if largest > LARGEST:
