@@ -190,7 +190,6 @@ class Adapter:
         self.vehicles = {n: Vehicle(node, clock, n, plant, values, request) for n in names}
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
-        self._drawn = False
         self.values_changed(values)
 
     def values_changed(self, values: Values) -> None:
@@ -198,7 +197,7 @@ class Adapter:
         for vehicle in self.vehicles.values():
             vehicle.values_changed(values)
         with suppress(InvalidProblem):
-            preview = None if self._drawn else self.plant.preview(values)
+            preview = self.plant.preview(values) if self.plans.newest is None else None
             if preview is not None:
                 self._markers.publish(plan_markers(self.kind.frame, *preview))
 
@@ -275,7 +274,6 @@ class Adapter:
                 self._others[name] = made
             self._others[name].publish(message)
         self.plans.add(plan)
-        self._drawn = True
         view = next(iter(views.values()))
         ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]
         try:
