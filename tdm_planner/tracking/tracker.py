@@ -65,7 +65,7 @@ class TrajectoryTracker(ABC):
     ) -> None:
         self.parameters, self.plant, self.estimator = parameters, plant, estimator
         self.nothing = np.zeros(len(plant.control_names))  # commanded
-        self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
+        self._repetition = RepetitionWatch(estimator)
         self.phase = Phase.IDLE
         self.reason = ''
         self.wants_plan = False
@@ -180,7 +180,7 @@ class TrajectoryTracker(ABC):
         that has just been restarted into a plan recovers then, with `replan.on_deviation`.
         """
         if self.phase in (Phase.STOPPED, Phase.RECOVERING) and not self.braking:
-            self._repetition = RepetitionWatch(self.estimator, self.parameters.state_timeout)
+            self._repetition = RepetitionWatch(self.estimator)
         try:
             check_trajectory(trajectory, start, now)
             with suppress(*BREAKDOWN):  # what cannot be predicted is compared at the start
@@ -383,7 +383,7 @@ class TrajectoryTracker(ABC):
             for motion in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
-        self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
+        self._repetition = other._repetition.of(self.estimator)
         self.estimator.go_on_from(other.estimator, self.plant == other.plant)
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)
