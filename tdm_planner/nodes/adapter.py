@@ -63,7 +63,8 @@ class Vehicle:
         self._node, self._clock, self._plant, self._request = node, clock, plant, request
         self.name, kind = name, plant.kind
         self.prefix = prefix = f'{name}/' if plant.several else ''
-        self.start = f'{name}.start.' if plant.several else 'start.'  # begins its parameters
+        group = f'{name}.start' if plant.several else 'start'
+        self.start_parameters = [f'{group}.{state}' for state in kind.state_names]
         self.label = f"robot '{name}': " if plant.several else ''  # begins a sentence
         self._angles = np.array([state in kind.angles for state in kind.state_names])
         self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
@@ -245,11 +246,10 @@ class Adapter:
         return found
 
     def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
-        return {
-            f'{self.vehicles[name].start}{key}': value
-            for name, state in states.items()
-            for key, value in zip(self.kind.state_names, state.tolist(), strict=True)
-        }
+        found: dict[str, Any] = {}
+        for name, state in states.items():
+            found |= zip(self.vehicles[name].start_parameters, state.tolist(), strict=True)
+        return found
 
     # Plans.
 
