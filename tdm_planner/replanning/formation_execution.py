@@ -94,7 +94,7 @@ class FormationExecution(Execution):
         """
         motion = self._motions[name]
         left = motion.end - at
-        late = LATE * math.pi / self._problem.limits.thruster_rate
+        late = LATE * self._problem.task.half_turn
         planned = motion.sample(at)
         return planned if 0.0 < left < late and _near(planned.state, state, _ON_PLAN) else None
 

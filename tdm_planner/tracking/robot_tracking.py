@@ -168,7 +168,7 @@ class RobotTracker(TrajectoryTracker):
         # An error of the position is taken away in this time or more. When keeping station the
         # thruster must turn half round to brake: there is time for it.
         self._shortest = self._damping / self._stiffness
-        self._station = max(self._shortest, 2.0 * math.pi / limits.thruster_rate)
+        self._station = max(self._shortest, 2.0 * self.lead)
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
@@ -186,7 +186,7 @@ class RobotTracker(TrajectoryTracker):
 
     @property
     def lead(self) -> float:
-        """Time [s] that the thruster takes to turn to where a motion begins."""
+        """Time [s] in which the thruster turns half round: to where a motion begins."""
         return math.pi / self.parameters.limits.thruster_rate
 
     def wait(self, motion: Motion, state: Array) -> Array:
