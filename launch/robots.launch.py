@@ -34,7 +34,7 @@ from tdm_planner.robot_nodes import robot_nodes
 def start(context: LaunchContext) -> list[Any]:
     """Describe the processes, for the arguments of this launch; other packages' first."""
     launch = Launch(context, SHORT_NAMES['robots'])
-    nodes = robot_nodes(launch.document, launch.namespace, how_many(launch['number_of_robots']))
+    nodes = robot_nodes(launch.planning, launch.namespace, how_many(launch['number_of_robots']))
     described: list[Any] = []
     if launch.on('rviz'):
         arena = build(FormationParameters, launch.planning).arena

@@ -26,7 +26,7 @@ from rclpy.logging import get_logging_directory
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
-from tdm_planner.parameter_files import config_file, read_document, ros_parameters
+from tdm_planner.parameter_files import config_file, read_parameters
 from tdm_planner.problems.registry import SHORT_NAMES
 from tdm_planner.starting import executable_of
 import yaml
@@ -52,7 +52,6 @@ class Launch:
     def __init__(self, context: LaunchContext, problem: str) -> None:
         self._context = context
         self.file = self['params_file']
-        self.document = read_document(Path(self.file))
         self._namespace = self['namespace'].strip('/')
         # launch_ros puts a namespace that is pushed before the nodes' own; in absolute names we
         # must.
@@ -60,7 +59,7 @@ class Launch:
         self.namespace = joined(pushed, self._namespace)
         if why := fault_of(f'/{self.namespace}', validate_namespace):
             raise InvalidProblem(f"namespace = '{self['namespace']}': {why}")
-        self.planning = ros_parameters(self.document, 'planner', self.namespace)
+        self.planning = read_parameters(Path(self.file), namespace=self.namespace)
         named = self.planning.get('problem', problem)
         # By name: `ros2 launch` runs in an interpreter that need not have what problems import.
         if named != problem and named in SHORT_NAMES.values():

@@ -11,7 +11,7 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 import dataclasses
 from dataclasses import dataclass, field, replace
 import difflib
@@ -217,15 +217,8 @@ def group(cls: type[T]) -> T:
 _hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # it takes a millisecond
 
 
-def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
-    hints = _hints(cls)
-    for item in dataclasses.fields(cls):
-        if item.init:  # others follow from these
-            yield item, hints[item.name]
-
-
 @cache
-def _declared(cls: type, prefix: str = '') -> list[tuple[str, Any]]:
+def _declared(cls: type, prefix: str = '') -> list[tuple[str, ParameterSpec | type]]:
     """
     Return the fields that are parameters, with specification, or groups, with class, by name.
 
@@ -233,9 +226,13 @@ def _declared(cls: type, prefix: str = '') -> list[tuple[str, Any]]:
 
     Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
-    found: list[tuple[str, Any]] = []
-    for item, hint in _fields(cls):
-        if dataclasses.is_dataclass(hint):
+    hints = _hints(cls)
+    found: list[tuple[str, ParameterSpec | type]] = []
+    for item in dataclasses.fields(cls):
+        hint = hints[item.name]
+        if not item.init:  # it follows from others
+            continue
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             found.append((item.name, hint))
         elif _METADATA_KEY in item.metadata:
             if hint not in _DECLARED:
@@ -272,15 +269,13 @@ def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
 
     Raise InvalidProblem for the first value that is not allowed.
     """
-    specs = specifications(cls, prefix)
+    kind: Any = cls
     arguments: dict[str, Any] = {}
-    for item, hint in _fields(cls):
-        name = prefix + item.name
-        if dataclasses.is_dataclass(hint):
-            assert isinstance(hint, type)
-            arguments[item.name] = build(hint, values, name + '.')
-        elif name in specs and name in values:
-            arguments[item.name] = specs[name].check(values[name])
+    for item, declared in _declared(kind, prefix):
+        if not isinstance(declared, ParameterSpec):
+            arguments[item] = build(declared, values, f'{prefix}{item}.')
+        elif declared.name in values:
+            arguments[item] = declared.check(values[declared.name])
     return cls(**arguments)
 
 
@@ -357,11 +352,12 @@ def suggestion(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:
     """Return the values of a dataclass of parameters by dotted name (the inverse of `build`)."""
+    kind: Any = type(instance)
     values: dict[str, Any] = {}
-    for item, hint in _fields(type(instance)):
-        value = getattr(instance, item.name)
-        if dataclasses.is_dataclass(hint):
-            values.update(to_mapping(value, f'{prefix}{item.name}.'))
-        elif _METADATA_KEY in item.metadata:
-            values[prefix + item.name] = value
+    for item, declared in _declared(kind, prefix):
+        value = getattr(instance, item)
+        if isinstance(declared, ParameterSpec):
+            values[declared.name] = value
+        else:
+            values.update(to_mapping(value, f'{prefix}{item}.'))
     return values

@@ -1,14 +1,13 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The nodes that a parameter file with several robots needs, for launch files and the demo."""
+"""The nodes that a formation of robots needs, for the launch file and the demo."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.problems.formation.parameters import (
     DEFAULT_ROBOTS,
     formation_specifications,
@@ -35,20 +34,21 @@ class Part(NamedTuple):
         return f'{self.namespace}/{self.executable}'
 
 
-def robot_nodes(document: Any, namespace: str = 'robots', number: int | None = None) -> list[Part]:
+def robot_nodes(
+    values: Mapping[str, Any], namespace: str = 'robots', number: int | None = None
+) -> list[Part]:
     """
-    Return the planner, and plant and tracker of every robot, for a parameter file's content.
+    Return the planner, and plant and tracker of every robot, for the planner's parameters.
 
-    The planner's section names the `robots`. Simulated robots begin at `<robot>.start`, and
-    drift from there if it has velocities. `namespace` is the planner's; the trackers ask for new
-    plans there. With a `number` that many robots take part, see `resized`.
+    Those name the `robots`. Simulated robots begin at `<robot>.start`, and drift from there if it
+    has velocities. `namespace` is the planner's; the trackers ask for new plans there. With a
+    `number` that many robots take part, see `resized`.
 
     Raise InvalidProblem if the names cannot be used, a start is not allowed, or there is no room
     for so many.
     """
-    values = ros_parameters(document, 'planner', namespace)
     changed = {} if number is None else resized(values, number)
-    values |= changed
+    values = {**values, **changed}
     specifications = formation_specifications(values)
     tracking = {'kind': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
     nodes = [Part('planner', parameters=changed)]

@@ -304,7 +304,7 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
     values = read_parameters(file, namespace=space if built_in else None, required=built_in)
     if plant == 'robots':
-        planner, *others = robot_nodes({'/**/planner': {'ros__parameters': values}})
+        planner, *others = robot_nodes(values)
         parts = [*others, planner]
     elif built_in:
         parts = [Part(name) for name in (f'{plant}_plant', 'tracker', 'planner')]

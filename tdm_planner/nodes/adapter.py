@@ -63,7 +63,8 @@ class Vehicle:
         self._node, self._clock, self._plant, self._request = node, clock, plant, request
         self.name, kind = name, plant.kind
         self.prefix = prefix = f'{name}/' if plant.several else ''
-        self.start = f'{name}.start.' if plant.several else 'start.'  # begins its parameters
+        group = f'{name}.start' if plant.several else 'start'
+        self.start_parameters = [f'{group}.{state}' for state in kind.state_names]
         self.label = f"robot '{name}': " if plant.several else ''  # begins a sentence
         self._angles = np.array([state in kind.angles for state in kind.state_names])
         self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
@@ -190,7 +191,6 @@ class Adapter:
         self.vehicles = {n: Vehicle(node, clock, n, plant, values, request) for n in names}
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
-        self._drawn = False
         self.values_changed(values)
 
     def values_changed(self, values: Values) -> None:
@@ -198,7 +198,7 @@ class Adapter:
         for vehicle in self.vehicles.values():
             vehicle.values_changed(values)
         with suppress(InvalidProblem):
-            preview = None if self._drawn else self.plant.preview(values)
+            preview = self.plant.preview(values) if self.plans.newest is None else None
             if preview is not None:
                 self._markers.publish(plan_markers(self.kind.frame, *preview))
 
@@ -246,11 +246,10 @@ class Adapter:
         return found
 
     def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
-        return {
-            f'{self.vehicles[name].start}{key}': value
-            for name, state in states.items()
-            for key, value in zip(self.kind.state_names, state.tolist(), strict=True)
-        }
+        found: dict[str, Any] = {}
+        for name, state in states.items():
+            found |= zip(self.vehicles[name].start_parameters, state.tolist(), strict=True)
+        return found
 
     # Plans.
 
@@ -275,7 +274,6 @@ class Adapter:
                 self._others[name] = made
             self._others[name].publish(message)
         self.plans.add(plan)
-        self._drawn = True
         view = next(iter(views.values()))
         ways = [DrawnPath(view, m.states, name if several else '') for name, m in motions.items()]
         try:

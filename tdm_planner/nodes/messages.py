@@ -47,8 +47,6 @@ SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 # end. Trajectory controllers want the last velocities to be exactly zero
 # (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
-_NOTHING: Mapping[str, Array] = {}
-_NO_RATES: Mapping[str, float] = {}
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -80,7 +78,7 @@ def to_quaternion(yaw: float) -> Quaternion:
 
 
 def plan_message(
-    kind: PlantKind, trajectory: Trajectory, stamp: Time, extra: Mapping[str, Array] = _NOTHING
+    kind: PlantKind, trajectory: Trajectory, stamp: Time, extra: Mapping[str, Array] = {}
 ) -> JointTrajectory:
     """
     Return a plan as a message; `stamp` is the instant at which the motion starts.
@@ -152,7 +150,7 @@ def plan_message(
 
 
 def joint_states(
-    joints: Sequence[Joint], values: Mapping[str, float], rates: Mapping[str, float] = _NO_RATES
+    joints: Sequence[Joint], values: Mapping[str, float], rates: Mapping[str, float] = {}
 ) -> JointState:
     """
     Return joints with states and controls by name, without stamp; 0 what has no value.

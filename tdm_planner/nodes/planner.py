@@ -180,9 +180,8 @@ class Planner(ManagedNode):
                 f"parameter '{reviews[0]}' cannot be part of a request: set it on the planner"
             )
         values = {**self.parameter_values, **own}
-        states, vehicles = self._adapter.kind.state_names, self._adapter.vehicles.values()
-        starts = [f'{vehicle.start}{state}' for vehicle in vehicles for state in states]
-        unused = [name for name in starts if name in own]
+        vehicles = self._adapter.vehicles.values()
+        unused = [name for v in vehicles for name in v.start_parameters if name in own]
         if unused and values['start.source'] == 'measured':
             raise InvalidProblem(
                 f"parameter '{unused[0]}' has no effect while start.source = measured: the "

@@ -183,7 +183,14 @@ def read_odometry(kind: PlantKind, message: Any) -> dict[str, float]:
     unit length.
     """
     check_frame(kind, message, 'odometry')
-    motion = planar_motion(message, yaw_of(message.pose.pose.orientation))
+    place, rates = message.pose.pose.position, message.twist.twist
+    yaw = yaw_of(message.pose.pose.orientation)
+    c, s = math.cos(yaw), math.sin(yaw)
+    motion = (  # values and rates
+        (place.x, c * rates.linear.x - s * rates.linear.y),
+        (place.y, s * rates.linear.x + c * rates.linear.y),
+        (yaw, rates.angular.z),
+    )
     joints = {joint.name: joint for joint in kind.joints}
     found: dict[str, float] = {}
     for name, values in zip(kind.odometry, motion, strict=True):
@@ -193,17 +200,6 @@ def read_odometry(kind: PlantKind, message: Any) -> dict[str, float]:
             f'the odometry holds a value that is not a finite number of at most {LARGEST:g}'
         )
     return found
-
-
-def planar_motion(message: Any, yaw: float) -> tuple[tuple[float, float], ...]:
-    """Return value and rate of x, y and yaw of an odometry, in the frame of its pose."""
-    place, rates = message.pose.pose.position, message.twist.twist
-    c, s = math.cos(yaw), math.sin(yaw)
-    return (
-        (place.x, c * rates.linear.x - s * rates.linear.y),
-        (place.y, s * rates.linear.x + c * rates.linear.y),
-        (yaw, rates.angular.z),
-    )
 
 
 def yaw_of(rotation: Any) -> float:

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 import itertools
 import math
-from types import MappingProxyType
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -59,7 +58,7 @@ class FormationExecution(Execution):
     def __init__(
         self,
         plan: TimedPlan,
-        parameters: Mapping[str, RobotTrackerParameters | None] = MappingProxyType({}),
+        parameters: Mapping[str, RobotTrackerParameters | None] = {},
     ) -> None:
         super().__init__(plan)
         assert isinstance(plan.problem, RobotFormation)
@@ -95,7 +94,7 @@ class FormationExecution(Execution):
         """
         motion = self._motions[name]
         left = motion.end - at
-        late = LATE * math.pi / self._problem.limits.thruster_rate
+        late = LATE * self._problem.task.half_turn
         planned = motion.sample(at)
         return planned if 0.0 < left < late and _near(planned.state, state, _ON_PLAN) else None
 

@@ -11,14 +11,14 @@ sensor repeats itself.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 import math
 from typing import Any, Final, Protocol
 
 import numpy as np
-from tdm_planner.arrays import Array
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.plants.base import integrate, Plant, SymbolicPlant
 
 PREDICTION_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
@@ -143,7 +143,7 @@ class StateEstimator:
         self,
         plant: DifferentiablePlant,
         noise: EstimatorNoise,
-        angles: Sequence[int],
+        angles: list[int],
         longest_gap: float,
         longest_step: float = PREDICTION_STEP,
         delay: float = 0.0,
@@ -153,7 +153,7 @@ class StateEstimator:
         self.size = len(plant.state_names)
         span = (_LONGEST + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
         self.history = CommandHistory(len(plant.control_names), span)
-        self._longest_gap, self._longest_step = longest_gap, longest_step
+        self.longest_gap, self._longest_step = longest_gap, longest_step
         self.angles = angles
         more = (0, self.size - noise.measurement.size)
         self._rate_floor = np.pad(noise.rate_floor, more)
@@ -206,7 +206,7 @@ class StateEstimator:
         """
         if self.stamp is not None and stamp <= self.stamp:
             return
-        known = self.stamp is not None and stamp - self.stamp <= self._longest_gap
+        known = self.stamp is not None and stamp - self.stamp <= self.longest_gap
         if known:
             self._propagate(stamp)
             most = _ILL_CONDITIONED**2 * np.diag(self._prior_covariance)
@@ -261,8 +261,7 @@ class StateEstimator:
 
     def _correct(self, measured: Array) -> None:
         innovation = measured - self._state
-        for angle in self.angles:
-            innovation[angle] -= math.tau * np.round(innovation[angle] / math.tau)
+        innovation[self.angles] = wrapped(innovation[self.angles])
         size = self.size
         total = self._covariance[:size, :size] + self._measurement_covariance
         weighed = np.linalg.solve(total, innovation)
@@ -300,16 +299,15 @@ class RepetitionWatch:
     """
     Notices a driver that goes on publishing, with fresh stamps, what it measured long ago.
 
-    Samples that stay the same to the last bit for `window` s, twice or four times as long are
+    Samples that stay the same to the last bit for a window, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
     the noise, the sensor is `stuck`, until it shows another number or the plant should rest. The
-    last commands may be on their way still: they are ignored. What happens in gaps of more than
-    `window` s between samples is not judged.
+    last commands may be on their way still: they are ignored. A window is the longest gap between
+    samples that the estimator predicts over; what happens in a longer one is not judged.
     """
 
-    def __init__(self, estimator: StateEstimator, window: float) -> None:
+    def __init__(self, estimator: StateEstimator) -> None:
         self._estimator = estimator
-        self._window = window
         self._sample: Array | None = None
         self._since = self._last = 0.0
         self._next = 1
@@ -318,18 +316,19 @@ class RepetitionWatch:
     def observe(self, state: Array, stamp: float) -> None:
         """Take a sample (nx,) of the instant `stamp` [s], later than that of the one before."""
         sample, before, self._last = self._sample, self._last, stamp
+        window = self._estimator.longest_gap
         if sample is None or not np.array_equal(state, sample) or stamp <= self._since:
             self._sample, self.stuck = state.copy(), False
             self._begin(stamp)
-        elif stamp - before > self._window:
+        elif stamp - before > window:
             self._begin(stamp)
-        elif stamp - self._since >= self._next * self._window:
+        elif stamp - self._since >= self._next * window:
             self._judge(sample, stamp)
 
-    def of(self, estimator: StateEstimator, window: float) -> RepetitionWatch:
+    def of(self, estimator: StateEstimator) -> RepetitionWatch:
         """Return a watch by another estimator that knows what this one has seen."""
         watch = copy(self)
-        watch._estimator, watch._window = estimator, window
+        watch._estimator = estimator
         return watch
 
     def _begin(self, stamp: float) -> None:
@@ -339,7 +338,7 @@ class RepetitionWatch:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
         state, driven = sample, False
-        seen = stamp - _ON_ITS_WAY * self._window
+        seen = stamp - _ON_ITS_WAY * estimator.longest_gap
         for duration, control in estimator.acting(self._since, seen):
             state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())

@@ -18,7 +18,6 @@ from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
-_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 _MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
@@ -72,12 +71,6 @@ class TrackerParameters(Validated):
     def interval(self) -> float:
         """Time for which a command acts [s]."""
         return 1.0 / self.rate
-
-    def too_slow(self, growth_rate: float) -> str:
-        """Tell that commands are too slow where deviations grow at that rate [1/s], '' if not."""
-        rate, least = self.rate, _SLOWEST * growth_rate
-        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
-        return slow if rate < least else ''
 
 
 class TrajectoryRejected(TdmError):
@@ -184,13 +177,12 @@ def check_trajectory(trajectory: Trajectory, start: float, now: float) -> None:
             f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
         )
     for what, seconds, most in (
-        ('starts', start - now, _LATEST_START),
+        ('starts in', start - now, _LATEST_START),
         ('lasts', trajectory.duration, _LONGEST_MOTION),
     ):
         if seconds > most:
             raise TrajectoryRejected(
-                f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
-                f'be more than {most:g} s'
+                f'the trajectory {what} {seconds:.3g} s: must not be more than {most:g} s'
             )
     largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
     if largest > LARGEST:

@@ -184,6 +184,7 @@ class PendulumTracker(TrajectoryTracker):
     """
 
     parameters: PendulumTrackerParameters
+    plant: RotaryPendulum
 
     def __init__(self, parameters: PendulumTrackerParameters) -> None:
         plant = parameters.plant
@@ -233,10 +234,10 @@ class PendulumTracker(TrajectoryTracker):
     @property
     def found(self) -> dict[str, float]:
         """Return what the samples say of commands and plant, by name and unit."""
-        found, estimator, k = super().found, self.estimator, self.parameters.plant.coefficients
+        found, estimator, k = super().found, self.estimator, self.plant.coefficients
         if estimator.stamp is not None:
             gains = dict(zip(GAINS, estimator.predict(estimator.stamp)[4:].tolist(), strict=True))
-            w0 = self.parameters.plant.natural_frequency
+            w0 = self.plant.natural_frequency
             pivot, disk = (w0 * (gains[f'{name}_damping'] - 1.0) for name in ('pivot', 'disk'))
             found['natural frequency [rad/s]'] = w0 * math.sqrt(max(gains['gravity_gain'], 0.0))
             found['torque, of what is commanded'] = gains['torque_gain']
@@ -251,7 +252,7 @@ class PendulumTracker(TrajectoryTracker):
 
     def prepare(self, trajectory: Trajectory) -> PlanLaw:
         """Compute the gains along the plan."""
-        plant, more = self.parameters.plant, (0, len(GAINS))
+        plant, more = self.plant, (0, len(GAINS))
         weights = np.pad(self._q, more), self._r
         terminal = np.pad(self.upright.cost_to_go, more)
         spacing = longest_step(plant)
@@ -277,7 +278,7 @@ class PendulumTracker(TrajectoryTracker):
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
         """Move the plan towards where the state is on it, and play it at the rig's own pace."""
         law: PlanLaw = motion.law
-        plant, elapsed = self.parameters.plant, motion.elapsed(time)
+        plant, elapsed = self.plant, motion.elapsed(time)
         planned = law.trajectory.sample(law.trajectory.times[0] + elapsed)
         error = self.error(state, planned.state * self._scale(motion.pace))
         rates = plant.derivative(planned.state, planned.control)
@@ -325,7 +326,7 @@ class PendulumTracker(TrajectoryTracker):
     def calm(self, state: Array, slack: float) -> bool:
         """Whether the pendulum hangs nearly at rest."""
         from_hanging = np.array([wrapped(state[0] - math.pi), state[1], state[2], state[3]])
-        frequency = self.parameters.plant.natural_frequency
+        frequency = self.plant.natural_frequency
         largest = slack * _CALM * np.array([1.0, 1.0, frequency, frequency])
         return bool((np.abs(from_hanging) < largest).all())
 

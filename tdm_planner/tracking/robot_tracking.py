@@ -26,7 +26,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tdm_planner.arrays import Array, wrapped
+from tdm_planner.arrays import Array
 from tdm_planner.parameters import group, parameter, positive, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
@@ -141,6 +141,7 @@ class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
     parameters: RobotTrackerParameters
+    plant: FloatingRobot
     settling = 8.0
 
     def __init__(
@@ -167,7 +168,7 @@ class RobotTracker(TrajectoryTracker):
         # An error of the position is taken away in this time or more. When keeping station the
         # thruster must turn half round to brake: there is time for it.
         self._shortest = self._damping / self._stiffness
-        self._station = max(self._shortest, 2.0 * math.pi / limits.thruster_rate)
+        self._station = max(self._shortest, 2.0 * self.lead)
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
@@ -185,13 +186,13 @@ class RobotTracker(TrajectoryTracker):
 
     @property
     def lead(self) -> float:
-        """Time [s] that the thruster takes to turn to where a motion begins."""
+        """Time [s] in which the thruster turns half round: to where a motion begins."""
         return math.pi / self.parameters.limits.thruster_rate
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Turn the thruster to where the motion begins."""
         target = float(motion.trajectory.states[0, _ALPHA])
-        angle = float(wrapped(np.asarray(target - state[_ALPHA])))
+        angle = math.remainder(target - state[_ALPHA], math.tau)
         return np.array([0.0, self._servo(angle), 0.0])
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
@@ -203,7 +204,7 @@ class RobotTracker(TrajectoryTracker):
         instants = at + interval * np.array([0.0, 0.5, 1.0])
         reference, middle, after = motion.trajectory.sample(instants).state
         thrust, _, torque = mean_controls(motion.trajectory, [at, at + interval])[0]
-        driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
+        driven = self.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
@@ -262,7 +263,7 @@ class RobotTracker(TrajectoryTracker):
 
     def _yaw_feedback(self, yaw: float, omega: float) -> float:
         turn = self._yaw_stiffness * yaw + self._yaw_damping * omega
-        return float(-self.parameters.plant.inertia * turn)
+        return float(-self.plant.inertia * turn)
 
     def _servo(self, angle: float) -> float:
         """Rate of the thruster that takes away an error `angle` [rad]."""
@@ -283,18 +284,16 @@ class RobotTracker(TrajectoryTracker):
         That is the acceleration `wanted` (2,) and the `torque`. The thruster rests at `alpha`
         where next to no acceleration is wanted.
         """
-        limits, plant = self.parameters.limits, self.parameters.plant
-        feedback = self.parameters.feedback
+        limits, feedback = self.parameters.limits, self.parameters.feedback
         quiet = 0.0 if coasting else feedback.deadband * self._largest
         size = math.hypot(wanted[0], wanted[1])
         now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
-        off = math.atan2(wanted[1], wanted[0]) - heading
-        off = float(wrapped(np.asarray(off)))
+        off = math.remainder(math.atan2(wanted[1], wanted[0]) - heading, math.tau)
         target = alpha if size <= quiet else now + off
         thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0
         if abs(off) < (_ALIGNED if coasting else feedback.misalignment):
-            thrust = plant.mass * size * math.cos(off) / thruster
+            thrust = self.plant.mass * size * math.cos(off) / thruster
         torque = min(max(torque / wheel, -limits.torque), limits.torque)
         return np.array([min(thrust, limits.thrust), self._servo(target - now), torque])
 

@@ -90,25 +90,26 @@ class StatedLaw:
 class StatedTracker(TrajectoryTracker):
     """Tracker of any `DirectProblem`; deviations are shares of the range of a plan's states."""
 
+    plant: DirectPlant
     settling = 1.0
 
     def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
-        self.problem, self._plant = problem, DirectPlant(problem)
+        self.problem, plant = problem, DirectPlant(problem)
         nx = len(problem.state_names)
         measured, model = _BELIEVED
         noise = EstimatorNoise(np.full(nx, measured), model, rate_floor=np.ones(nx))
         gap, delay = parameters.state_timeout, parameters.command_delay
-        estimator = StateEstimator(self._plant, noise, [], gap, delay=delay)
-        super().__init__(parameters, self._plant, estimator)
-        self._lower, self._upper = self._plant.control_range
-        ends = Ends.of(self._plant.stated).states
+        estimator = StateEstimator(plant, noise, [], gap, delay=delay)
+        super().__init__(parameters, plant, estimator)
+        self._lower, self._upper = plant.control_range
+        ends = Ends.of(plant.stated).states
         self._ends_at_goal = np.isfinite(ends[1])  # (nx,)
         # A plan from beside the goal to the goal must not make a deviation of nothing a large one.
         self._least_ranges = _SHORT * np.nan_to_num(np.abs(np.diff(ends, axis=0)[0]))
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
         """Compute the gains along the plan."""
-        plant = self._plant
+        plant = self.plant
         smooth = trajectory.with_rates(plant.derivative)
         ranges = self._scales(trajectory)
         weights = self._weights(trajectory, ranges)
@@ -134,7 +135,7 @@ class StatedTracker(TrajectoryTracker):
         """
         found = np.maximum(np.ptp(trajectory.states, axis=0), self._least_ranges)
         least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
-        jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
+        jacobians = self.plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
         driven, reach = b @ self._sizes(trajectory), np.zeros(found.size)
         for _ in found:  # from controls to rates, from rates to places
@@ -158,7 +159,7 @@ class StatedTracker(TrajectoryTracker):
 
     def _resting(self, trajectory: Trajectory, end: int) -> Array | None:
         """Return the control (nu,) under which an end is at rest, None if there is none."""
-        plant, state = self._plant, trajectory.states[end]
+        plant, state = self.plant, trajectory.states[end]
         control = np.clip(self.nothing, self._lower, self._upper)
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
@@ -182,7 +183,7 @@ class StatedTracker(TrajectoryTracker):
         control = self._resting(trajectory, end)
         if control is None:
             return not_held
-        a, b = self._plant.jacobians(state, control)
+        a, b = self.plant.jacobians(state, control)
         try:
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
@@ -226,7 +227,7 @@ class StatedTracker(TrajectoryTracker):
         if now >= motion.start or self.current is not None:
             super()._check_start(motion, now)
         elif self.state_age(now) <= self.parameters.state_timeout:
-            smooth = motion.trajectory.with_rates(self._plant.derivative)
+            smooth = motion.trajectory.with_rates(self.plant.derivative)
             if self._resting(smooth, 0) is not None:
                 self._compare(motion, self.estimator.predict(now), motion.start)
 
@@ -256,7 +257,7 @@ class StatedTracker(TrajectoryTracker):
         """Return planned control and feedback, as much of it as the limits allow."""
         error = self.error(state, reference)
         control = np.clip(planned - gain @ error, self._lower, self._upper)
-        margins = self._plant.control_margins
+        margins = self.plant.control_margins
         least = np.minimum(margins(elapsed, reference, planned), 0.0) - motion.law.touched
         if (margins(elapsed, state, control) < least).any():
             low, high = 0.0, 1.0

@@ -46,6 +46,7 @@ BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their 
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
+_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
 
@@ -64,7 +65,7 @@ class TrajectoryTracker(ABC):
     ) -> None:
         self.parameters, self.plant, self.estimator = parameters, plant, estimator
         self.nothing = np.zeros(len(plant.control_names))  # commanded
-        self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
+        self._repetition = RepetitionWatch(estimator)
         self.phase = Phase.IDLE
         self.reason = ''
         self.wants_plan = False
@@ -99,9 +100,8 @@ class TrajectoryTracker(ABC):
 
     def error(self, state: Array, reference: Array) -> Array:
         """State, without gains, minus reference (nx,), angles the shorter way round."""
-        error = state[: reference.size] - reference
-        for angle in self.estimator.angles:
-            error[angle] = wrapped(error[angle])
+        error, angles = state[: reference.size] - reference, self.estimator.angles
+        error[angles] = wrapped(error[angles])
         return error
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
@@ -132,7 +132,9 @@ class TrajectoryTracker(ABC):
     @property
     def warning(self) -> str:
         """Say that the commands are too slow for the plant, where they are."""
-        return self.parameters.too_slow(self.growth_rate)
+        rate, least = self.parameters.rate, _SLOWEST * self.growth_rate
+        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
+        return slow if rate < least else ''
 
     @property
     def found(self) -> dict[str, float]:
@@ -178,7 +180,7 @@ class TrajectoryTracker(ABC):
         that has just been restarted into a plan recovers then, with `replan.on_deviation`.
         """
         if self.phase in (Phase.STOPPED, Phase.RECOVERING) and not self.braking:
-            self._repetition = RepetitionWatch(self.estimator, self.parameters.state_timeout)
+            self._repetition = RepetitionWatch(self.estimator)
         try:
             check_trajectory(trajectory, start, now)
             with suppress(*BREAKDOWN):  # what cannot be predicted is compared at the start
@@ -381,7 +383,7 @@ class TrajectoryTracker(ABC):
             for motion in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
-        self._repetition = other._repetition.of(self.estimator, self.parameters.state_timeout)
+        self._repetition = other._repetition.of(self.estimator)
         self.estimator.go_on_from(other.estimator, self.plant == other.plant)
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)

@@ -81,6 +81,11 @@ class FormationTask:
         return np.asarray(still & (np.linalg.norm(self.goal - self.start, axis=1) < _ARRIVED))
 
     @property
+    def half_turn(self) -> float:
+        """Time [s] in which the thruster turns half round."""
+        return math.pi / self.thruster_rate
+
+    @property
     def departure(self) -> Array:
         """Positions when the manoeuvres begin, after coasting (n, 2)."""
         return self.start + self.velocity * self.coast[:, None]
@@ -243,7 +248,7 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
 
     No robot takes less than `least` (n,) s; `thrust` [m/s^2] is what they burn and coast with.
     """
-    leg = math.pi / task.thruster_rate
+    leg = task.half_turn
     way = np.linalg.norm(task.goal - task.departure - DRIFT * leg * task.velocity, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     later = task.interval * np.arange(task.n) - task.coast

@@ -265,7 +265,7 @@ def resumed(
     Goals are reached from where the rest of a plan turns last; the start may be off it. Robots
     whose motion is `kept` need none.
     """
-    leg = math.pi / task.thruster_rate
+    leg = task.half_turn
     rests = {
         i: remaining(plans[name])
         for i, name in enumerate(task.names)

@@ -139,7 +139,7 @@ class Sensor:
 
     def __init__(self, estimator: StateEstimator) -> None:
         self.estimator, self.history, self.move = estimator, estimator.history, estimator.move
-        self.watch = RepetitionWatch(estimator, 0.1)
+        self.watch = RepetitionWatch(estimator)
         self.time = 0.0
 
     def show(self, state: np.ndarray, torque: float) -> bool:
@@ -204,7 +204,6 @@ def test_a_plant_that_a_command_holds_at_rest_is_not_stuck(window: float) -> Non
     """Commands are remembered for as long as is looked back on."""
     noise = EstimatorNoise(np.array([1e-3, 1e-3]), 0.1, np.array([0.0, 1.0]))
     hover = Sensor(StateEstimator(Hover(), noise, [], longest_gap=window))
-    hover.watch = RepetitionWatch(hover.estimator, window)
     resting = np.zeros(2)
     assert hover.until_stuck(resting, 9.81, 20.0 * window) == math.inf
     assert hover.until_stuck(resting, 30.0, 20.0 * window) < 10.0 * window
