@@ -190,14 +190,13 @@ class Mission:
     """
     Everything that a report shows.
 
-    `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
-    plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `source` is the file or folder it was read from; `recorded_at` is the origin's
-    wall-clock time [s since the epoch], None for a plan without a recorded motion.
+    `figures` has an entry for every plan, in the order of their starts; `missing` says in
+    sentences what is not there and what follows from it; `source` is the file or folder it was
+    read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a plan
+    without a recorded motion.
     """
 
     title: str
-    problem: str
     vehicles: tuple[RecordedVehicle, ...]
     figures: tuple[PlanFigures, ...] = ()
     events: tuple[Event, ...] = ()

@@ -119,7 +119,7 @@ def _subtitle(mission: Mission) -> str:
     parts = [figures.summary for figures in mission.figures[-1:] if figures.summary]
     if not mission.was_executed:
         parts.append('planned, not executed')
-    return ' · '.join(parts or [mission.problem])
+    return ' · '.join(parts or [figures.problem for figures in mission.figures[-1:]])
 
 
 def _source(mission: Mission) -> str:

@@ -46,7 +46,7 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
     Raise UnusableFile if it cannot be written.
     """
     vehicles, picture = planned_vehicles(problem, solution.trajectories), io.BytesIO()
-    figure = plot_plan(Mission(solution.summary, problem.name, vehicles))
+    figure = plot_plan(Mission(solution.summary, vehicles))
     figure.savefig(picture, format=path.suffix[1:].lower(), dpi=110)
     write_file(path, picture.getvalue())
 

@@ -118,7 +118,7 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
 def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -> None:
     problem, solution = swing_up
     vehicles = planned_vehicles(problem, solution.trajectories)
-    figure = plot_plan(Mission('', problem.name, vehicles))
+    figure = plot_plan(Mission('', vehicles))
     found = {axis.get_ylabel(): axis for axis in figure.axes}
     quantities = ['theta [rad]', 'psi [rad]', 'theta_dot [rad/s]', 'psi_dot [rad/s]']
     quantities += ['torque [N m]', 'margin of\ntorque [N m]', 'margin of\ndisk_angle [rad]']
