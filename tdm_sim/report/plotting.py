@@ -148,7 +148,8 @@ def _picture(part: SubFigure, mission: Mission, apart: Sequence[Panel]) -> None:
     for axis, panel in zip(axes[1:], apart, strict=True):
         _draw_panel(axis, panel)
         axis.set_ylim(bottom=0.0)
-        axis.legend(fontsize='x-small', loc='upper right')
+        if any(curve.series for curve in panel.curves):
+            axis.legend(fontsize='x-small', loc='upper right')
         _label_time(axis)
 
 

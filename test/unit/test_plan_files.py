@@ -132,6 +132,12 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
 
 
+def test_the_only_distance_of_two_robots_has_no_legend(formation, recwarn):
+    problem, solution = formation
+    plot_plan(Mission('', planned_vehicles(problem, solution.trajectories)[:2]))
+    assert not [warning for warning in recwarn if 'legend' in str(warning.message)]
+
+
 def test_every_kind_of_file_and_plant(swing_up, formation, tmp_path):
     # names of another plant
     foreign = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
