@@ -281,5 +281,4 @@ class Operations:
         self._listener.set_parameters(nodes, values)
 
     def _values(self, role: str) -> Mapping[str, Any]:
-        declared = self._listener.parameters_of(role)
-        return {} if declared is None else declared.values
+        return self._listener.parameters_of(role).values
