@@ -19,7 +19,7 @@ import threading
 import time
 from typing import Any
 
-from tdm_planner.exceptions import Busy, TdmError
+from tdm_planner.exceptions import Busy, Failure
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import DragHandle, Pose, pulled
@@ -118,11 +118,10 @@ class TaskThread:
 def _outcome(act: Act) -> str:
     try:
         return act()
-    except TdmError as error:
-        return f'{error.code}: {error}'
     except Exception as error:  # noqa: B902
         # The page goes on, and shows it.
-        return f'INTERNAL: {type(error).__name__}: {error}'
+        failure = Failure.of(error)
+        return f'{failure.code}: {failure.reason}'
 
 
 def start_delay(solve_time: float) -> float:
