@@ -210,13 +210,16 @@ class Mission:
         """Whether anything was measured."""
         return any(vehicle.states for vehicle in self.vehicles)
 
+    @property
+    def plans(self) -> list[FollowedPlan]:
+        """Return the plans of all vehicles."""
+        return [plan for vehicle in self.vehicles for plan in vehicle.plans]
+
     @cached_property
     def span(self) -> tuple[float, float]:
         """First and last instant [s] of everything planned and measured."""
-        instants = [0.0]
+        instants = [0.0, *(at for plan in self.plans for at in (plan.start, plan.end))]
         for vehicle in self.vehicles:
-            for plan in vehicle.plans:
-                instants += [plan.start, plan.end]
             for signals in (vehicle.states, vehicle.commands, vehicle.applied):
                 if signals.times.size:
                     instants += [float(signals.times[0]), float(signals.times[-1])]
@@ -246,7 +249,7 @@ class Mission:
 
     def is_early(self, event: Event) -> bool:
         """Whether an event came before the motion: while the nodes were starting."""
-        return event.time < 0.0 and any(vehicle.plans for vehicle in self.vehicles)
+        return event.time < 0.0 and bool(self.plans)
 
     @property
     def deadline(self) -> float | None:
