@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
 import subprocess
@@ -42,7 +43,6 @@ class Recordings:
     def __init__(self, folder: Path, namespace: str) -> None:
         self._folder, self._namespace = folder, namespace
         self._recorder = NodeProcesses(folder / 'log')
-        self._number = 0
         self.last: Path | None = None
 
     @property
@@ -52,8 +52,8 @@ class Recordings:
 
     def start(self) -> Path:
         """Begin a recording, until its first message; raise ProcessFailed if none comes."""
-        while (bag := self._folder / f'recording_{self._number + 1}').exists():
-            self._number += 1
+        bags = (self._folder / f'recording_{number}' for number in count(1))
+        bag = next(bag for bag in bags if not bag.exists())
         words = ['record', '-o', str(bag), '--namespace', self._namespace]
         self._recorder.start('recorder', 'tdm_planner.cli', words)
         latest = time.monotonic() + _FIRST
