@@ -48,8 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 records = {each: records[each] for each in SECTIONS if each in records}
                 page.keep(folder, records)
         if options.docs:
-            # From what is stored: written anew, the page is the same to the last digit.
-            written = page.write(page.read(folder), folder, options.quick)
+            written = page.write(folder, options.quick)
             progress.line(f'{written} written after {(time.monotonic() - began) / 60:.1f} min')
     if failed:
         print(f'failed: {", ".join(failed)}', file=sys.stderr)

@@ -21,7 +21,7 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from benchmark.measuring import counted, report, timed
+from benchmark.measuring import counted, report, resident, timed
 from benchmark.pendulum import REGIMES
 from benchmark.scenarios import crossing
 import numpy as np
@@ -135,13 +135,6 @@ def overruns(kinds: dict[str, Cases], count: int) -> dict[str, Any]:
         'memory_after_100_mb': memory,
         'memory_mb': resident(),
     }
-
-
-def resident() -> float:
-    """Resident memory of this process [MB]."""
-    status = Path('/proc/self/status').read_text()
-    fields = dict(line.split(':', 1) for line in status.splitlines())
-    return float(fields['VmRSS'].split()[0]) / 1024
 
 
 def command_stream(seconds: float) -> dict[str, Any]:

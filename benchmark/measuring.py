@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from pathlib import Path
 import sys
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
@@ -35,6 +36,13 @@ def counted(items: Collection[Item], what: str) -> Iterator[Item]:
             report(f'{what}: {count} of {len(items)}')
             said = time.monotonic()
         yield item
+
+
+def resident(process: int | str = 'self') -> float:
+    """Return the resident memory of a process, by default of this one [MB]."""
+    status = Path(f'/proc/{process}/status').read_text()
+    fields = dict(line.split(':', 1) for line in status.splitlines())
+    return float(fields['VmRSS'].split()[0]) / 1024
 
 
 class Timed(NamedTuple):

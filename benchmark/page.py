@@ -103,12 +103,13 @@ def _machine() -> str:
     return f'{name}, {os.cpu_count()} cores, Python {platform.python_version()}'
 
 
-def write(records: Mapping[str, Any], folder: Path = DOCS, quick: bool = False) -> Path:
+def write(folder: Path, quick: bool) -> Path:
     """
-    Write the page from the records of the sections, and its chart.
+    Write the page from the records that are kept in a folder, and its chart.
 
     Sections that were never run, or failed, say so.
     """
+    records = read(folder)
     made_with = Counter(_made_with(record) for record in records.values()).most_common(1)
     usual = made_with[0][0] if made_with else 'no machine yet'
     parts = [_INTRODUCTION.format(made_with=usual)]

@@ -20,6 +20,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 
 REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
+DEADLINE = 2.0  # s
 BEST_KNOWN = Path(__file__).parent / 'data' / 'pendulum_best_known.json'
 
 
@@ -48,21 +49,19 @@ def problem(torque: float, state: Array, method: str = 'switching') -> PendulumS
     )
 
 
-def measure(
-    regime: str, states: int, method: str = 'switching', deadline: float = 2.0
-) -> dict[str, Any]:
+def measure(regime: str, states: int, method: str = 'switching') -> dict[str, Any]:
     """Solve the swing-up from the states of seeds 0 to `states` - 1 and summarise."""
     torque = REGIMES[regime]
     known = best_known(regime)
     hanging = problem(torque, start_state('hanging'), method)
     hanging.prepare()
     runs = [
-        timed(problem(torque, start_state(seed), method), deadline, seed=0)
+        timed(problem(torque, start_state(seed), method), DEADLINE, seed=0)
         for seed in counted(range(states), f'{method}, {regime}')
     ]
     ratios = [run.plan.cost / known[seed] for seed, run in enumerate(runs) if run.plan]
     seconds = [run.wall for run in runs]
-    from_hanging = timed(hanging, deadline, seed=0).plan
+    from_hanging = timed(hanging, DEADLINE, seed=0).plan
     near = np.array(ratios) <= 1.02
     return {
         'states': states,

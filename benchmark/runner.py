@@ -31,7 +31,6 @@ from benchmark.sections import Section, SECTIONS, Settings
 
 ROOT = Path(__file__).parents[1]
 _LINES_KEPT = 200  # lines of what a section says
-_ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,6 @@ def _watched(
     process = subprocess.Popen(
         command,
         cwd=ROOT,
-        env=os.environ | _ONE_THREAD,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

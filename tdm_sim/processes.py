@@ -32,7 +32,6 @@ from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, seconds_of
-from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.nodes.tracker_plans import TOPIC as STATUSES
 from tdm_planner.parameter_files import config_file, read_parameters
 from tdm_planner.parameters import specifications
@@ -42,6 +41,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import Part, robot_nodes
 from tdm_planner.starting import NODES, PARENT, uninterrupted
+from tdm_planner.tracking.motion import TrackerParameters
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.plant_node import SimulationParameters
 from tdm_sim.report.untrusted import read_summary
@@ -51,6 +51,7 @@ _DISCOVERY, _POLL_PERIOD = 1.5, 0.05  # s for which nodes are looked for, and be
 _GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
+_DECLARED = {'planner': PlannerParameters, 'tracker': TrackerParameters}  # others are plants
 _RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
 # Times that a busy computer takes: as many real seconds where simulated time runs faster.
 _COVER_REAL_TIME = frozenset({
@@ -214,10 +215,10 @@ class Scene:
         return commands
 
     def listen(self, node: Node) -> None:
-        """Subscribe to diagnostics, plan and the first plant's state (one clock); make clients."""
+        """Subscribe to diagnostics, plan, statuses and the first plant's state; make clients."""
         node.create_subscription(DiagnosticArray, TOPIC, self.take_diagnostics, _NODES)
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
-        first = f'{self.plants[0].namespace}/joint_states'
+        first = f'{self.plants[0].namespace}/joint_states'  # all have one clock
         node.create_subscription(JointState, first, self._on_state, qos_profile_sensor_data)
         for plant in self.plants:
             told, space = partial(self._on_statuses, plant.namespace), plant.namespace
@@ -333,11 +334,7 @@ def speed_settings(
     """
     if speed == 1.0:
         return {}
-    kind = part.executable.rpartition('_')[2]
-    if kind == 'tracker':
-        declared = tracker_specifications('pendulum')
-    else:
-        declared = specifications(PlannerParameters if kind == 'planner' else SimulationParameters)
+    declared = specifications(_DECLARED.get(part.executable, SimulationParameters))
     given = read_parameters(file, node=part.executable, namespace=part.namespace, required=False)
     settings: dict[str, Any] = {'use_sim_time': True}
     if followers:

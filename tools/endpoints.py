@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 import os
 import re
@@ -32,12 +32,12 @@ KINDS = ('service', 'subscribes', 'calls', 'publishes')
 
 @dataclass(frozen=True, order=True)
 class Endpoint:
-    """A topic or service of a node: `kind` is one of `KINDS`, `type_name` as ROS writes it."""
+    """A topic or service: `kind` is one of `KINDS`, `type_name` without its middle part."""
 
     name: str
     kind: str
     type_name: str
-    latched: bool
+    latched: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def endpoints(name: str) -> tuple[Endpoint, ...]:
     """Return the topics and services of one of `SET_UPS`, sorted, without those of every node."""
     with running(SET_UPS[name]) as node:
         found = {
-            Endpoint(_relative(topic, node), kind, type_name, latched)
-            for kind, topic, type_name, latched in used_by(node)
-            if not OF_EVERY_NODE.search(topic)
+            replace(end, name=_relative(end.name, node))
+            for end in used_by(node)
+            if not OF_EVERY_NODE.search(end.name)
         }
     return tuple(sorted(found))
 
@@ -91,17 +91,17 @@ def running(set_up: NodeSetUp) -> Iterator[Any]:
             rclpy.try_shutdown()
 
 
-def used_by(node: Any) -> Iterator[tuple[str, str, str, bool]]:
-    """Yield kind, absolute name and type of every endpoint of a node, and if it is latched."""
+def used_by(node: Any) -> Iterator[Endpoint]:
+    """Yield every endpoint of a node by its absolute name."""
     for publisher in node.publishers:
         latched = publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
-        yield 'publishes', publisher.topic_name, _type(publisher.msg_type), latched
+        yield Endpoint(publisher.topic_name, 'publishes', _type(publisher.msg_type), latched)
     for subscription in node.subscriptions:
-        yield 'subscribes', subscription.topic_name, _type(subscription.msg_type), False
+        yield Endpoint(subscription.topic_name, 'subscribes', _type(subscription.msg_type))
     for service in node.services:
-        yield 'service', service.service_name, _type(service.srv_type), False
+        yield Endpoint(service.service_name, 'service', _type(service.srv_type))
     for client in node.clients:
-        yield 'calls', client.service_name, _type(client.srv_type), False
+        yield Endpoint(client.service_name, 'calls', _type(client.srv_type))
 
 
 def _type(kind: type) -> str:

@@ -25,9 +25,9 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
      people and their tools: requests, parameters, goals, and everything to be looked at.
      Written by `make config` from the nodes; docs/security.md says how it is used. -->
 """
-# The operator's tools publish these, and call these services, among those that the nodes offer.
+# What people's tools publish: goals, by the end of their names, and what every node does.
 _GOALS = '/goal_pose'
-_NOT_FOR_OPERATORS = ('/rosout', '/parameter_events')
+_OF_EVERY_NODE = ('/rosout', '/parameter_events')
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,12 @@ def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp
 def rights(set_up: NodeSetUp) -> Rights:
     """Return what a node uses, as it says itself."""
     with running(set_up) as node:
-        used = [*used_by(node), ('publishes', '/rosout', '', False)]
-        if isinstance(node, ManagedNode):  # nor has this a publisher in Python
-            used.append(
-                ('publishes', f'{node.get_fully_qualified_name()}/transition_event', '', False)
-            )
+        used = {(end.kind, end.name) for end in used_by(node)}
+        used.add(('publishes', '/rosout'))  # which has no publisher in Python
+        if isinstance(node, ManagedNode):  # nor has this
+            used.add(('publishes', f'{node.get_fully_qualified_name()}/transition_event'))
     kinds = ('publishes', 'subscribes', 'service', 'calls')
-    return Rights(*(frozenset(name for k, name, *_ in used if k == kind) for kind in kinds))
+    return Rights(*(frozenset(name for k, name in used if k == kind) for kind in kinds))
 
 
 def policy() -> str:
@@ -104,7 +103,7 @@ def operator(nodes: Mapping[str, Rights]) -> Rights:
     listened = frozenset().union(*(node.subscribes for node in nodes.values()))
     return Rights(
         publishes=frozenset(
-            [*(name for name in listened if name.endswith(_GOALS)), *_NOT_FOR_OPERATORS]
+            [*(name for name in listened if name.endswith(_GOALS)), *_OF_EVERY_NODE]
         ),
         subscribes=published,
         serves=frozenset(),

@@ -6,8 +6,8 @@ Ask one planner for swing-ups, by many clients, for as long as told: who is answ
 
     python -m tools.soak --minutes 60 --clients 20
 
-Planner, tracker and plant run as processes; the plant is reset after every plan. Printed are the
-answers by their code, their latency, and the memory of every process half-way and at the end.
+Planner, tracker and plant run as processes; the plant is reset every eight seconds. Printed are
+the answers by their code, their latency, and the memory of every process half-way and at the end.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
+from benchmark.measuring import resident
 import numpy as np
 import rclpy
 from rclpy.context import Context
@@ -36,13 +37,6 @@ _NODES = {
 _SETTLING = 3.0  # s
 _UP, _SILENT = 60.0, 30.0  # s for the nodes to be up, and after which a call is unanswered
 _SAMPLING, _FLIGHT = 1.0, 8.0  # s between looks at the memory, and of every mission
-
-
-def resident(identifier: int) -> float:
-    """Return the resident memory of a process [MB]."""
-    status = Path(f'/proc/{identifier}/status').read_text(encoding='utf-8')
-    (size,) = [line.split()[1] for line in status.splitlines() if line.startswith('VmRSS:')]
-    return float(size) / 1024.0
 
 
 def soak(duration: float, clients: int, folder: Path) -> dict[str, Any]:

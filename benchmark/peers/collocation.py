@@ -17,9 +17,7 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from tdm_planner.arrays import Array
 
 IPOPT: dict[str, Any] = {
     'print_level': 0,

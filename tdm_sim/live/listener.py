@@ -112,19 +112,16 @@ class Listener:
         """Return the nodes of a role, silent ones too, in the order of their names."""
         return [node for _, node in sorted(self.nodes.items()) if node.role == role]
 
-    def parameters_of(self, role: str) -> Declared | None:
-        """Return the parameters of the first node of a role, by which those of all are known."""
-        first = next(iter(self.having(role)), None)
-        return None if first is None else self.declared.get(first.name)
+    def parameters_of(self, role: str) -> Declared:
+        """Return a role's parameters, those of its first node; empty while they are not known."""
+        first = next((node.name for node in self.having(role)), '')
+        return self.declared.get(first, Declared({}, {}))
 
     def with_parameter(self, name: str) -> list[str]:
         """Return the nodes that have a parameter of that name."""
-        found = []
-        for role in ROLES:
-            declared = self.parameters_of(role)
-            if declared is not None and name in declared.descriptors:
-                found += [node.name for node in self.having(role) if not node.silent]
-        return found
+        roles = [role for role in ROLES if name in self.parameters_of(role).descriptors]
+        nodes = [node for role in roles for node in self.having(role)]
+        return [node.name for node in nodes if not node.silent]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()

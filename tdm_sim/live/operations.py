@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
 import subprocess
@@ -19,7 +20,7 @@ import threading
 import time
 from typing import Any
 
-from tdm_planner.exceptions import Busy, TdmError
+from tdm_planner.exceptions import Busy, Failure
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.scene import DragHandle, Pose, pulled
@@ -42,7 +43,6 @@ class Recordings:
     def __init__(self, folder: Path, namespace: str) -> None:
         self._folder, self._namespace = folder, namespace
         self._recorder = NodeProcesses(folder / 'log')
-        self._number = 0
         self.last: Path | None = None
 
     @property
@@ -52,8 +52,8 @@ class Recordings:
 
     def start(self) -> Path:
         """Begin a recording, until its first message; raise ProcessFailed if none comes."""
-        while (bag := self._folder / f'recording_{self._number + 1}').exists():
-            self._number += 1
+        bags = (self._folder / f'recording_{number}' for number in count(1))
+        bag = next(bag for bag in bags if not bag.exists())
         words = ['record', '-o', str(bag), '--namespace', self._namespace]
         self._recorder.start('recorder', 'tdm_planner.cli', words)
         latest = time.monotonic() + _FIRST
@@ -118,11 +118,10 @@ class TaskThread:
 def _outcome(act: Act) -> str:
     try:
         return act()
-    except TdmError as error:
-        return f'{error.code}: {error}'
     except Exception as error:  # noqa: B902
         # The page goes on, and shows it.
-        return f'INTERNAL: {type(error).__name__}: {error}'
+        failure = Failure.of(error)
+        return f'{failure.code}: {failure.reason}'
 
 
 def start_delay(solve_time: float) -> float:
@@ -281,5 +280,4 @@ class Operations:
         self._listener.set_parameters(nodes, values)
 
     def _values(self, role: str) -> Mapping[str, Any]:
-        declared = self._listener.parameters_of(role)
-        return {} if declared is None else declared.values
+        return self._listener.parameters_of(role).values

@@ -105,11 +105,11 @@ class Page:
         self._panel.can(simulated, recordings.running, recordings.last is not None)
 
     def _follow(self) -> None:
-        declared, changes = self._listener.parameters_of(PLANNING), self._listener.changes
-        if declared is None or changes == self._seen:
+        values, changes = self._listener.parameters_of(PLANNING).values, self._listener.changes
+        if not values or changes == self._seen:
             return
         self._seen, self._fault = changes, ''
-        if self._rig.follow(dict(declared.values)):
+        if self._rig.follow(dict(values)):
             self._panel.vehicles(list(self._rig.vehicles))
             self._width, self._whole = 0.0, False
             self._history = History(self._rig.view)
@@ -122,20 +122,19 @@ class Page:
         assert self._rig.problem is not None
         handles = {}
         for handle in drag_handles_of(self._rig.problem):
-            owner = self._listener.parameters_of(handle.role)
-            if owner is not None:
-                handles[handle.name] = handle, handle.pose(owner.values)
+            values = self._listener.parameters_of(handle.role).values
+            if values:
+                handles[handle.name] = handle, handle.pose(values)
         self._scene.show_handles(handles)
         sliders: dict[str, Slider] = {}
-        for owner in filter(None, map(self._listener.parameters_of, ROLES)):
+        for owner in map(self._listener.parameters_of, ROLES):
             for name, descriptor in owner.descriptors.items():
                 slider = slider_of(descriptor, owner.values.get(name))
                 if slider is not None:
                     sliders.setdefault(name, slider)
         self._panel.sliders(sliders)
-        planner = self._listener.parameters_of(PLANNING)
-        assert planner is not None
-        self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
+        values = self._listener.parameters_of(PLANNING).values
+        self._panel.replans(values.get('replan.rate', 0.0) > 0.0)
 
     def _place_camera(self, states: list[Array]) -> None:
         """Point the camera at the surroundings and at a vehicle in these states (nx,)."""

@@ -30,7 +30,6 @@ from tdm_sim.progress import printing
 import viser
 
 FRAME_RATE = 25.0  # Hz
-LOCAL = '127.0.0.1'
 
 _CURVES = 5  # frames between updates of the curves
 _NEWS = 12  # frames between updates of what is read
@@ -39,12 +38,7 @@ _TOLD = 30.0  # s from a restart that it is told of: a tab behind others wakes u
 
 
 def run_live(
-    nodes: str,
-    output: Path,
-    parameters: Path | None = None,
-    host: str = LOCAL,
-    port: int = 8080,
-    browser: bool = True,
+    nodes: str, output: Path, parameters: Path | None, host: str, port: int, browser: bool
 ) -> None:
     """
     Serve the page until the process is interrupted.

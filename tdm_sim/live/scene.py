@@ -112,7 +112,7 @@ def _starts(arm: float, rod: float) -> list[DragHandle]:
 
     def pendulum_at(pose: Pose, values: Values) -> dict[str, Any]:
         _, across = _arm(at(values, 'psi'))
-        up = _first_axis(pose)
+        up = SO3(pose[1]).as_matrix()[:, 0]
         theta = math.atan2(float(up @ across), float(up @ UP))
         return {'initial.theta': _nearest(theta, at(values, 'theta'))}
 
@@ -122,13 +122,8 @@ def _starts(arm: float, rod: float) -> list[DragHandle]:
     ]
 
 
-def _first_axis(pose: Pose) -> NDArray[np.floating[Any]]:
-    return SO3(pose[1]).as_matrix()[:, 0]
-
-
 def _yaw(pose: Pose) -> float:
-    ahead = _first_axis(pose)
-    return math.atan2(ahead[1], ahead[0])
+    return float(SO3(pose[1]).compute_yaw_radians())
 
 
 def _arm(psi: float) -> tuple[Array, Array]:

@@ -46,8 +46,7 @@ def frame_times(mission: Mission) -> Array:
     count = math.ceil((end - start) * RATE) + 1
     most = min(MOST_FRAMES, MOST_POSES // max(len(mission.vehicles), 1))
     even = np.linspace(start, end, max(min(count, most), FEWEST_FRAMES))
-    plans = [plan for vehicle in mission.vehicles for plan in vehicle.plans]
-    return np.union1d(even, [at for plan in plans for at in (plan.start, plan.end)])
+    return np.union1d(even, [at for plan in mission.plans for at in (plan.start, plan.end)])
 
 
 def _vehicle(vehicle: RecordedVehicle, times: Array, colour: int) -> dict[str, Any]:

@@ -153,8 +153,7 @@ def _histories(
     mission: Mission, sources: Callable[[RecordedVehicle], Sources], held: bool = False
 ) -> tuple[Panel, ...]:
     """Return panels of states or controls with their limits, and the switches of the plans."""
-    plans = [plan for vehicle in mission.vehicles for plan in vehicle.plans]
-    switches = tuple(sorted({at for plan in plans for at in _switches(plan).tolist()}))
+    switches = tuple(sorted({at for plan in mission.plans for at in _switches(plan).tolist()}))
     return tuple(
         panel._replace(
             limits=mission.vehicles[0].view.bounds.get(panel.title, ()), switches=switches

@@ -190,14 +190,13 @@ class Mission:
     """
     Everything that a report shows.
 
-    `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
-    plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `source` is the file or folder it was read from; `recorded_at` is the origin's
-    wall-clock time [s since the epoch], None for a plan without a recorded motion.
+    `figures` has an entry for every plan, in the order of their starts; `missing` says in
+    sentences what is not there and what follows from it; `source` is the file or folder it was
+    read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a plan
+    without a recorded motion.
     """
 
     title: str
-    problem: str
     vehicles: tuple[RecordedVehicle, ...]
     figures: tuple[PlanFigures, ...] = ()
     events: tuple[Event, ...] = ()
@@ -211,13 +210,16 @@ class Mission:
         """Whether anything was measured."""
         return any(vehicle.states for vehicle in self.vehicles)
 
+    @property
+    def plans(self) -> list[FollowedPlan]:
+        """Return the plans of all vehicles."""
+        return [plan for vehicle in self.vehicles for plan in vehicle.plans]
+
     @cached_property
     def span(self) -> tuple[float, float]:
         """First and last instant [s] of everything planned and measured."""
-        instants = [0.0]
+        instants = [0.0, *(at for plan in self.plans for at in (plan.start, plan.end))]
         for vehicle in self.vehicles:
-            for plan in vehicle.plans:
-                instants += [plan.start, plan.end]
             for signals in (vehicle.states, vehicle.commands, vehicle.applied):
                 if signals.times.size:
                     instants += [float(signals.times[0]), float(signals.times[-1])]
@@ -247,7 +249,7 @@ class Mission:
 
     def is_early(self, event: Event) -> bool:
         """Whether an event came before the motion: while the nodes were starting."""
-        return event.time < 0.0 and any(vehicle.plans for vehicle in self.vehicles)
+        return event.time < 0.0 and bool(self.plans)
 
     @property
     def deadline(self) -> float | None:

@@ -103,10 +103,9 @@ def page_html(
 def motion_span(mission: Mission) -> tuple[float, float]:
     """Return the part of the time that is shown first: the motion and what follows closely."""
     first, last = mission.span
-    ends = [plan.end for vehicle in mission.vehicles for plan in vehicle.plans]
-    if not ends:
+    if not mission.plans:
         return first, last
-    end = max(ends)
+    end = max(plan.end for plan in mission.plans)
     after = max(_LEAST_AFTER, _SHARE_AFTER * end)
     return max(first, -_LEAD), min(last, end + after)
 
@@ -119,7 +118,7 @@ def _subtitle(mission: Mission) -> str:
     parts = [figures.summary for figures in mission.figures[-1:] if figures.summary]
     if not mission.was_executed:
         parts.append('planned, not executed')
-    return ' · '.join(parts or [mission.problem])
+    return ' · '.join(parts or [figures.problem for figures in mission.figures[-1:]])
 
 
 def _source(mission: Mission) -> str:

@@ -46,7 +46,7 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
     Raise UnusableFile if it cannot be written.
     """
     vehicles, picture = planned_vehicles(problem, solution.trajectories), io.BytesIO()
-    figure = plot_plan(Mission(solution.summary, problem.name, vehicles))
+    figure = plot_plan(Mission(solution.summary, vehicles))
     figure.savefig(picture, format=path.suffix[1:].lower(), dpi=110)
     write_file(path, picture.getvalue())
 
@@ -148,7 +148,8 @@ def _picture(part: SubFigure, mission: Mission, apart: Sequence[Panel]) -> None:
     for axis, panel in zip(axes[1:], apart, strict=True):
         _draw_panel(axis, panel)
         axis.set_ylim(bottom=0.0)
-        axis.legend(fontsize='x-small', loc='upper right')
+        if any(curve.series for curve in panel.curves):
+            axis.legend(fontsize='x-small', loc='upper right')
         _label_time(axis)
 
 

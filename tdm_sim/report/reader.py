@@ -86,7 +86,6 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
     found = planned_vehicles(problem, trajectories)
     return Mission(
         title=found[0].view.title or f'Plan for {figures.problem}',
-        problem=figures.problem,
         vehicles=found,
         figures=(figures,),
         parameters=figures.parameters,
@@ -160,7 +159,6 @@ def _mission(
     notes += _gaps(topics, sites, vehicles, summaries)
     return Mission(
         title=sites[0].view.title or sites[0].name,
-        problem=next((f.problem for f in summaries.values()), ''),
         vehicles=tuple(vehicles),
         figures=tuple(figures),
         events=tuple(happened),

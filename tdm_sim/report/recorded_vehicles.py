@@ -266,12 +266,13 @@ def read_plans(
     """
     Return the plans published in a vehicle's namespace, by the starts of their motions [ns].
 
-    `told` is what summaries say, which know how controls run between samples. A plan that cannot
-    be read is told in `notes`, and so are those that the tracker never began: it rejected them, or
-    they were superseded while pending.
+    Of several with the same start the last one counts. `told` is what summaries say, which know
+    how controls run between samples. A plan that cannot be read is told in `notes`, and so are
+    those that the tracker never began: it rejected them, or they were superseded while pending.
     """
     namespace = site.namespace
-    motions = _by_start(topics, namespace)
+    published = topics.messages(f'{namespace}/trajectory', PLAN)
+    motions = {nanoseconds_of(item.message.header.stamp): item.message for item in published}
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
         notes.append(
@@ -304,9 +305,3 @@ def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
         for status in item.message.status_list:
             told.setdefault(nanoseconds_of(status.goal_info.stamp), set()).add(int(status.status))
     return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}
-
-
-def _by_start(topics: RecordedTopics, namespace: str) -> dict[int, Any]:
-    """Messages of a vehicle's plans by the start of their motion; the last one counts."""
-    found = topics.messages(f'{namespace}/trajectory', PLAN)
-    return {nanoseconds_of(item.message.header.stamp): item.message for item in found}

@@ -91,7 +91,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
         seen, applied = Signals.both(plan, times, Sample(moved, np.array(controls)))
         own, followed = name if len(plans) > 1 else view.name, (FollowedPlan(plan, 0.0),)
         vehicles.append(RecordedVehicle(own, view, followed, states=seen, applied=applied))
-    return Mission(problem.name, problem.name, tuple(vehicles))
+    return Mission(problem.name, tuple(vehicles))
 
 
 def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:

@@ -23,7 +23,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import csv, parquet
 from tdm_planner import __version__
-from tdm_planner.exceptions import InvalidProblem, PlannerFault, TdmError
+from tdm_planner.exceptions import Failure, InvalidProblem, PlannerFault
 from tdm_planner.plan_files import finite, make_folder, UnusableFile, write_file
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
@@ -160,11 +160,10 @@ class Trial:
             row |= {f'{MARGIN}{name}': float(value) for name, value in worst.items()}
             if self.closed_loop is not None:
                 row |= measured(problem, solution, self.closed_loop)
-        except TdmError as error:
-            return _row(error.code, str(error))
         except Exception as error:  # noqa: B902
-            # A fault of the program or of a user's problem: the study goes on.
-            return _row(PlannerFault.code, f'{type(error).__name__}: {error}')
+            # Also a fault of the program or of a user's problem: the study goes on.
+            failure = Failure.of(error)
+            return _row(failure.code, failure.reason)
         return row
 
 

@@ -38,7 +38,7 @@ class Seen(Space):
         recordings = Recordings(folder, SPACE)
         self.operations = Operations(self.rig, self.listener, recordings, self.texts.append)
         self.plans = self.hear('trajectory')
-        assert ros.spin_until(lambda: all(map(self.listener.parameters_of, ROLES)))
+        assert ros.spin_until(lambda: all(map(self.values, ROLES)))
         self.rig.follow(self.values(PLANNING))
         assert ros.spin_until(lambda: self.rig.move() or bool(self.rig.motions))
 

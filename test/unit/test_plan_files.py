@@ -118,7 +118,7 @@ def test_margins_are_those_of_the_check(swing_up, formation, monkeypatch):
 def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -> None:
     problem, solution = swing_up
     vehicles = planned_vehicles(problem, solution.trajectories)
-    figure = plot_plan(Mission('', problem.name, vehicles))
+    figure = plot_plan(Mission('', vehicles))
     found = {axis.get_ylabel(): axis for axis in figure.axes}
     quantities = ['theta [rad]', 'psi [rad]', 'theta_dot [rad/s]', 'psi_dot [rad/s]']
     quantities += ['torque [N m]', 'margin of\ntorque [N m]', 'margin of\ndisk_angle [rad]']
@@ -130,6 +130,12 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -
     assert jumps.size
     for axis in figure.axes[:5]:
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
+
+
+def test_the_only_distance_of_two_robots_has_no_legend(formation, recwarn):
+    problem, solution = formation
+    plot_plan(Mission('', planned_vehicles(problem, solution.trajectories)[:2]))
+    assert not [warning for warning in recwarn if 'legend' in str(warning.message)]
 
 
 def test_every_kind_of_file_and_plant(swing_up, formation, tmp_path):

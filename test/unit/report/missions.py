@@ -105,7 +105,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     figures = parts.PlanFigures(2.0, summary='upright after 2 s')
     more = {'events': events, 'parameters': PENDULUM_PARAMETERS}
     more |= {'source': '/bags/one', 'recorded_at': 1.7e9}
-    plain = Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), **more)
+    plain = Mission('Swing-up', (vehicle,), (figures,), **more)
     return replace(plain, **changes)
 
 
@@ -124,7 +124,7 @@ def robots_mission(measured=True, rate=100.0, after=1.0, **changes: Any) -> Miss
             states, applied = Signals.both(plan, at, off)
             found = {'states': states, 'applied': applied}
         vehicles.append(RecordedVehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
-    plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
+    plain = Mission('Formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
     return replace(plain, **changes)
 
 
@@ -243,8 +243,8 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         for at, values in _moments(vehicle.states if kind.odometry else Signals()):
             state = odometry(at, vehicle.name, list(values.values()))
             found.append(Item(f'{space}/odom', at, state))
-    parameters = dict(mission.parameters)
-    said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
+    problem, parameters = mission.vehicles[0].view.problem, dict(mission.parameters)
+    said = summary(START, problem.name, parameters, vehicles=vehicles, **told)
     return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
 
 

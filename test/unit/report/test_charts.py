@@ -169,7 +169,7 @@ def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -
 
 
 def test_a_mission_of_which_nothing_is_known_has_a_page() -> None:
-    for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
+    for mission in (Mission('t', ()), Mission('t', (), missing=('x',))):
         assert '<h1>t</h1>' in report_page(mission)
 
 

@@ -41,7 +41,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     vehicle = mission.RecordedVehicle('pendulum', view, plans, states=seen, applied=applied)
     figures = PlanFigures(DURATION, solve_time=0.2, terminal_error={'theta': 2e-5})
     parameters = PendulumSwingUp().to_parameters()
-    return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
+    return Mission('Swing-up', (vehicle,), (figures,), parameters=parameters)
 
 
 def formation(after: float = 7.0, **changes) -> Mission:

@@ -44,11 +44,11 @@ def test_a_plan_of_the_pendulum(tmp_path: Path) -> None:
     mission = read_mission(file)
     (vehicle,) = mission.vehicles
     assert (vehicle.name, vehicle.view.name) == ('pendulum', 'pendulum')
-    assert mission.problem == 'pendulum_swing_up'
     plan, planned = vehicle.plans[0].trajectory, solution.trajectory
     np.testing.assert_array_equal(plan.states, planned.states)
     assert (plan.units, vehicle.view.bounds['torque']) == (planned.units, (-0.05, 0.05))
     (figures,) = mission.figures
+    assert figures.problem == 'pendulum_swing_up'
     assert (figures.cost, figures.summary) == (solution.cost, solution.summary)
     (missing,) = mission.missing
     assert 'nothing is measured' in missing
@@ -109,7 +109,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     assert any('parameters' in text for text in mission.missing)
     assert not mission.vehicles[0].margins.planned
     (tmp_path / 'plan.json').write_text(json.dumps(plan | {'problem': '<b>\n' * 300}))
-    assert read_mission(tmp_path / 'plan.json').problem.isprintable()
+    assert read_mission(tmp_path / 'plan.json').figures[0].problem.isprintable()
     for name, strange in (
         *(('cost', 'cheap'), ('solve_time', [1]), ('verification', []), ('parameters', [1])),
         *(('cost_terms', {'a': None}), ('cost', 10**400), ('vehicles', {'a': {'states': []}})),
@@ -177,7 +177,7 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     measured = {'states': states, 'commands': commands}
     plans = (FollowedPlan(motion, 0.0),)
     vehicle = RecordedVehicle('sled', StatedView(problem), plans, **measured)
-    return Mission('Sled', problem.name, (vehicle,))
+    return Mission('Sled', (vehicle,))
 
 
 def judged(problem: DirectProblem, end: float, **changes):
