@@ -29,6 +29,7 @@ STATE = 4 * LANES
 PSI, THETA_DOT, PSI_DOT = LANES, 2 * LANES, 3 * LANES
 HELD, STEP = 4 * LANES, 5 * LANES  # behind the state: torque, duration of a step
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
+_STEPS_OF_MOTION = 1_000_000  # at most: the disk of some rigs turns in no time
 MOST_STEPS, ALL = 1000, 1.0 - 1e-9  # of an arc; share of what is left that counts as all of it
 
 
@@ -266,10 +267,10 @@ def roll_ends(
 
     The first `arcs` (B,) of `durations` [s] and `torques` [N m] (B, K) count. Returns the final
     states (B, 4) and the largest |psi| on the way (B,). A motion ends where that is beyond `limit`
-    [rad]: it may be however fast.
+    [rad]: it may be however fast. One of too many steps ends, too, its largest |psi| infinite.
     """
     x, lanes = np.zeros(6 * LANES), np.full(LANES, -1, np.intp)
-    arc, left = np.zeros(LANES, np.intp), np.zeros(LANES)
+    arc, left, steps = np.zeros(LANES, np.intp), np.zeros(LANES), np.zeros(LANES, np.intp)
     ends, peaks = np.empty((arcs.size, 4)), np.zeros(arcs.size)
     taken, busy = 0, 0
     while taken < arcs.size or busy > 0:
@@ -278,12 +279,13 @@ def roll_ends(
         for i in range(LANES):
             b = lanes[i]
             if b < 0 and taken < arcs.size:
-                lanes[i], arc[i], left[i], b = taken, 0, 0.0, taken
+                lanes[i], arc[i], left[i], steps[i], b = taken, 0, 0.0, 0, taken
                 x[i:STATE:LANES] = start
                 taken, busy = taken + 1, busy + 1
             if b < 0:
                 continue
-            peaks[b] = max(peaks[b], abs(x[PSI + i]))
+            peaks[b] = max(peaks[b], abs(x[PSI + i])) if steps[i] < _STEPS_OF_MOTION else np.inf
+            steps[i] += 1
             while not left[i] > 0.0 and arc[i] < arcs[b]:
                 x[HELD + i], left[i] = torques[b, arc[i]], durations[b, arc[i]]
                 arc[i] += 1

@@ -249,7 +249,7 @@ class SwitchingSearch(Search[Candidate]):
                 f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
                 f'the check: {self.rejected}{self._task.difficulties}'
             )
-        peak = 0.0 if self._arrived else self._task.least_peak()
+        peak = 0.0 if self._arrived else self._task.least_peak(self.budget.with_grace())
         if peak > self._task.disk_angle_limit:
             found = f': least peak found {peak:.5g} rad' if math.isfinite(peak) else ''
             return Infeasible(self._task.unstoppable + found)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 from tdm_planner.arrays import Array
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.parameters import parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import replay_pendulum
@@ -122,12 +123,13 @@ class SwingUpTask:
             times += [math.sqrt(distance / acceleration), speed / acceleration]
         return max(times)
 
-    def least_peak(self) -> float:
+    def least_peak(self, until: Budget) -> float:
         """
         Smallest peak of |psi| [rad] over a short horizon that a torque was found to lead to.
 
         Tried are the extreme torques with at most two switches, on a grid of 25 instants. Where
-        the peak exceeds `disk_angle_limit`, there is probably no plan; that is no proof.
+        the peak exceeds `disk_angle_limit`, there is probably no plan; that is no proof. NaN where
+        there is not the time to try them all.
         """
         w0, limit = self.plant.natural_frequency, self.disk_angle_limit
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
@@ -141,6 +143,8 @@ class SwingUpTask:
         )
         k, start, best = self.plant.coefficients, self.start, _PEAK * limit
         for begin in range(0, len(durations), LANES):  # a motion ends beyond the best so far
+            if until.spent:  # the disk of some rigs turns in no time
+                return math.nan
             some = slice(begin, begin + LANES)
             held = durations[some], torques[some], np.full(len(durations[some]), 3)
             best = min(best, *roll_ends(k, start, *held, _PEAK_STEP, best)[1].tolist())

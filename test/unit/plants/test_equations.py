@@ -211,7 +211,7 @@ def test_all_cores_help_and_their_number_does_not_matter(monkeypatch, cores, thr
 def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
     start, limit = np.array([np.pi, psi, 0.0, speed]), 2.0
     task = SwingUpTask(PLANT, start, 0.09, 0.09, limit, None)
-    found = task.least_peak()
+    found = task.least_peak(Budget(60.0))
     braked = roll_states(PLANT, start, np.full(400, 1e-3), np.full(400, -0.09))
     standing = np.flatnonzero(braked[:, 3] <= 0.0)
     peak = np.abs(braked[: standing[0] + 1, 1]).max()
@@ -219,6 +219,16 @@ def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
     assert found <= max(peak, limit) + 0.01
     if peak > limit + 0.5:
         assert found > limit
+
+
+def test_the_least_peak_is_not_looked_for_beyond_the_time() -> None:
+    """So heavy across the disk's axis it takes a million steps a motion, and all are hopeless."""
+    plant = replace(PLANT, inertia=replace(PLANT.inertia, x=1e6))
+    task = SwingUpTask(plant, np.array([np.pi, 0.0, 0.0, 0.0]), 0.035, 0.05, 2.0, None)
+    assert math.isnan(task.least_peak(Budget(0.0)))
+    start, hours = np.array([np.pi, 0.0, 0.0, 5.0]), np.full((1, 1), 1e4)
+    one = hours, np.zeros((1, 1)), np.ones(1, np.intp)
+    assert roll_ends(plant.coefficients, start, *one, 0.1, 1e9)[1] == np.inf
 
 
 def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
