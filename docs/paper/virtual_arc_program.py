@@ -88,7 +88,6 @@ class VirtualArcProgram(NonlinearProgram):
         self.torques = torques
         self.turns = turns
         self.steps = steps
-        self.evaluations = 0
         self.lower, self.upper = np.zeros(torques.size - 1), np.ones(torques.size - 1)
         w0 = self._w0 = task.plant.natural_frequency
         self._least = (floor * w0) ** 2
@@ -138,7 +137,6 @@ class VirtualArcProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled time; violations of the ends (group 0) and along the way (group 1)."""
-        self.evaluations += 1
         states = self.along(xi[None])
         arcs = states[0, 1:].reshape(-1, self.steps, 4)
         first = 1 + self.steps * np.arange(len(arcs))
@@ -166,6 +164,7 @@ class VirtualArcProgram(NonlinearProgram):
             duals = np.asarray(found[0], dtype=np.float64)
         else:
             duals = multipliers.equalities
+        count = point.xi.size
         return Linearisation(
             gradient=jacobian[0],
             hessian=self._hessian(point.xi, rows, jacobian, duals),
@@ -175,6 +174,7 @@ class VirtualArcProgram(NonlinearProgram):
             inequality_jacobian=margins[kept],
             inequality_groups=np.ones(kept.size, dtype=np.intp),
             tags=kept,
+            evaluations=count * max(1 + count - _EQUALITIES, 1),
         )
 
     def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
@@ -200,7 +200,6 @@ class VirtualArcProgram(NonlinearProgram):
 
     def _jacobians(self, points: Array, rows: _Rows) -> Array:
         """Return derivatives of all values at points (B, n), margins at the nodes of `rows`."""
-        self.evaluations += points.size
         return jacobians(
             lambda xi: self._values(xi, self.along(xi), rows.slowest, rows.peaks),
             points,

@@ -116,7 +116,7 @@ class Linearisation:
     part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
     belong to group 0; `inequalities` (ni,) >= 0 to the groups in `inequality_groups` (ni,).
     Rows far from active may be omitted. `tags` is handed back to the program with the
-    multipliers of the rows.
+    multipliers of the rows. It took `evaluations` beside that of the point.
     """
 
     gradient: Array
@@ -130,6 +130,7 @@ class Linearisation:
     terms_jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)))
     term_weights: Array = field(default_factory=lambda: np.zeros(0))
     tags: Any = None
+    evaluations: int = 0
 
 
 @dataclass(frozen=True)
@@ -146,13 +147,11 @@ class NonlinearProgram(ABC):
     Performance index and constraints as functions of the scaled varied parameters Xi (n,).
 
     `lower` and `upper` (n,) bound Xi. Scaling is the program's: a change of 1 in any component
-    should matter about as much as in any other. `budget` is set by the minimiser: once it is
-    spent a linearisation may be cut short, as it will not be used.
+    should matter about as much as in any other.
     """
 
     lower: Array
     upper: Array
-    budget: Budget | None = None
 
     @abstractmethod
     def evaluate(self, xi: Array) -> Point:

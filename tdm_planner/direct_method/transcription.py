@@ -71,7 +71,6 @@ class Transcription(NonlinearProgram):
     ) -> None:
         self.formulation = formulation
         self.nodes = nodes
-        self.evaluations = 0
         self.cost_scale, self._constant = 1.0, 0.0
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
@@ -192,7 +191,6 @@ class Transcription(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled J and the violations of equalities and margins."""
-        self.evaluations += 1
         wz, steps = self._nodes(self.basis.values(xi))
         rows = self._call('node', 'value', len(wz))(wz, self._numbers)[0]
         start = self._call('start', 'value')(wz[0], self._numbers)[0]

@@ -14,6 +14,7 @@ against the Maratos effect.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 import daqp
@@ -91,11 +92,12 @@ def minimise(
     """
     Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
 
-    When the budget is spent the best point so far is returned, not converged.
+    The `budget` counts the evaluations; once it is spent the best point so far is returned, not
+    converged.
     """
-    program.budget = budget
-    search = _Search(program, options or TrustRegionOptions(), np.asarray(xi, dtype=float))
-    while search.continues and not search.late:
+    given = options or TrustRegionOptions(), budget or Budget(math.inf)
+    search = _Search(program, np.asarray(xi, dtype=float), *given)
+    while search.continues and not search.budget.spent:
         search.advance()
     return Minimum(search.point, search.iterations, search.converged)
 
@@ -103,9 +105,12 @@ def minimise(
 class _Search:
     """The iterate, and what is known about it."""
 
-    def __init__(self, program: NonlinearProgram, options: TrustRegionOptions, xi: Array) -> None:
+    def __init__(
+        self, program: NonlinearProgram, xi: Array, options: TrustRegionOptions, budget: Budget
+    ) -> None:
         self.program = program
         self.options = options
+        self.budget = budget
         self.penalties = np.array(options.penalties, dtype=float)
         self.feasibility = np.array(options.feasibility, dtype=float)
         self.radius = options.radius
@@ -113,7 +118,7 @@ class _Search:
         self.stalled = 0
         self.converged = False
         self.multipliers: Multipliers | None = None
-        self.point = program.evaluate(np.clip(xi, program.lower, program.upper))
+        self.point = self.evaluate(xi)
         # From where nothing can be computed there is no way on.
         self.failed = not np.isfinite([self.point.cost, *self.point.violations]).all()
         self.at: Linearisation | None = None
@@ -122,10 +127,11 @@ class _Search:
     def continues(self) -> bool:
         return not (self.converged or self.failed or self.iterations >= self.options.iterations)
 
-    @property
-    def late(self) -> bool:
-        budget = self.program.budget
-        return budget is not None and budget.spent
+    def evaluate(self, xi: Array) -> Point:
+        """Return the nearest point within the bounds; numpy.clip takes five times as long."""
+        self.budget.evaluations += 1
+        bounds = self.program.lower, self.program.upper
+        return self.program.evaluate(np.minimum(np.maximum(xi, bounds[0]), bounds[1]))
 
     def merit(self, point: Point) -> float:
         return point.cost + float(self.penalties @ point.violations)
@@ -139,10 +145,11 @@ class _Search:
         self.iterations += 1
         if self.at is None:
             self.at = self.program.linearise(self.point, self.multipliers)
+            self.budget.evaluations += self.at.evaluations
             slopes = self.at.gradient, self.at.equality_jacobian
             # As of a root at zero: no program leads on from here.
             self.failed = not all(np.isfinite(part).all() for part in slopes)
-            if self.failed or self.late:
+            if self.failed or self.budget.spent:
                 return
         step = _quadratic_step(self, self.at)
         if step is not None and self.options.steering:
@@ -188,10 +195,9 @@ class _Search:
             self.stalled = 0
 
     def _try(self, step: _Step) -> None:
-        program, point = self.program, self.point
+        point = self.point
         assert self.at is not None
-        xi = _within(program, point.xi + step.change)
-        trial = program.evaluate(xi)
+        trial = self.evaluate(point.xi + step.change)
         if self.options.corrections and step.slacks.max(initial=0.0) < 1e-4:
             trial = _correct(self, self.at, step, trial)
         gained = self.merit(point) - self.merit(trial)
@@ -220,11 +226,6 @@ class _Search:
         else:
             self.converged = self.feasible
             self.failed = not self.feasible
-
-
-def _within(program: NonlinearProgram, xi: Array) -> Array:
-    """Return the nearest point within the bounds; numpy.clip takes five times as long."""
-    return np.minimum(np.maximum(xi, program.lower), program.upper)
 
 
 def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
@@ -296,7 +297,7 @@ def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> P
         back[free] = inverse @ residual
         if np.abs(back).max(initial=0.0) > 2.0 * search.radius:
             break
-        better = program.evaluate(_within(program, trial.xi - back))
+        better = search.evaluate(trial.xi - back)
         if not better.violation < 0.8 * trial.violation:
             break
         trial = better

@@ -154,16 +154,12 @@ class DirectMinima:
     def _minimise(
         self, program: Transcription, xi: Array, budget: Budget, options: TrustRegionOptions
     ) -> Minimum | None:
-        before = program.evaluations
-        point = program.evaluate(xi)
-        if not np.isfinite(point.cost):
-            return None
-        if not program.size:  # the boundary conditions leave nothing to vary
-            return Minimum(point, 0, converged=True)
-        with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, budget)
-        self._budget.evaluations += program.evaluations - before
-        return minimum
+        if program.size:
+            with np.errstate(all='ignore'):
+                minimum = minimise(program, xi, options, budget)
+        else:  # the boundary conditions leave nothing to vary
+            minimum = Minimum(program.evaluate(xi), 0, converged=True)
+        return minimum if np.isfinite(minimum.point.cost) else None
 
     def feasible(self, minimum: Minimum) -> bool:
         """Whether the check of a minimum may pass."""

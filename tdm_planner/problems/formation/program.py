@@ -198,7 +198,6 @@ class FormationProgram(NonlinearProgram):
         kept: Mask,
     ) -> None:
         self.task, self.first, self.units, self.size = task, first, units, arriving.size
-        self.evaluations = 0
         self.kept, self.varied = kept, ~(task.staying | kept)
         way = np.linalg.norm(task.goal - task.departure, axis=1).sum()
         typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
@@ -257,7 +256,6 @@ class FormationProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the performance index, relative to a typical one, and the worst violation."""
-        self.evaluations += 1
         found = np.zeros((16 + self.task.n * len(self.clearances), COLUMNS))
         flown = self.kernels.evaluate(self.manoeuvre, self.full(xi), found)
         first, late = self._late(flown.x)

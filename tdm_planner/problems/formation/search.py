@@ -126,10 +126,8 @@ class FormationSearch(Search[C]):
         """Minimise from a guess Xi; None where that leads to nothing feasible."""
         if not program.free.size:
             return Candidate(program, program.evaluate(np.zeros(0)))
-        before = program.evaluations
         minimum = minimise(program, guess, options, self._until_check)
         self.tried += 1
-        self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point, minimum.converged)
         violation = minimum.point.violation
         if self.closest is None or violation < self.closest.point.violation:

@@ -279,16 +279,12 @@ class SwitchingProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the time and the violations at the durations `xi` (K,), times w0."""
-        if self.budget is not None:
-            self.budget.evaluations += 1
         at = evaluate_arcs(self._arcs, xi)
         return Point(xi, at.cost, np.array([at.ends, at.beyond]), at)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Return slopes of ends and of the peaks near the limit, and the reduced Hessian."""
         at: ArcPoint = point.cache
-        if self.budget is not None:
-            self.budget.evaluations += max(at.xi.size - 4, 0)
         duals = np.zeros(4) if multipliers is None else multipliers.equalities
         near = np.flatnonzero((at.margins < NEAR_LIMIT) & (at.xi > 0.0))
         return Linearisation(
@@ -300,6 +296,7 @@ class SwitchingProgram(NonlinearProgram):
             inequality_jacobian=at.slopes[near],
             inequality_groups=np.ones(near.size, np.intp),
             tags=near,
+            evaluations=max(at.xi.size - 4, 0),  # the Hessian differences along so many directions
         )
 
     def correction_rows(self, point: Point, at: Linearisation, active: Mask) -> Array:
