@@ -173,7 +173,7 @@ class FormationSearch(Search[C]):
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
-        turn, slow = math.pi / self.task.thruster_rate, ''
+        turn, slow = self.task.half_turn, ''
         if turn > _SLOW_TURN * self.task.longest:
             slow = f'; the thruster takes {turn:.3g} s for half a turn (limits.thruster_rate)'
         if self.rejected:
@@ -285,12 +285,11 @@ def kept_motions(task: FormationTask, plans: Mapping[str, Trajectory]) -> dict[s
     They start on their plans, end at their goals, and have less time before them than three
     half-turns of the thruster take.
     """
-    leg = LATE * math.pi / task.thruster_rate
     found = {}
     for i, name in enumerate(task.names):
-        if task.staying[i] or name not in plans or not plans[name].duration < leg:
+        plan, start = plans.get(name), start_state(task, i)
+        if task.staying[i] or plan is None or not plan.duration < LATE * task.half_turn:
             continue
-        plan, start = plans[name], start_state(task, i)
         if (np.abs(plan.states[0] - start) < _START_ROUNDING).all():
             begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
             states = replay(task.plant, begun, plan.times)

@@ -81,6 +81,11 @@ class FormationTask:
         return np.asarray(still & (np.linalg.norm(self.goal - self.start, axis=1) < _ARRIVED))
 
     @property
+    def half_turn(self) -> float:
+        """Return the time that the thruster takes for half a turn [s]."""
+        return math.pi / self.thruster_rate
+
+    @property
     def departure(self) -> Array:
         """Positions when the manoeuvres begin, after coasting (n, 2)."""
         return self.start + self.velocity * self.coast[:, None]
@@ -243,12 +248,12 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
 
     No robot takes less than `least` (n,) s; `thrust` [m/s^2] is what they burn and coast with.
     """
-    leg = math.pi / task.thruster_rate
-    way = np.linalg.norm(task.goal - task.departure - DRIFT * leg * task.velocity, axis=1)
+    drift = DRIFT * task.half_turn * task.velocity
+    way = np.linalg.norm(task.goal - task.departure - drift, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     later = task.interval * np.arange(task.n) - task.coast
     # Of a short way the thruster's turns, before the first burn and the last one, take longer.
-    least = np.where(task.staying, least, np.maximum(least, _TURNS * leg))
+    least = np.where(task.staying, least, np.maximum(least, _TURNS * task.half_turn))
     quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
     first = max(float((quickest - later).max()), 0.02)
     times = np.geomspace(first, max(task.longest, 1.01 * first), 200)
