@@ -13,16 +13,16 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.arc_basis import check_finite
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.collocation import CollocatedMotion
-from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
@@ -40,6 +40,9 @@ from tdm_planner.problems.problem import Search
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.direct.problem import DirectProblem
 
 _MOST = 40  # initial guesses
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
@@ -62,34 +65,29 @@ class DirectSearch(Search[Candidate]):
     """
     Search for the cheapest verified plan of a stated problem; `previous` is a warm start.
 
-    `tolerance` is eps of (10); where `refined`, candidates are solved again by collocation.
+    Where `refined`, candidates are solved again by collocation.
     """
 
     def __init__(
         self,
-        problem: Formulation,
-        tolerance: float,
+        problem: DirectProblem,
         refined: bool,
         budget: Budget,
         rng: np.random.Generator,
-        cost_to_go: Callable[[Solution, float], float],
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
-        self._problem, self._tolerance, self._cost_to_go = problem, tolerance, cost_to_go
+        self._problem, self._previous = problem, previous
         self._rng, self._seed = rng, int(rng.integers(2**32))
-        self._previous = previous
         self._plant = DirectPlant(problem)
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
         self._asked, self._refines = refined, refined and not self._refinement.ends.unkept
-        # When minimising before any check has to end [s]: a check takes its time, too.
-        kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
-        self._latest = budget.seconds - kept
         check_use(self._trace)
         self._end_margins = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
+        self._has_guess = True  # whether the direct method has an initial guess that is finite
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
@@ -104,7 +102,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if self._best is None or (self._is_stuck and '_minima' in vars(self)):  # they were made
+        if self._best is None or (self._is_stuck and self._has_guess):
             yield from self._direct()
         if self._best is None:
             aside, self._aside = self._aside, []  # another round need not check them again
@@ -193,7 +191,7 @@ class DirectSearch(Search[Candidate]):
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
         earlier = self._previous
         if earlier is not None and (motion := self._refinement.warm(earlier.trajectory)):
-            self._enough = self._cost_to_go(earlier, 0.0) + _DEAR * motion.size
+            self._enough = self._problem.cost_to_go(earlier, 0.0) + _DEAR * motion.size
             yield motion
             self._enough = -np.inf
         solved, until = list[CollocatedMotion](), self._until_check
@@ -244,7 +242,7 @@ class DirectSearch(Search[Candidate]):
         except NotFinite:  # as an unstable plant is that is integrated under a rough control
             if not self._refinement.ends.regular:
                 raise
-            minima = None
+            minima, self._has_guess = None, False
         guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
             late = self.budget.past(_STARTS_SHARE)
@@ -287,7 +285,7 @@ class DirectSearch(Search[Candidate]):
         minima, found = self._minima, False
         self._rounds += 1
         most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds
-        until = self.budget.part(min(most, self._latest - self.budget.elapsed))
+        until = self.budget.part(min(most, self._until_check.remaining))
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
@@ -301,7 +299,7 @@ class DirectSearch(Search[Candidate]):
 
     @cached_property
     def _minima(self) -> DirectMinima:
-        minima = DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
+        minima = DirectMinima(self._plant, self._problem.solver.tolerance, self.budget, self._rng)
         minima.check()
         return minima
 
@@ -313,7 +311,9 @@ class DirectSearch(Search[Candidate]):
 
     @property
     def _until_check(self) -> Budget:
-        return self.budget.part(self._latest - self.budget.elapsed)
+        """What is left then is for the check: half of the time at most."""
+        kept = max(_CHECK_SHARE * self.budget.seconds, _CHECK_TIME)
+        return self.budget.leaving(kept, 0.5)
 
     def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
