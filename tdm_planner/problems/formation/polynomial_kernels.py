@@ -133,8 +133,8 @@ def _locals(g: Grid, x: Array, ends: Array) -> Array:
 
 
 @compiled
-def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
-    """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
+def evaluate(t: Manoeuvre, x: Array) -> Values:
+    """Gas and margins at the varied parameters x (n, P)."""
     g, n, nb = t.grid, len(x), t.grid.slope.size
     ends, count, gas = unpacked(t, x), g.weights.size, 0.0
     own, at_nodes = np.full((n, g.active.size), _IRRELEVANT), 2 * count
@@ -157,7 +157,7 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
             walls[axis, 0] = (places - t.low[i, axis]) / t.separation
             walls[axis, 1] = (t.high[i, axis] - places) / t.separation
     motion = t, times, expansions
-    near, worst = approaches(_place, motion, t.clearances, last, t.interval, found)
+    near, worst = approaches(_place, motion, t.clearances, last, t.interval)
     return Values(x, gas, min(worst, own.min()), own, near, ends, times, expansions)
 
 
