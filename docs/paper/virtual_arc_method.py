@@ -178,7 +178,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
         feasibility: float,
         iterations: int = 40,
         radius: float = 0.3,
-    ) -> Minimum:
+    ) -> Minimum[VirtualArcProgram]:
         options = TrustRegionOptions(
             penalties=(30.0, 30.0),
             radius=radius,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import daqp
 import numpy as np
@@ -27,6 +27,8 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
+
+P = TypeVar('P', bound=NonlinearProgram)
 
 _INFINITE = 1e30
 SLACK_CURVATURE = 1e-4
@@ -61,9 +63,10 @@ class TrustRegionOptions(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Minimum:
+class Minimum(Generic[P]):
     """Where the search ended: the best point, and whether it converged to a feasible one."""
 
+    program: P
     point: Point
     iterations: int
     converged: bool
@@ -84,22 +87,22 @@ class _Step:
 
 
 def minimise(
-    program: NonlinearProgram,
+    program: P,
     xi: Array,
     options: TrustRegionOptions | None = None,
     budget: Budget | None = None,
-) -> Minimum:
+) -> Minimum[P]:
     """
     Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
 
     The `budget` counts the evaluations; once it is spent the best point so far is returned, not
-    converged.
+    converged. So is the only point where nothing can be varied.
     """
     given = options or TrustRegionOptions(), budget or Budget(math.inf)
     search = _Search(program, np.asarray(xi, dtype=float), *given)
     while search.continues and not search.budget.spent:
         search.advance()
-    return Minimum(search.point, search.iterations, search.converged)
+    return Minimum(program, search.point, search.iterations, search.converged)
 
 
 class _Search:
@@ -125,7 +128,8 @@ class _Search:
 
     @property
     def continues(self) -> bool:
-        return not (self.converged or self.failed or self.iterations >= self.options.iterations)
+        left = self.iterations < self.options.iterations and self.point.xi.size > 0
+        return left and not (self.converged or self.failed)
 
     def evaluate(self, xi: Array) -> Point:
         """Return the nearest point within the bounds; numpy.clip takes five times as long."""

@@ -24,6 +24,7 @@ from tdm_planner.direct_method.arc_basis import check_finite
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.collocation import CollocatedMotion
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
@@ -58,7 +59,7 @@ _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for 
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
 _SEARCH_SHARE, _STUCK_SHARE = 0.6, 0.3  # of the time allowed, beside a first candidate, a plan
 
-Candidate = CollocatedMotion | Minimum
+Candidate = CollocatedMotion | Minimum[Transcription]
 
 
 class DirectSearch(Search[Candidate]):
@@ -114,7 +115,7 @@ class DirectSearch(Search[Candidate]):
             n, cost, worth = candidate.intervals, candidate.cost, _WORTHWHILE * candidate.size
             again = any(n == m.intervals and abs(cost - m.cost) < worth for m in self._tried)
             return cost < plan.cost - worth and not again
-        program = self._minima.program
+        program = candidate.program
         return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
@@ -232,8 +233,8 @@ class DirectSearch(Search[Candidate]):
                 origin = motion.cost if self._least < least else origin
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
             self._coarse = False
-            finer = self._settled(self._best, FINEST)
-            yield from [finer] if finer else []
+            if finer := self._settled(self._best, FINEST):
+                yield finer
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -254,7 +255,7 @@ class DirectSearch(Search[Candidate]):
                 rollout = guesses.rollout() if kind == 'rollout' else None
                 yield rollout or guesses.line(straight=attempt == 0)
             elif (minimum := minima.minimise_roughly(attempt)) is not None:
-                minima.note_miss(minima.rough, minimum)
+                minima.note_miss(minimum)
                 yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
@@ -280,7 +281,7 @@ class DirectSearch(Search[Candidate]):
         self._stuck = motion.cost if failed else self._stuck
         return motion
 
-    def _direct(self) -> Iterator[Minimum]:
+    def _direct(self) -> Iterator[Minimum[Transcription]]:
         """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
@@ -295,7 +296,7 @@ class DirectSearch(Search[Candidate]):
                 found = self._found = True
                 yield minimum
             elif minimum is not None:
-                minima.note_miss(minima.program, minimum)
+                minima.note_miss(minimum)
 
     @cached_property
     def _minima(self) -> DirectMinima:
@@ -315,10 +316,9 @@ class DirectSearch(Search[Candidate]):
         kept = max(_CHECK_SHARE * self.budget.seconds, _CHECK_TIME)
         return self.budget.leaving(kept, 0.5)
 
-    def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
+    def _minimised(self, minimum: Minimum[Transcription]) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
-        minima, minimum = self._minima, candidate
-        program, nodes = minima.program, minima.program.nodes.size
+        minima, nodes = self._minima, minimum.program.nodes.size
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
         for refinement in range(_REFINEMENTS):
@@ -328,14 +328,15 @@ class DirectSearch(Search[Candidate]):
             yield plan
             xi, violated = plan.parameters, self._violated(plan)
             samples = 2 * samples - 1
-            if not violated and not program.integrated:
+            if not violated and not minimum.program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
             share = 0.3 if refinement < 2 else 1.1
             for name, excess in violated.items():
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
-            program, until = program.refine(chebyshev_nodes(nodes), reserve), self._until_check
+            program = minimum.program.refine(chebyshev_nodes(nodes), reserve)
+            until = self._until_check
             again = None if until.spent else minima.minimise_fully(program, xi, until)
             if again is None or not minima.feasible(again):
                 if until.spent:
@@ -373,12 +374,11 @@ class DirectSearch(Search[Candidate]):
         interpolation: Interpolation = 'linear',
     ) -> Solution | None:
         """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
-        problem = self._problem
         try:
             if not np.isfinite(states).all():
                 raise NotFinite('its replay is not finite everywhere')
             trajectory = Trajectory.of(
-                problem, to_nanoseconds(times), states, controls, interpolation
+                self._problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
             until = self.budget.with_grace()
             check = verify(
@@ -397,4 +397,4 @@ class DirectSearch(Search[Candidate]):
             reason = 'derivative gives other rates when it is traced than with numpy'
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
-        return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
+        return Solution({self._problem.name: trajectory}, check, cost, parameters, penalty)
