@@ -317,11 +317,10 @@ def solve_quadratic_program(
     Return d and the multipliers (>= 0) of the rows A d >= b, (m,), by the library DAQP; None if
     the program is infeasible or ill conditioned.
 
-    Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
+    Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), finite bounds (n,).
     """
     n, m = gradient.size, least.size
-    above = np.concatenate([np.minimum(upper, _INFINITE), np.full(m, _INFINITE)])
-    below = np.concatenate([np.maximum(lower, -_INFINITE), least])
+    above, below = np.append(upper, np.full(m, _INFINITE)), np.append(lower, least)
     step, _, flag, info = daqp.solve(
         np.ascontiguousarray(hessian),
         np.ascontiguousarray(gradient),
