@@ -150,7 +150,7 @@ class VirtualArcProgram(NonlinearProgram):
         ends = 1 + _EQUALITIES
         rows = _Rows(values[1:ends], values[ends:], slowest, peaks)
         worst = np.array([np.abs(rows.equalities).max(), max(-rows.margins.min(), 0.0)])
-        return Point(xi, float(values[0]), worst, rows)
+        return Point(xi, float(values[0]), worst, rows, rows.equalities, rows.margins)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """First derivatives, and the Hessian reduced to the null space of the equalities."""
@@ -176,11 +176,6 @@ class VirtualArcProgram(NonlinearProgram):
             tags=kept,
             evaluations=count * max(1 + count - _EQUALITIES, 1),
         )
-
-    def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
-        """Residuals of the equalities and of the margins that were active."""
-        rows: _Rows = point.cache
-        return np.concatenate([rows.equalities, np.minimum(rows.margins[at.tags[active]], 0.0)])
 
     def _values(
         self, xi: Values, states: Values, slowest: NDArray[np.intp], peaks: NDArray[np.intp]

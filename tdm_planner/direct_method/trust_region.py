@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import daqp
 import numpy as np
@@ -286,19 +286,19 @@ def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
 def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> Point:
     """Second-order correction: pull the trial back to the constraints along their gradients."""
     program = search.program
-    active: Any = step.multipliers.inequalities > 1e-9
+    active = step.multipliers.inequalities > 1e-9
     inverse: Array | None = None
     free = np.zeros(0, dtype=bool)
     for _ in range(search.options.corrections):
         if not 1e-9 < trial.violation < 2.0:
             break
-        residual = program.correction_rows(trial, at, active)
+        beyond = np.minimum(trial.margins[at.tags[active]], 0.0)
         if inverse is None:
             free = (trial.xi > program.lower + 1e-9) & (trial.xi < program.upper - 1e-9)
             jacobian = np.concatenate([at.equality_jacobian, at.inequality_jacobian[active]])
             inverse = np.linalg.pinv(jacobian[:, free], rcond=1e-4)
         back = np.zeros_like(trial.xi)
-        back[free] = inverse @ residual
+        back[free] = inverse @ np.append(trial.equalities, beyond)
         if np.abs(back).max(initial=0.0) > 2.0 * search.radius:
             break
         better = search.evaluate(trial.xi - back)

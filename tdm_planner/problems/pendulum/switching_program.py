@@ -280,7 +280,8 @@ class SwitchingProgram(NonlinearProgram):
     def evaluate(self, xi: Array) -> Point:
         """Return the time and the violations at the durations `xi` (K,), times w0."""
         at = evaluate_arcs(self._arcs, xi)
-        return Point(xi, at.cost, np.array([at.ends, at.beyond]), at)
+        violations = np.array([at.ends, at.beyond])
+        return Point(xi, at.cost, violations, at, at.residual, at.margins)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Return slopes of ends and of the peaks near the limit, and the reduced Hessian."""
@@ -298,9 +299,3 @@ class SwitchingProgram(NonlinearProgram):
             tags=near,
             evaluations=max(at.xi.size - 4, 0),  # the Hessian differences along so many directions
         )
-
-    def correction_rows(self, point: Point, at: Linearisation, active: Mask) -> Array:
-        """Return the ends, and what active peaks are beyond the limit by."""
-        now: ArcPoint = point.cache
-        beyond = np.minimum(now.margins[at.tags[active]], 0.0)
-        return np.concatenate([now.residual, beyond])
