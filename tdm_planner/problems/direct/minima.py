@@ -118,7 +118,7 @@ class DirectMinima:
         program = self.rough
         size = min(_CHANGE[program.has_end_conditions] * attempt, 1.0)
         xi = self._change(program, size) if attempt else program.first_guess
-        minimum = self.minimised(program, xi, self._budget, self._loose)
+        minimum = self._minimise(program, xi, self._budget, self._loose)
         if minimum is not None and minimum.point.violation <= self._loose.feasibility[0]:
             self.in_sight.append(minimum.point.xi)
         return minimum
@@ -147,16 +147,17 @@ class DirectMinima:
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def minimised(
-        self,
-        program: Transcription,
-        xi: Array,
-        budget: Budget,
-        options: TrustRegionOptions | None = None,
+    def minimise_fully(
+        self, program: Transcription, xi: Array, budget: Budget
     ) -> Minimum[Transcription] | None:
-        """Minimise to the end unless `options` say otherwise; None if nothing can be computed."""
+        """Minimise to the end; None where nothing can be computed."""
+        return self._minimise(program, xi, budget, self._tight)
+
+    def _minimise(
+        self, program: Transcription, xi: Array, budget: Budget, options: TrustRegionOptions
+    ) -> Minimum[Transcription] | None:
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options or self._tight, budget)
+            minimum = minimise(program, xi, options, budget)
         return minimum if np.isfinite(minimum.point.cost) else None
 
     def feasible(self, minimum: Minimum[Transcription]) -> bool:

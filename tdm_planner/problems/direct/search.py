@@ -291,7 +291,7 @@ class DirectSearch(Search[Candidate]):
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
                 break
-            minimum = minima.minimised(minima.program, xi, until)
+            minimum = minima.minimise_fully(minima.program, xi, until)
             if minimum is not None and minima.feasible(minimum):
                 found = self._found = True
                 yield minimum
@@ -337,7 +337,7 @@ class DirectSearch(Search[Candidate]):
             nodes = 2 * nodes if refinement < 2 else nodes
             program = minimum.program.refine(chebyshev_nodes(nodes), reserve)
             until = self._until_check
-            again = None if until.spent else minima.minimised(program, xi, until)
+            again = None if until.spent else minima.minimise_fully(program, xi, until)
             if again is None or not minima.feasible(again):
                 if until.spent:
                     self.rejected += '; it was not refined further: the time was up'
