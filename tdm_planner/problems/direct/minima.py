@@ -156,9 +156,11 @@ class DirectMinima:
     def _minimise(
         self, program: Transcription, xi: Array, budget: Budget, options: TrustRegionOptions
     ) -> Minimum[Transcription] | None:
+        if not np.isfinite(program.evaluate(xi).cost):
+            return None
+        budget.evaluations += 1
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, budget)
-        return minimum if np.isfinite(minimum.point.cost) else None
+            return minimise(program, xi, options, budget)
 
     def feasible(self, minimum: Minimum[Transcription]) -> bool:
         """Whether the check of a minimum may pass."""
