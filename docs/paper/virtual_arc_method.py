@@ -178,7 +178,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
         feasibility: float,
         iterations: int = 40,
         radius: float = 0.3,
-    ) -> Minimum:
+    ) -> Minimum[VirtualArcProgram]:
         options = TrustRegionOptions(
             penalties=(30.0, 30.0),
             radius=radius,
@@ -188,9 +188,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
             corrections=3,
         )
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, self.budget)
-        self.budget.evaluations += program.evaluations
-        return minimum
+            return minimise(program, xi, options, self.budget)
 
     def _landed(self, program: VirtualArcProgram, xi: Array) -> Trajectory | None:
         """Return the plant's motion under the switching times, corrected until it ends upright."""

@@ -88,7 +88,6 @@ class VirtualArcProgram(NonlinearProgram):
         self.torques = torques
         self.turns = turns
         self.steps = steps
-        self.evaluations = 0
         self.lower, self.upper = np.zeros(torques.size - 1), np.ones(torques.size - 1)
         w0 = self._w0 = task.plant.natural_frequency
         self._least = (floor * w0) ** 2
@@ -138,7 +137,6 @@ class VirtualArcProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled time; violations of the ends (group 0) and along the way (group 1)."""
-        self.evaluations += 1
         states = self.along(xi[None])
         arcs = states[0, 1:].reshape(-1, self.steps, 4)
         first = 1 + self.steps * np.arange(len(arcs))
@@ -152,7 +150,7 @@ class VirtualArcProgram(NonlinearProgram):
         ends = 1 + _EQUALITIES
         rows = _Rows(values[1:ends], values[ends:], slowest, peaks)
         worst = np.array([np.abs(rows.equalities).max(), max(-rows.margins.min(), 0.0)])
-        return Point(xi, float(values[0]), worst, rows)
+        return Point(xi, float(values[0]), worst, rows, rows.equalities, rows.margins)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """First derivatives, and the Hessian reduced to the null space of the equalities."""
@@ -166,6 +164,7 @@ class VirtualArcProgram(NonlinearProgram):
             duals = np.asarray(found[0], dtype=np.float64)
         else:
             duals = multipliers.equalities
+        count = point.xi.size
         return Linearisation(
             gradient=jacobian[0],
             hessian=self._hessian(point.xi, rows, jacobian, duals),
@@ -175,12 +174,8 @@ class VirtualArcProgram(NonlinearProgram):
             inequality_jacobian=margins[kept],
             inequality_groups=np.ones(kept.size, dtype=np.intp),
             tags=kept,
+            evaluations=count * max(1 + count - _EQUALITIES, 1),
         )
-
-    def correction_rows(self, point: Point, at: Linearisation, active: NDArray[np.bool_]) -> Array:
-        """Residuals of the equalities and of the margins that were active."""
-        rows: _Rows = point.cache
-        return np.concatenate([rows.equalities, np.minimum(rows.margins[at.tags[active]], 0.0)])
 
     def _values(
         self, xi: Values, states: Values, slowest: NDArray[np.intp], peaks: NDArray[np.intp]
@@ -200,7 +195,6 @@ class VirtualArcProgram(NonlinearProgram):
 
     def _jacobians(self, points: Array, rows: _Rows) -> Array:
         """Return derivatives of all values at points (B, n), margins at the nodes of `rows`."""
-        self.evaluations += points.size
         return jacobians(
             lambda xi: self._values(xi, self.along(xi), rows.slowest, rows.peaks),
             points,

@@ -93,13 +93,16 @@ class Point:
 
     `cost` is J; `violations` (n_groups,) the largest violation of a constraint in every group of
     constraints, 0 where all are kept (equalities count by their absolute value); `cache` whatever
-    the program wants to keep for `linearise`.
+    the program wants to keep for `linearise`. The second-order correction alone asks for the
+    residuals of all `equalities` (ne,) and for all `margins` (m,).
     """
 
     xi: Array
     cost: float
     violations: Array
     cache: Any = None
+    equalities: Array = field(default_factory=lambda: np.zeros(0))
+    margins: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def violation(self) -> float:
@@ -115,8 +118,9 @@ class Linearisation:
     The cost is smooth(Xi) + sum_k weight_k |term_k(Xi)|; `gradient` (n,) is that of the smooth
     part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
     belong to group 0; `inequalities` (ni,) >= 0 to the groups in `inequality_groups` (ni,).
-    Rows far from active may be omitted. `tags` is handed back to the program with the
-    multipliers of the rows.
+    Rows far from active may be omitted. `tags` (ni,) are the places of those that are not among
+    the point's margins; they are handed back with the multipliers. It took `evaluations` beside
+    that of the point.
     """
 
     gradient: Array
@@ -129,7 +133,8 @@ class Linearisation:
     terms: Array = field(default_factory=lambda: np.zeros(0))
     terms_jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)))
     term_weights: Array = field(default_factory=lambda: np.zeros(0))
-    tags: Any = None
+    tags: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    evaluations: int = 0
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ class Multipliers:
 
     equalities: Array
     inequalities: Array
-    tags: Any = None
+    tags: Integers
 
 
 class NonlinearProgram(ABC):
@@ -146,13 +151,11 @@ class NonlinearProgram(ABC):
     Performance index and constraints as functions of the scaled varied parameters Xi (n,).
 
     `lower` and `upper` (n,) bound Xi. Scaling is the program's: a change of 1 in any component
-    should matter about as much as in any other. `budget` is set by the minimiser: once it is
-    spent a linearisation may be cut short, as it will not be used.
+    should matter about as much as in any other.
     """
 
     lower: Array
     upper: Array
-    budget: Budget | None = None
 
     @abstractmethod
     def evaluate(self, xi: Array) -> Point:
@@ -161,12 +164,3 @@ class NonlinearProgram(ABC):
     @abstractmethod
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Return derivatives at a point; `multipliers` are those of the last quadratic program."""
-
-    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array:
-        """
-        Residuals at `point` of the equalities and `active` inequality rows of `at`.
-
-        Asked for by the second-order correction alone. `active` (ni,) is a mask; the answer has
-        ne + active.sum() elements, inequalities counted only where negative.
-        """
-        raise NotImplementedError

@@ -21,7 +21,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 import math
-from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -71,7 +70,6 @@ class Transcription(NonlinearProgram):
     ) -> None:
         self.formulation = formulation
         self.nodes = nodes
-        self.evaluations = 0
         self.cost_scale, self._constant = 1.0, 0.0
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
@@ -192,7 +190,6 @@ class Transcription(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled J and the violations of equalities and margins."""
-        self.evaluations += 1
         wz, steps = self._nodes(self.basis.values(xi))
         rows = self._call('node', 'value', len(wz))(wz, self._numbers)[0]
         start = self._call('start', 'value')(wz[0], self._numbers)[0]
@@ -207,7 +204,7 @@ class Transcription(NonlinearProgram):
         if not np.isfinite(values).all():
             return Point(xi, np.inf, np.full(2, np.inf), cache)
         violations = [np.abs(values[ends]).max(initial=0.0), (-values[rest]).max(initial=0.0)]
-        return Point(xi, float(cost), np.array(violations), cache)
+        return Point(xi, float(cost), np.array(violations), cache, values[ends], values[rest])
 
     def violated(self, point: Point) -> str:
         """Return what a point violates most, reserves counted, and by how much."""
@@ -233,26 +230,19 @@ class Transcription(NonlinearProgram):
         hessian = np.nan_to_num(0.5 * (hessian + hessian.T), posinf=0.0, neginf=0.0)
         eigenvalues, vectors = np.linalg.eigh(hessian)
         least = max(_LEAST_CURVATURE, 1e-6 * float(np.abs(eigenvalues).max(initial=0.0)))
-        values = point.cache[0]
         ends, rest = self._parts
-        margins, slopes = values[rest], jacobian[rest]
+        margins, slopes = point.margins, jacobian[rest]
         near = np.flatnonzero((margins < _NEAR) & np.isfinite(slopes).all(axis=1))
         return Linearisation(
             gradient=jacobian[0],
             hessian=np.asarray((vectors * np.maximum(eigenvalues, least)) @ vectors.T),
-            equalities=values[ends],
+            equalities=point.equalities,
             equality_jacobian=jacobian[ends],
             inequalities=margins[near],
             inequality_jacobian=slopes[near],
             inequality_groups=np.ones(near.size, dtype=np.intp),
             tags=near,
         )
-
-    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array:
-        """Residuals of the equalities and of the margins that were active."""
-        values = point.cache[0]
-        ends, rest = self._parts
-        return np.concatenate([values[ends], np.minimum(values[rest][at.tags[active]], 0.0)])
 
     def derivatives(self, point: Point, multipliers: Multipliers | None) -> tuple[Array, Array]:
         """Jacobian (1 + ne + ni, n) of all rows, and Hessian (n, n) of the Lagrangian."""

@@ -14,7 +14,8 @@ against the Maratos effect.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+import math
+from typing import Generic, NamedTuple, TypeVar
 
 import daqp
 import numpy as np
@@ -26,6 +27,8 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
+
+P = TypeVar('P', bound=NonlinearProgram)
 
 _INFINITE = 1e30
 SLACK_CURVATURE = 1e-4
@@ -60,9 +63,10 @@ class TrustRegionOptions(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Minimum:
+class Minimum(Generic[P]):
     """Where the search ended: the best point, and whether it converged to a feasible one."""
 
+    program: P
     point: Point
     iterations: int
     converged: bool
@@ -83,29 +87,33 @@ class _Step:
 
 
 def minimise(
-    program: NonlinearProgram,
+    program: P,
     xi: Array,
     options: TrustRegionOptions | None = None,
     budget: Budget | None = None,
-) -> Minimum:
+) -> Minimum[P]:
     """
     Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
 
-    When the budget is spent the best point so far is returned, not converged.
+    The `budget` counts the evaluations; once it is spent the best point so far is returned, not
+    converged. So is the only point where nothing can be varied.
     """
-    program.budget = budget
-    search = _Search(program, options or TrustRegionOptions(), np.asarray(xi, dtype=float))
-    while search.continues and not search.late:
+    given = options or TrustRegionOptions(), budget or Budget(math.inf)
+    search = _Search(program, np.asarray(xi, dtype=float), *given)
+    while search.continues and not search.budget.spent:
         search.advance()
-    return Minimum(search.point, search.iterations, search.converged)
+    return Minimum(program, search.point, search.iterations, search.converged)
 
 
 class _Search:
     """The iterate, and what is known about it."""
 
-    def __init__(self, program: NonlinearProgram, options: TrustRegionOptions, xi: Array) -> None:
+    def __init__(
+        self, program: NonlinearProgram, xi: Array, options: TrustRegionOptions, budget: Budget
+    ) -> None:
         self.program = program
         self.options = options
+        self.budget = budget
         self.penalties = np.array(options.penalties, dtype=float)
         self.feasibility = np.array(options.feasibility, dtype=float)
         self.radius = options.radius
@@ -113,19 +121,21 @@ class _Search:
         self.stalled = 0
         self.converged = False
         self.multipliers: Multipliers | None = None
-        self.point = program.evaluate(np.clip(xi, program.lower, program.upper))
+        self.point = self.evaluate(xi)
         # From where nothing can be computed there is no way on.
         self.failed = not np.isfinite([self.point.cost, *self.point.violations]).all()
         self.at: Linearisation | None = None
 
     @property
     def continues(self) -> bool:
-        return not (self.converged or self.failed or self.iterations >= self.options.iterations)
+        left = self.iterations < self.options.iterations and self.point.xi.size > 0
+        return left and not (self.converged or self.failed)
 
-    @property
-    def late(self) -> bool:
-        budget = self.program.budget
-        return budget is not None and budget.spent
+    def evaluate(self, xi: Array) -> Point:
+        """Return the nearest point within the bounds; numpy.clip takes five times as long."""
+        self.budget.evaluations += 1
+        bounds = self.program.lower, self.program.upper
+        return self.program.evaluate(np.minimum(np.maximum(xi, bounds[0]), bounds[1]))
 
     def merit(self, point: Point) -> float:
         return point.cost + float(self.penalties @ point.violations)
@@ -139,10 +149,11 @@ class _Search:
         self.iterations += 1
         if self.at is None:
             self.at = self.program.linearise(self.point, self.multipliers)
+            self.budget.evaluations += self.at.evaluations
             slopes = self.at.gradient, self.at.equality_jacobian
             # As of a root at zero: no program leads on from here.
             self.failed = not all(np.isfinite(part).all() for part in slopes)
-            if self.failed or self.late:
+            if self.failed or self.budget.spent:
                 return
         step = _quadratic_step(self, self.at)
         if step is not None and self.options.steering:
@@ -188,10 +199,9 @@ class _Search:
             self.stalled = 0
 
     def _try(self, step: _Step) -> None:
-        program, point = self.program, self.point
+        point = self.point
         assert self.at is not None
-        xi = _within(program, point.xi + step.change)
-        trial = program.evaluate(xi)
+        trial = self.evaluate(point.xi + step.change)
         if self.options.corrections and step.slacks.max(initial=0.0) < 1e-4:
             trial = _correct(self, self.at, step, trial)
         gained = self.merit(point) - self.merit(trial)
@@ -220,11 +230,6 @@ class _Search:
         else:
             self.converged = self.feasible
             self.failed = not self.feasible
-
-
-def _within(program: NonlinearProgram, xi: Array) -> Array:
-    """Return the nearest point within the bounds; numpy.clip takes five times as long."""
-    return np.minimum(np.maximum(xi, program.lower), program.upper)
 
 
 def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
@@ -281,22 +286,22 @@ def _elastic_rows(at: Linearisation, ng: int) -> tuple[Array, Array]:
 def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> Point:
     """Second-order correction: pull the trial back to the constraints along their gradients."""
     program = search.program
-    active: Any = step.multipliers.inequalities > 1e-9
+    active = step.multipliers.inequalities > 1e-9
     inverse: Array | None = None
     free = np.zeros(0, dtype=bool)
     for _ in range(search.options.corrections):
         if not 1e-9 < trial.violation < 2.0:
             break
-        residual = program.correction_rows(trial, at, active)
+        beyond = np.minimum(trial.margins[at.tags[active]], 0.0)
         if inverse is None:
             free = (trial.xi > program.lower + 1e-9) & (trial.xi < program.upper - 1e-9)
             jacobian = np.concatenate([at.equality_jacobian, at.inequality_jacobian[active]])
             inverse = np.linalg.pinv(jacobian[:, free], rcond=1e-4)
         back = np.zeros_like(trial.xi)
-        back[free] = inverse @ residual
+        back[free] = inverse @ np.append(trial.equalities, beyond)
         if np.abs(back).max(initial=0.0) > 2.0 * search.radius:
             break
-        better = program.evaluate(_within(program, trial.xi - back))
+        better = search.evaluate(trial.xi - back)
         if not better.violation < 0.8 * trial.violation:
             break
         trial = better
@@ -312,11 +317,10 @@ def solve_quadratic_program(
     Return d and the multipliers (>= 0) of the rows A d >= b, (m,), by the library DAQP; None if
     the program is infeasible or ill conditioned.
 
-    Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
+    Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), finite bounds (n,).
     """
     n, m = gradient.size, least.size
-    above = np.concatenate([np.minimum(upper, _INFINITE), np.full(m, _INFINITE)])
-    below = np.concatenate([np.maximum(lower, -_INFINITE), least])
+    above, below = np.append(upper, np.full(m, _INFINITE)), np.append(lower, least)
     step, _, flag, info = daqp.solve(
         np.ascontiguousarray(hessian),
         np.ascontiguousarray(gradient),

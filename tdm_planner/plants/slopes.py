@@ -63,7 +63,7 @@ def with_slopes(
     by: tuple[str, ...],
     sin: Callable[[Any], Any] = np.sin,
     cos: Callable[[Any], Any] = np.cos,
-    weighted: int = 0,
+    curved: bool = False,
     **parts: Any,
 ) -> Callable[..., Any]:
     """
@@ -73,16 +73,15 @@ def with_slopes(
     them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
     sequences: their length, or the type of a named tuple.
 
-    With `weighted` = n > 0 the new function takes two more arguments: weights (n,) of the first n
-    values, and an array. It writes into the array what it else returns, then the Hessian of the
-    weighted sum.
+    A `curved` one takes two more arguments, a weight and an array. It writes into the array what
+    it else returns, then the Hessian of the first value times the weight.
     """
-    kind = 'curvature' if weighted else 'slopes'
+    kind = 'curvature' if curved else 'slopes'
     file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.{kind}.py'
     try:
         text = file.read_text()
     except OSError:
-        text = _text(function, by, weighted, parts)
+        text = _text(function, by, curved, parts)
         with suppress(OSError):  # another user has set the environment up
             part = file.with_suffix(f'.{os.getpid()}')
             part.write_text(text)
@@ -94,7 +93,7 @@ def with_slopes(
 
 
 def _text(
-    function: Callable[..., Any], by: tuple[str, ...], weighted: int, parts: dict[str, Any]
+    function: Callable[..., Any], by: tuple[str, ...], curved: bool, parts: dict[str, Any]
 ) -> str:
     import casadi
 
@@ -113,16 +112,15 @@ def _text(
     values = casadi.vertcat(*function(*arguments.values()))
     varied = casadi.vertcat(*(part for name in by for part in symbols[name]))
     results = [values, casadi.jacobian(values, varied)]
-    if weighted:
-        weights = [casadi.SX.sym(f'weights[{i}]') for i in range(weighted)]
-        total = casadi.dot(casadi.vertcat(*weights), values[:weighted])
-        results.append(casadi.hessian(total, varied)[0])
-        symbols['weights'], symbols['result'] = weights, []
+    if curved:
+        weight = casadi.SX.sym('weight')
+        results.append(casadi.hessian(weight * values[0], varied)[0])
+        symbols['weight'], symbols['result'] = [weight], []
     inputs = [symbol for several in symbols.values() for symbol in several]
     results = casadi.cse(casadi.densify(casadi.veccat(*results)))
     graph = casadi.Function('graph', inputs, [results])
     templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
-    lines, place = [], 'result[{}]' if weighted else 'r{}'
+    lines, place = [], 'result[{}]' if curved else 'r{}'
     for i in range(graph.n_instructions()):
         operation, to = graph.instruction_id(i), graph.instruction_output(i)
         operands = graph.instruction_input(i)
@@ -135,6 +133,6 @@ def _text(
         else:
             terms = templates[operation].format(*(f'w{operand}' for operand in operands))
             lines.append(f'w{to[0]} = {terms}')
-    if not weighted:
+    if not curved:
         lines.append(f'return {" ".join(f"r{i}," for i in range(graph.numel_out(0)))}')
     return '\n    '.join([f'def written({", ".join(symbols)}):', *lines]) + '\n'

@@ -113,7 +113,7 @@ class DirectMinima:
                 break
         raise refusals[0]
 
-    def minimise_roughly(self, attempt: int) -> Minimum | None:
+    def minimise_roughly(self, attempt: int) -> Minimum[Transcription] | None:
         """Minimise roughly from the initial guess or, from `attempt` 1 on, a change of it."""
         program = self.rough
         size = min(_CHANGE[program.has_end_conditions] * attempt, 1.0)
@@ -147,35 +147,33 @@ class DirectMinima:
         if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
             yield found
 
-    def minimise_fully(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
+    def minimise_fully(
+        self, program: Transcription, xi: Array, budget: Budget
+    ) -> Minimum[Transcription] | None:
         """Minimise to the end; None where nothing can be computed."""
         return self._minimise(program, xi, budget, self._tight)
 
     def _minimise(
         self, program: Transcription, xi: Array, budget: Budget, options: TrustRegionOptions
-    ) -> Minimum | None:
-        before = program.evaluations
-        point = program.evaluate(xi)
-        if not np.isfinite(point.cost):
+    ) -> Minimum[Transcription] | None:
+        if not np.isfinite(program.evaluate(xi).cost):
             return None
-        if not program.size:  # the boundary conditions leave nothing to vary
-            return Minimum(point, 0, converged=True)
+        budget.evaluations += 1
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, budget)
-        self._budget.evaluations += program.evaluations - before
-        return minimum
+            return minimise(program, xi, options, budget)
 
-    def feasible(self, minimum: Minimum) -> bool:
+    def feasible(self, minimum: Minimum[Transcription]) -> bool:
         """Whether the check of a minimum may pass."""
         ends, margins = minimum.point.violations
         tolerance = max(self._tolerance, _PROMISING)
         return bool(ends <= tolerance and margins <= _PROMISING)
 
-    def note_miss(self, program: Transcription, minimum: Minimum) -> None:
+    def note_miss(self, minimum: Minimum[Transcription]) -> None:
         """Keep what a minimum violates if it is the nearest to a feasible motion so far."""
         if self.feasible(minimum) or not minimum.point.violation < self._closest:
             return
-        self._closest, allowed = minimum.point.violation, self._stated.duration()
+        program, allowed = minimum.program, self._stated.duration()
+        self._closest = minimum.point.violation
         self.nearest_miss = (
             f'no initial guess led to a feasible motion of {allowed.allowed}; '
             f'the nearest violated {program.violated(minimum.point)}'

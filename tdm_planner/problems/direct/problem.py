@@ -108,9 +108,7 @@ class DirectProblem(Formulation, Problem):
     ) -> DirectSearch:
         """Return the search; the rest of an earlier plan is its initial guess."""
         check_statement(self)
-        tolerance = self.solver.tolerance
-        refined, to_go = self._refined, self.cost_to_go
-        return DirectSearch(self, tolerance, refined, budget, rng, to_go, previous)
+        return DirectSearch(self, self._refined, budget, rng, previous)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier plan, with its cost and check recomputed."""

@@ -206,34 +206,32 @@ class Refinement:
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
-        most, before, diverged = FINEST, (np.inf, 0.0), False
+        before, diverged, unsolved = (np.inf, 0.0), False, False
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
             more, along = 2 * motion.intervals, flown.departs / motion.intervals
             far = flown.gap > max(_NEARER * before[0], _ELSEWHERE)
             diverged |= far and along <= _LATER * before[1]
-            refines = more <= most and self.affords(more) and not diverged
+            refines = self.affords(more) and not (diverged or unsolved)
             near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
             landed = flown.gap <= _END_REACHED and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
             if flown.gap <= _END_REACHED and kept:
                 good = motion, flown
-            if (landed and kept) or turn == _REPAIRS or self._late:
+            done = kept if landed else not refines
+            if done or turn == _REPAIRS or self._late:
                 break
             if landed:
-                before = np.inf, 0.0
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 again = self.solve(motion.intervals, motion, reserve=reserve)
-            elif refines:
+                if again is None:
+                    break
+            else:
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
                 again = self.solve(more, guess, reserve=reserve, until=self._budget.part(half))
-                before = (np.inf, 0.0) if again is None else (flown.gap, along)
-                most = motion.intervals if again is None else most
-            else:
-                break
-            if again is None and landed:
-                break
+                unsolved = again is None
+            before = (np.inf, 0.0) if landed or unsolved else (flown.gap, along)
             motion = again or motion
         if good is not None:
             motion, flown = good

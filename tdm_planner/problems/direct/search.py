@@ -13,17 +13,18 @@ The search for a plan of any stated problem: direct method, collocation, replay,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.arc_basis import check_finite
 from tdm_planner.direct_method.bases import chebyshev_nodes
 from tdm_planner.direct_method.collocation import CollocatedMotion
-from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
@@ -41,6 +42,9 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
+if TYPE_CHECKING:
+    from tdm_planner.problems.direct.problem import DirectProblem
+
 _MOST = 40  # initial guesses
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
@@ -54,41 +58,36 @@ _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for 
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
 _SEARCH_SHARE, _STUCK_SHARE = 0.6, 0.3  # of the time allowed, beside a first candidate, a plan
 
-Candidate = CollocatedMotion | Minimum
+Candidate = CollocatedMotion | Minimum[Transcription]
 
 
 class DirectSearch(Search[Candidate]):
     """
     Search for the cheapest verified plan of a stated problem; `previous` is a warm start.
 
-    `tolerance` is eps of (10); where `refined`, candidates are solved again by collocation.
+    Where `refined`, candidates are solved again by collocation.
     """
 
     def __init__(
         self,
-        problem: Formulation,
-        tolerance: float,
+        problem: DirectProblem,
         refined: bool,
         budget: Budget,
         rng: np.random.Generator,
-        cost_to_go: Callable[[Solution, float], float],
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
-        self._problem, self._tolerance, self._cost_to_go = problem, tolerance, cost_to_go
+        self._problem, self._previous = problem, previous
         self._rng, self._seed = rng, int(rng.integers(2**32))
-        self._previous = previous
         self._plant = DirectPlant(problem)
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
         self._asked, self._refines = refined, refined and not self._refinement.ends.unkept
-        # When minimising before any check has to end [s]: a check takes its time, too.
-        kept = max(_CHECK_SHARE * budget.seconds, min(_CHECK_TIME, 0.5 * budget.seconds))
-        self._latest = budget.seconds - kept
         check_use(self._trace)
         self._end_margins = check_ends(self._stated, self._refinement.ends)
         self._rounds, self._found, self._coarse = 0, False, False
+        self._has_guess = True  # whether the direct method has an initial guess that is finite
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
@@ -103,7 +102,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if self._best is None or (self._is_stuck and '_minima' in vars(self)):  # they were made
+        if self._best is None or (self._is_stuck and self._has_guess):
             yield from self._direct()
         if self._best is None:
             aside, self._aside = self._aside, []  # another round need not check them again
@@ -115,7 +114,7 @@ class DirectSearch(Search[Candidate]):
             n, cost, worth = candidate.intervals, candidate.cost, _WORTHWHILE * candidate.size
             again = any(n == m.intervals and abs(cost - m.cost) < worth for m in self._tried)
             return cost < plan.cost - worth and not again
-        program = self._minima.program
+        program = candidate.program
         return program.cost(candidate.point) < plan.cost - _WORTHWHILE * program.cost_scale
 
     def accept(self, plan: Solution) -> bool:
@@ -192,7 +191,7 @@ class DirectSearch(Search[Candidate]):
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
         earlier = self._previous
         if earlier is not None and (motion := self._refinement.warm(earlier.trajectory)):
-            self._enough = self._cost_to_go(earlier, 0.0) + _DEAR * motion.size
+            self._enough = self._problem.cost_to_go(earlier, 0.0) + _DEAR * motion.size
             yield motion
             self._enough = -np.inf
         solved, until = list[CollocatedMotion](), self._until_check
@@ -234,8 +233,8 @@ class DirectSearch(Search[Candidate]):
                 origin = motion.cost if self._least < least else origin
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
             self._coarse = False
-            finer = self._settled(self._best, FINEST)
-            yield from [finer] if finer else []
+            if finer := self._settled(self._best, FINEST):
+                yield finer
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
@@ -244,7 +243,7 @@ class DirectSearch(Search[Candidate]):
         except NotFinite:  # as an unstable plant is that is integrated under a rough control
             if not self._refinement.ends.regular:
                 raise
-            minima = None
+            minima, self._has_guess = None, False
         guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
             late = self.budget.past(_STARTS_SHARE)
@@ -256,7 +255,7 @@ class DirectSearch(Search[Candidate]):
                 rollout = guesses.rollout() if kind == 'rollout' else None
                 yield rollout or guesses.line(straight=attempt == 0)
             elif (minimum := minima.minimise_roughly(attempt)) is not None:
-                minima.note_miss(minima.rough, minimum)
+                minima.note_miss(minimum)
                 yield from minima.collocated(minimum.point.xi)
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
@@ -282,12 +281,12 @@ class DirectSearch(Search[Candidate]):
         self._stuck = motion.cost if failed else self._stuck
         return motion
 
-    def _direct(self) -> Iterator[Minimum]:
+    def _direct(self) -> Iterator[Minimum[Transcription]]:
         """Minimise from a round of initial guesses while there is time."""
         minima, found = self._minima, False
         self._rounds += 1
         most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds
-        until = self.budget.part(min(most, self._latest - self.budget.elapsed))
+        until = self.budget.part(min(most, self._until_check.remaining))
         earlier = None if self._previous is None else self._previous.parameters
         for xi in minima.seeds(earlier, self._rounds == 1):
             if until.spent or (found and self.budget.past(_SEARCH_SHARE)):
@@ -297,11 +296,11 @@ class DirectSearch(Search[Candidate]):
                 found = self._found = True
                 yield minimum
             elif minimum is not None:
-                minima.note_miss(minima.program, minimum)
+                minima.note_miss(minimum)
 
     @cached_property
     def _minima(self) -> DirectMinima:
-        minima = DirectMinima(self._plant, self._tolerance, self.budget, self._rng)
+        minima = DirectMinima(self._plant, self._problem.solver.tolerance, self.budget, self._rng)
         minima.check()
         return minima
 
@@ -313,12 +312,13 @@ class DirectSearch(Search[Candidate]):
 
     @property
     def _until_check(self) -> Budget:
-        return self.budget.part(self._latest - self.budget.elapsed)
+        """What is left then is for the check: half of the time at most."""
+        kept = max(_CHECK_SHARE * self.budget.seconds, _CHECK_TIME)
+        return self.budget.leaving(kept, 0.5)
 
-    def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
+    def _minimised(self, minimum: Minimum[Transcription]) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
-        minima, minimum = self._minima, candidate
-        program, nodes = minima.program, minima.program.nodes.size
+        minima, nodes = self._minima, minimum.program.nodes.size
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
         for refinement in range(_REFINEMENTS):
@@ -328,14 +328,15 @@ class DirectSearch(Search[Candidate]):
             yield plan
             xi, violated = plan.parameters, self._violated(plan)
             samples = 2 * samples - 1
-            if not violated and not program.integrated:
+            if not violated and not minimum.program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
             share = 0.3 if refinement < 2 else 1.1
             for name, excess in violated.items():
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
-            program, until = program.refine(chebyshev_nodes(nodes), reserve), self._until_check
+            program = minimum.program.refine(chebyshev_nodes(nodes), reserve)
+            until = self._until_check
             again = None if until.spent else minima.minimise_fully(program, xi, until)
             if again is None or not minima.feasible(again):
                 if until.spent:
@@ -373,12 +374,11 @@ class DirectSearch(Search[Candidate]):
         interpolation: Interpolation = 'linear',
     ) -> Solution | None:
         """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
-        problem = self._problem
         try:
             if not np.isfinite(states).all():
                 raise NotFinite('its replay is not finite everywhere')
             trajectory = Trajectory.of(
-                problem, to_nanoseconds(times), states, controls, interpolation
+                self._problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
             until = self.budget.with_grace()
             check = verify(
@@ -397,4 +397,4 @@ class DirectSearch(Search[Candidate]):
             reason = 'derivative gives other rates when it is traced than with numpy'
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
-        return Solution({problem.name: trajectory}, check, cost, parameters, penalty)
+        return Solution({self._problem.name: trajectory}, check, cost, parameters, penalty)

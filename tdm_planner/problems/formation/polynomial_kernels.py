@@ -42,9 +42,9 @@ def push(local: Numbers, thrust: Any, torque: Any) -> tuple[Any, ...]:
     return gas, pushed, 1.0 - np.abs(acceleration(mu, mu_s, *local[6:8])) / torque
 
 
-_LOCAL, _VALUES, _WEIGHTED = 8, 3, 1  # local variables, values, those of which curvature is wanted
+_LOCAL, _VALUES = 8, 3  # local variables, values
 _push = inlined(with_slopes(push, (), local=_LOCAL))
-_push_with_curvature = inlined(with_slopes(push, ('local',), weighted=_WEIGHTED, local=_LOCAL))
+_push_with_curvature = inlined(with_slopes(push, ('local',), curved=True, local=_LOCAL))
 _CURVATURE = _VALUES * (1 + _LOCAL)  # where it begins among the results
 
 
@@ -133,8 +133,8 @@ def _locals(g: Grid, x: Array, ends: Array) -> Array:
 
 
 @compiled
-def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
-    """Gas and margins at the varied parameters x (n, P); `found` (r, 6) for approaches."""
+def evaluate(t: Manoeuvre, x: Array) -> Values:
+    """Gas and margins at the varied parameters x (n, P)."""
     g, n, nb = t.grid, len(x), t.grid.slope.size
     ends, count, gas = unpacked(t, x), g.weights.size, 0.0
     own, at_nodes = np.full((n, g.active.size), _IRRELEVANT), 2 * count
@@ -157,7 +157,7 @@ def evaluate(t: Manoeuvre, x: Array, found: Array) -> Values:
             walls[axis, 0] = (places - t.low[i, axis]) / t.separation
             walls[axis, 1] = (t.high[i, axis] - places) / t.separation
     motion = t, times, expansions
-    near, worst = approaches(_place, motion, t.clearances, last, t.interval, found)
+    near, worst = approaches(_place, motion, t.clearances, last, t.interval)
     return Values(x, gas, min(worst, own.min()), own, near, ends, times, expansions)
 
 
@@ -217,8 +217,7 @@ def derivatives(t: Manoeuvre, at: Values, weight: float) -> tuple[Array, Array, 
     margins, rows = np.empty(most), np.zeros((most, n, size))
     gradient, hessian = np.zeros((n, size)), np.zeros((n, size, size))
     slopes_of = np.zeros((n, g.active.size, size))
-    by, weights = np.zeros((_LOCAL, count, size)), np.empty(_WEIGHTED)
-    found = np.empty(_CURVATURE + _LOCAL**2)
+    by, found = np.zeros((_LOCAL, count, size)), np.empty(_CURVATURE + _LOCAL**2)
     for i in range(n):
         if t.kept[i]:
             continue
@@ -231,19 +230,19 @@ def derivatives(t: Manoeuvre, at: Values, weight: float) -> tuple[Array, Array, 
             for axis in range(3):
                 by[2 + 2 * axis + d] = g.paths[axis, d] @ ends_by[axis]
         for k in range(count):
-            weights[0] = weight * g.weights[k]
-            _push_with_curvature(local[k], t.thrust, t.torque, weights, found)
+            share = weight * g.weights[k]
+            _push_with_curvature(local[k], t.thrust, t.torque, share, found)
             slopes = found[_VALUES:_CURVATURE].reshape(_LOCAL, _VALUES)
             bend = found[_CURVATURE:].reshape(_LOCAL, _LOCAL)
             here = np.ascontiguousarray(by[:, k])
             steep = slopes.T @ here
-            gradient[i] += weights[0] * steep[0]
+            gradient[i] += share * steep[0]
             hessian[i] += here.T @ (bend @ here)
             slopes_of[i, k], slopes_of[i, count + k] = steep[1], steep[2]
             for axis in range(2):  # the start's acceleration comes with the square of mu
                 a = 2.0 * g.given[axis] * t.acceleration[i, axis]
                 for d in range(2):
-                    along = weights[0] * slopes[2 + 2 * axis + d, 0]
+                    along = share * slopes[2 + 2 * axis + d, 0]
                     hessian[i, 0, 0] += a * along * g.paths[axis, d, k, 2]
     for i in range(n):
         for c in range(g.active.size):

@@ -16,7 +16,7 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.formulation import PowerProducts
-from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
 from tdm_planner.problems.formation import polynomial_kernels
 from tdm_planner.problems.formation.polynomial_plan import trajectory
 from tdm_planner.problems.formation.program import FormationProgram
@@ -27,7 +27,6 @@ from tdm_planner.problems.formation.reference_motion import (
     MotionForm,
 )
 from tdm_planner.problems.formation.search import (
-    Candidate,
     FormationSearch,
     INSTANTS,
     kept_motions,
@@ -37,7 +36,7 @@ from tdm_planner.problems.formation.task import first_arrival, FormationTask, le
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
-Polynomials: TypeAlias = Candidate['PolynomialProgram']
+Polynomials: TypeAlias = Minimum['PolynomialProgram']
 
 _USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
 _YAW_SCALE = 10.0

@@ -35,7 +35,6 @@ from tdm_planner.problems.formation.task import FormationTask
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
 # Columns of approaches: both indices, instant, distance / clearance - 1, way between them.
 FIRST, SECOND, TIME, CLOSENESS, WAY = 0, 1, 2, 3, 4
-COLUMNS = 6
 _REACH = 1.25  # clearances within which an approach makes a row
 _MOST_INSTANTS = 4000
 _NEWTON_STEPS = 24
@@ -43,16 +42,16 @@ _NEWTON_STEPS = 24
 
 @inlined
 def approaches(
-    place: Any, motion: Any, clearances: Array, last: float, interval: float, found: Array
+    place: Any, motion: Any, clearances: Array, last: float, interval: float
 ) -> tuple[Array, float]:
     """
-    Return the local minima in time, until `last` [s], of distances that are near `clearances`.
+    Return the local minima (r, 6) in time, until `last` [s], of distances near `clearances`.
 
     Those are (N, N), zero for what does not count; minima are looked for between instants
-    `interval` s apart. They are rows of `found` (r, 6); the least closeness comes with them, 1
-    where there is none.
+    `interval` s apart. The least closeness comes with them, 1 where there is none.
     """
     every = len(clearances)
+    found = np.zeros((16 + every * every, WAY + 2))
     # A motion far longer than its time scale keeps the number of instants, not the interval.
     steps = max(math.ceil(min(last / interval, _MOST_INSTANTS)), 2)
     step = last / steps
@@ -178,9 +177,9 @@ class FormationProgram(NonlinearProgram):
 
     Two functions of `kernels` take the `manoeuvre` as that form of motion has it. `evaluate`
     returns the motions at x: `x`, all `gas` [m/s], the `worst` margin, every robot's `own` margins
-    (n, c), `approaches` (r, 6) in the rows that it is given. `derivatives` returns the slopes
-    (n, P) and curvature (n, P, P) of a weight times the gas, margins near active (r,) and their
-    slopes (r, n, P). `limits` are a robot's own, in words, and how many of `own` each makes.
+    (n, c), `approaches` (r, 6). `derivatives` returns the slopes (n, P) and curvature (n, P, P) of
+    a weight times the gas, margins near active (r,) and their slopes (r, n, P). `limits` are a
+    robot's own, in words, and how many of `own` each makes.
     """
 
     kernels: ModuleType
@@ -198,7 +197,6 @@ class FormationProgram(NonlinearProgram):
         kept: Mask,
     ) -> None:
         self.task, self.first, self.units, self.size = task, first, units, arriving.size
-        self.evaluations = 0
         self.kept, self.varied = kept, ~(task.staying | kept)
         way = np.linalg.norm(task.goal - task.departure, axis=1).sum()
         typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
@@ -257,9 +255,7 @@ class FormationProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the performance index, relative to a typical one, and the worst violation."""
-        self.evaluations += 1
-        found = np.zeros((16 + self.task.n * len(self.clearances), COLUMNS))
-        flown = self.kernels.evaluate(self.manoeuvre, self.full(xi), found)
+        flown = self.kernels.evaluate(self.manoeuvre, self.full(xi))
         first, late = self._late(flown.x)
         time, sequence, gas_weight = self.weights
         cost = time * first + sequence * np.abs(late).sum() + gas_weight * flown.gas

@@ -18,15 +18,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import itertools
 import math
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from tdm_planner.arrays import Array, Integers
-from tdm_planner.direct_method.nonlinear_program import Budget, Point
-from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.parameters import FormationParameters
@@ -61,15 +61,6 @@ _START_ROUNDING = np.full(7, 1e-6)  # difference of a start from the plan's that
 _MISSED = np.array([2e-3, 2e-3, 2e-3, 2e-3, 5e-3, 5e-3])  # by which the rest may miss the goal
 
 
-@dataclass(frozen=True)
-class Candidate(Generic[P]):
-    """A point of a program, a local minimum where the search for one has `converged`."""
-
-    program: P
-    point: Point
-    converged: bool = True
-
-
 class FormationSearch(Search[C]):
     """
     What the searches for a plan of a problem share.
@@ -91,7 +82,7 @@ class FormationSearch(Search[C]):
         self.task = self._original_task = task
         self.settings, self.rng, self.previous = settings, rng, previous
         self.starts, self.tried = settings.solver.starts, 0
-        self.closest: Candidate[Any] | None = None
+        self.closest: Minimum[Any] | None = None
         left = {} if previous is None else previous.trajectories
         self.rest = dict(left) if set(left) == set(task.names) else {}
         self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
@@ -122,25 +113,22 @@ class FormationSearch(Search[C]):
 
     def minimised(
         self, program: P, guess: Array, options: TrustRegionOptions
-    ) -> Candidate[P] | None:
+    ) -> Minimum[P] | None:
         """Minimise from a guess Xi; None where that leads to nothing feasible."""
         if not program.free.size:
-            return Candidate(program, program.evaluate(np.zeros(0)))
-        before = program.evaluations
+            return Minimum(program, program.evaluate(np.zeros(0)), 0, converged=True)
         minimum = minimise(program, guess, options, self._until_check)
         self.tried += 1
-        self.budget.evaluations += program.evaluations - before
-        candidate = Candidate(program, minimum.point, minimum.converged)
         violation = minimum.point.violation
         if self.closest is None or violation < self.closest.point.violation:
-            self.closest = candidate
+            self.closest = minimum
         # Constants so extreme that a motion has no numbers leave its margins without meaning.
         finite = math.isfinite(minimum.point.cost)
-        return candidate if finite and violation <= _NEARLY_FEASIBLE * self.feasible else None
+        return minimum if finite and violation <= _NEARLY_FEASIBLE * self.feasible else None
 
     def minima(
         self, program: P, guesses: Iterable[Array], options: TrustRegionOptions, worse: float
-    ) -> list[Candidate[P]]:
+    ) -> list[Minimum[P]]:
         """
         Feasible local minima from guesses Xi, cheapest first.
 
@@ -149,7 +137,7 @@ class FormationSearch(Search[C]):
         of the deadline. Stops at once with a minimum where no separation binds, unless a plan has
         failed its check: passing on other sides is not cheaper.
         """
-        found: list[Candidate[P]] = []
+        found: list[Minimum[P]] = []
         for k, guess in enumerate(guesses):
             if found:
                 best = min(each.point.cost for each in found)
@@ -287,12 +275,11 @@ def kept_motions(task: FormationTask, plans: Mapping[str, Trajectory]) -> dict[s
     They start on their plans, end at their goals, and have less time before them than three
     half-turns of the thruster take.
     """
-    leg = LATE * task.half_turn
     found = {}
     for i, name in enumerate(task.names):
-        if task.staying[i] or name not in plans or not plans[name].duration < leg:
+        plan, start = plans.get(name), start_state(task, i)
+        if task.staying[i] or plan is None or not plan.duration < LATE * task.half_turn:
             continue
-        plan, start = plans[name], start_state(task, i)
         if (np.abs(plan.states[0] - start) < _START_ROUNDING).all():
             begun = replace(plan, states=np.concatenate([start[None], plan.states[1:]]))
             states = replay(task.plant, begun, plan.times)

@@ -82,7 +82,7 @@ class FormationTask:
 
     @property
     def half_turn(self) -> float:
-        """Time [s] in which the thruster turns half round."""
+        """Return the time that the thruster takes for half a turn [s]."""
         return math.pi / self.thruster_rate
 
     @property
@@ -248,12 +248,12 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
 
     No robot takes less than `least` (n,) s; `thrust` [m/s^2] is what they burn and coast with.
     """
-    leg = task.half_turn
-    way = np.linalg.norm(task.goal - task.departure - DRIFT * leg * task.velocity, axis=1)
+    drift = DRIFT * task.half_turn * task.velocity
+    way = np.linalg.norm(task.goal - task.departure - drift, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
     later = task.interval * np.arange(task.n) - task.coast
     # Of a short way the thruster's turns, before the first burn and the last one, take longer.
-    least = np.where(task.staying, least, np.maximum(least, _TURNS * leg))
+    least = np.where(task.staying, least, np.maximum(least, _TURNS * task.half_turn))
     quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
     first = max(float((quickest - later).max()), 0.02)
     times = np.geomspace(first, max(task.longest, 1.01 * first), 200)

@@ -264,8 +264,8 @@ def _gas_slopes(fleet: Fleet, burns: Array, slopes: Array, gradient: Array) -> N
 
 
 @compiled
-def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
-    """Burns, own margins and approaches at the parameters x (n, v); `found` (r, 6) for those."""
+def evaluate(fleet: Fleet, x: Array) -> ArcValues:
+    """Burns, own margins and approaches at the parameters x (n, v)."""
     (n, v), m = x.shape, fleet.held.shape[1]
     burns, slopes, margins = fleet.held.copy(), np.zeros((n, m, 4, v)), np.ones((n, m))
     last, gas = 0.0, 0.0
@@ -279,7 +279,7 @@ def evaluate(fleet: Fleet, x: Array, found: Array) -> ArcValues:
             gas += size - fleet.speed
         own_margins(x[i], fleet, i, burns[i], margins[i])
     motion = fleet, burns
-    near, worst = approaches(_place, motion, fleet.clearances, last, fleet.interval, found)
+    near, worst = approaches(_place, motion, fleet.clearances, last, fleet.interval)
     return ArcValues(x, burns, slopes, margins, near, gas, min(worst, margins.min()))
 
 

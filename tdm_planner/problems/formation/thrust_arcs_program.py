@@ -265,7 +265,6 @@ def resumed(
     Goals are reached from where the rest of a plan turns last; the start may be off it. Robots
     whose motion is `kept` need none.
     """
-    leg = task.half_turn
     rests = {
         i: remaining(plans[name])
         for i, name in enumerate(task.names)
@@ -282,9 +281,10 @@ def resumed(
         turns = rest[1:-1, 2].tolist()
         found[i, 0], after = begin[0], end[0]
         if len(rest) == 1:
-            found[i, 0] = after = min(leg, 0.45 * begin[0])
-        elif begin[0] > _CORRECTED * leg and len(turns) < corners:  # time to correct before
-            found[i, 0] = after = min(leg, 0.45 * begin[0])
+            found[i, 0] = after = min(task.half_turn, 0.45 * begin[0])
+        elif begin[0] > _CORRECTED * task.half_turn and len(turns) < corners:
+            # There is time to correct before.
+            found[i, 0] = after = min(task.half_turn, 0.45 * begin[0])
             turns.insert(0, rest[0, 2])
         while len(turns) < corners:
             turns.append(0.5 * ((turns[-1] if turns else after) + begin[-1]))

@@ -17,11 +17,10 @@ from typing import TypeAlias
 
 import numpy as np
 from tdm_planner.arrays import Array
-from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
 from tdm_planner.problems.formation.search import (
-    Candidate,
     FormationSearch,
     INSTANTS,
     kept_motions,
@@ -50,7 +49,7 @@ _OVERLAP = 0.35  # price of coming too near by a unit of length, in costs
 _SPARE = 1.02  # clearances wanted of a guess
 _MEETING = 1.1  # clearances within which it matters on which side robots pass
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
-Arcs: TypeAlias = Candidate[ThrustArcProgram]
+Arcs: TypeAlias = Minimum[ThrustArcProgram]
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _MORE_STARTS = 4  # times as many initial guesses where robots are many: passing sides decide
 _DESPERATE = 12  # random guesses, as long as nothing is found

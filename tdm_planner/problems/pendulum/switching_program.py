@@ -279,16 +279,13 @@ class SwitchingProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the time and the violations at the durations `xi` (K,), times w0."""
-        if self.budget is not None:
-            self.budget.evaluations += 1
         at = evaluate_arcs(self._arcs, xi)
-        return Point(xi, at.cost, np.array([at.ends, at.beyond]), at)
+        violations = np.array([at.ends, at.beyond])
+        return Point(xi, at.cost, violations, at, at.residual, at.margins)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Return slopes of ends and of the peaks near the limit, and the reduced Hessian."""
         at: ArcPoint = point.cache
-        if self.budget is not None:
-            self.budget.evaluations += max(at.xi.size - 4, 0)
         duals = np.zeros(4) if multipliers is None else multipliers.equalities
         near = np.flatnonzero((at.margins < NEAR_LIMIT) & (at.xi > 0.0))
         return Linearisation(
@@ -300,10 +297,5 @@ class SwitchingProgram(NonlinearProgram):
             inequality_jacobian=at.slopes[near],
             inequality_groups=np.ones(near.size, np.intp),
             tags=near,
+            evaluations=max(at.xi.size - 4, 0),  # the Hessian differences along so many directions
         )
-
-    def correction_rows(self, point: Point, at: Linearisation, active: Mask) -> Array:
-        """Return the ends, and what active peaks are beyond the limit by."""
-        now: ArcPoint = point.cache
-        beyond = np.minimum(now.margins[at.tags[active]], 0.0)
-        return np.concatenate([now.residual, beyond])

@@ -239,8 +239,9 @@ class Smooth(programs.NonlinearProgram):
 
     def evaluate(self, xi):
         self.evaluations += 1
-        worst = np.abs(self.eq(xi)).max(initial=0)
-        return programs.Point(xi, float(self.functions[0](xi)), np.array([worst]))
+        missed, cost = self.eq(xi), float(self.functions[0](xi))
+        worst = np.array([np.abs(missed).max(initial=0)])
+        return programs.Point(xi, cost, worst, equalities=missed)
 
     def linearise(self, point, multipliers):
         x = point.xi
@@ -251,9 +252,6 @@ class Smooth(programs.NonlinearProgram):
         hessian = (vectors * np.maximum(np.abs(values), 1e-3)) @ vectors.T
         rows = self.eq(x), self.eq_jac(x), np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=int)
         return programs.Linearisation(self.functions[1](x), hessian, *rows)
-
-    def correction_rows(self, point, at, active):
-        return self.eq(point.xi)
 
 
 def rosenbrock(**constraints):
