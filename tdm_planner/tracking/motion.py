@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 import math
@@ -14,8 +15,11 @@ import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import group, LARGEST, parameter, positive, Range, Validated
+from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
+_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
+_LIMIT_SLACK = 1e-3  # share of what is planned, by which it may be beyond a tracker's limits
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
@@ -71,6 +75,12 @@ class TrackerParameters(Validated):
     def interval(self) -> float:
         """Time for which a command acts [s]."""
         return 1.0 / self.rate
+
+    def too_slow(self, growth_rate: float) -> str:
+        """Tell that commands are too slow where deviations grow at that rate [1/s], '' if not."""
+        rate, least = self.rate, _SLOWEST * growth_rate
+        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
+        return slow if rate < least else ''
 
 
 class TrajectoryRejected(TdmError):
@@ -189,3 +199,22 @@ def check_trajectory(trajectory: Trajectory, start: float, now: float) -> None:
         raise TrajectoryRejected(
             f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
         )
+
+
+def beyond_limits(trajectory: Trajectory, limits: Mapping[str, tuple[float, float]]) -> str:
+    """Tell that states or controls of a trajectory are beyond a tracker's limits, '' if not."""
+    found = []
+    for name, (low, high) in limits.items():
+        known = trajectory.control if name in trajectory.control_names else trajectory.state
+        least, most = float(known(name).min()), float(known(name).max())
+        slack = _LIMIT_SLACK * max(abs(least), abs(most))
+        if least < low - slack or most > high + slack:
+            found.append(f'{name} from {least:.3g} to {most:.3g} (limits {low:g}, {high:g})')
+    told = 'the trajectory asks for more than the limits of the tracker allow: '
+    return told + ', '.join(found) if found else ''
+
+
+def most_off(plant: Named, error: Array, parts: Sequence[float]) -> str:
+    """Tell by how much the state is off whose part in the deviation is the largest."""
+    k = int(np.argmax(parts))
+    return f'{plant.state_names[k]} is off by {error[k]:.3g} {plant.state_units[k]}'.rstrip()

@@ -205,6 +205,8 @@ class PendulumTracker(TrajectoryTracker):
         super().__init__(parameters, plant, estimator)
         self.settling = settling(plant)
         weights, limit = parameters.weights, parameters.limits.torque
+        reach = parameters.limits.disk_angle
+        self.limits = {'torque': (-limit, limit), 'psi': (-reach, reach)}
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
         self._q = np.diag(diagonal / scale**2)

@@ -33,7 +33,7 @@ _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at it
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
-# Ranges of states: of the largest of the same unit; of the problem's ends and earlier plans.
+# Ranges of states: of the largest of the same unit; of the problem's ends, and the plan before.
 _LEAST_RANGE, _SHORT = 1e-2, 0.1
 _LEAST_REACH = 1e-4  # of what the controls could change a state by
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
@@ -102,6 +102,7 @@ class StatedTracker(TrajectoryTracker):
         estimator = StateEstimator(plant, noise, [], gap, delay=delay)
         super().__init__(parameters, plant, estimator)
         self._lower, self._upper = plant.control_range
+        self.limits = dict(zip(plant.control_names, plant.control_range.T.tolist(), strict=True))
         ends = Ends.of(plant.stated).states
         self._ends_at_goal = np.isfinite(ends[1])  # (nx,)
         # A plan from beside the goal to the goal must not make a deviation of nothing a large one.
@@ -117,7 +118,6 @@ class StatedTracker(TrajectoryTracker):
         begin, _ = self._held(smooth, 0, *weights)
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
         law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
-        self._least_ranges = np.maximum(self._least_ranges, _SHORT * ranges)
         samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
         left = np.array([plant.control_margins(*sample) for sample in samples])
         touched = _TOUCHED * np.minimum(np.abs(np.nan_to_num(left)).max(axis=0), 1.0)
@@ -130,10 +130,12 @@ class StatedTracker(TrajectoryTracker):
         """
         Return the range of every state (nx,), not less than a share of others of its unit.
 
-        Nor less than a share of that between the problem's ends, and along earlier plans, and of
-        what the controls could change it by: all of a unit may rest.
+        Nor less than a share of that between the problem's ends, and along the plan that is
+        tracked or held, and of what the controls could change it by: all of a unit may rest.
         """
         found = np.maximum(np.ptp(trajectory.states, axis=0), self._least_ranges)
+        if self.current is not None:
+            found = np.maximum(found, _SHORT * self.current.law.ranges)
         least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
         jacobians = self.plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)

@@ -19,6 +19,7 @@ Instants are seconds of one clock; which one does not matter.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 import math
@@ -31,8 +32,10 @@ from tdm_planner.plants.base import Named
 from tdm_planner.tracking.estimator import RepetitionWatch, StateEstimator, STUCK
 from tdm_planner.tracking.motion import (
     Action,
+    beyond_limits,
     check_trajectory,
     Command,
+    most_off,
     Motion,
     Phase,
     TrackerParameters,
@@ -46,7 +49,6 @@ BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their 
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
-_SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
 
@@ -59,6 +61,7 @@ class TrajectoryTracker(ABC):
     """
 
     settling: float
+    limits: Mapping[str, tuple[float, float]]  # of controls, and of states, by name
 
     def __init__(
         self, parameters: TrackerParameters, plant: Named, estimator: StateEstimator
@@ -74,7 +77,7 @@ class TrajectoryTracker(ABC):
         self.growth_rate = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
         self._brakes = False
-        self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
+        self._notice = '', -math.inf  # what is told for a while, and since when
 
     # What a plant's tracker must say.
 
@@ -131,10 +134,9 @@ class TrajectoryTracker(ABC):
 
     @property
     def warning(self) -> str:
-        """Say that the commands are too slow for the plant, where they are."""
-        rate, least = self.parameters.rate, _SLOWEST * self.growth_rate
-        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
-        return slow if rate < least else ''
+        """Say what keeps the commands from doing what is planned: their rate, or the limits."""
+        beyond = '' if self.newest is None else beyond_limits(self.newest.trajectory, self.limits)
+        return '; '.join(filter(None, [self.parameters.too_slow(self.growth_rate), beyond]))
 
     @property
     def found(self) -> dict[str, float]:
@@ -153,7 +155,7 @@ class TrajectoryTracker(ABC):
         except BREAKDOWN as error:
             self.estimator.reset()
             told = f'the estimate of the state broke down ({one_line(error)}) and begins anew'
-            self._breakdown = told, stamp
+            self._notice = told, stamp
 
     def state_age(self, now: float) -> float:
         """Age of the newest state [s]; infinite where there is none that can be believed."""
@@ -212,8 +214,7 @@ class TrajectoryTracker(ABC):
         if self.current is not None or self.braking:
             expected = self._predicted_state(now, at)
         else:
-            # From now on nothing is commanded.
-            self.estimator.history.add(now, self.nothing)
+            self.estimator.history.add(now, self.nothing)  # from now on
             expected = self.estimator.predict(at)
         self._compare(motion, expected, at)
 
@@ -226,8 +227,7 @@ class TrajectoryTracker(ABC):
 
     def _predicted_state(self, now: float, at: float) -> Array:
         """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
-        # Until a command sent now acts, those sent before do.
-        time = min(now + self.estimator.delay, at)
+        time = min(now + self.estimator.delay, at)  # until then earlier commands act
         state = self.estimator.predict(time)
         # Held for much longer than an interval the feedback would not follow a quick swing.
         longest = max(2.0 * self.parameters.interval, (at - now) / _LOOK_AHEAD)
@@ -251,10 +251,12 @@ class TrajectoryTracker(ABC):
             raise TrajectoryMissed(far)
 
     def _too_far(self, motion: Motion, error: Array, what: str, name: str = 'path') -> str:
-        """Tell that the tolerance `name` is exceeded; empty where it is not."""
+        """Tell that the tolerance `name` is exceeded, and by what; empty where it is not."""
         away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
         told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
-        return '' if away <= allowed else f'{told} = {allowed:g}'
+        parts = [self.deviation(motion, part) for part in np.diag(error)]
+        off = most_off(self.plant, error, parts)
+        return '' if away <= allowed else f'{told} = {allowed:g}: {off}'
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""
@@ -278,18 +280,16 @@ class TrajectoryTracker(ABC):
             return self.break_down(now, 'a value is not a finite number')
         self.estimator.history.add(now, control)
         self.estimator.find_delay(self.phase is Phase.TRACKING)
-        return Command(control, self.phase, action, self._broke_down(now) or self.reason)
+        return Command(control, self.phase, action, self._noticed(now) or self.reason)
 
-    def _broke_down(self, now: float) -> str:
-        """Tell that the state could not be estimated, for as long as a state may be old."""
-        told, stamp = self._breakdown
+    def _noticed(self, now: float) -> str:
+        """Tell what happened just now, for as long as a state may be old."""
+        told, stamp = self._notice
         return told if now - stamp <= self.parameters.state_timeout else ''
 
     def _start_within(self, acts_at: float) -> float:
         """Return the start awaited, if it lies in the coming interval; else where that begins."""
-        if self.current is not None or self.pending is None:
-            return acts_at
-        start = self.pending.start
+        start = math.inf if self.current or self.pending is None else self.pending.start
         return start if acts_at < start < acts_at + self.parameters.interval else acts_at
 
     def _idle(self, state: Array) -> Array:
@@ -318,7 +318,7 @@ class TrajectoryTracker(ABC):
         if self._repetition.stuck:
             return STUCK
         if math.isinf(age):
-            return self._broke_down(now) or self.reason or 'no state has been received yet'
+            return self._noticed(now) or self.reason or 'no state has been received yet'
         timeout = self.parameters.state_timeout
         return f'the newest state is older than state_timeout = {timeout:g} s'
 
@@ -367,7 +367,7 @@ class TrajectoryTracker(ABC):
             if self.current is None:
                 self.give_up(str(refusal))
             else:
-                self.reason = f'kept the active trajectory: {refusal}'
+                self._notice = f'kept the active trajectory: {refusal}', time
             return
         self.current, self.phase, self.reason = motion, Phase.TRACKING, ''
 

@@ -24,6 +24,7 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FIRST
 
 TRIED = 8  # initial guesses after which there are rollouts, and which solutions must agree
+BOTH_SIDES = 4  # initial guesses, among which are lines bent to either side
 # No further guess once over half of the solutions, so many at least (after TRIED guesses one
 # more), agree in cost within a share; or once so many (then twice as many) are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6

@@ -27,7 +27,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
-from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
+from tdm_planner.problems.direct.guesses import BOTH_SIDES, Guesses, suffice, TRIED
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
@@ -210,16 +210,16 @@ class DirectSearch(Search[Candidate]):
                 solved.append(motion)
             if attempt + 1 == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
-            if until.spent or (solved and self._are_enough(solved, hard=attempt + 1 >= TRIED)):
+            if until.spent or (solved and self._are_enough(solved, attempt + 1)):
                 break
         yield from self._cheaper(solved)
 
-    def _are_enough(self, solved: Sequence[CollocatedMotion], *, hard: bool) -> bool:
+    def _are_enough(self, solved: Sequence[CollocatedMotion], tried: int) -> bool:
         """Whether no other guess is to be tried; a plan far dearer says that motions leap."""
-        blocked, origin = self._trace.has_obstacles, solved[0]
-        leap = blocked and not hard and self._least > origin.cost + _DEAR * origin.size
-        alike = suffice(solved, hard, blocked) and not leap
-        return alike or self.budget.past(_STARTS_SHARE)
+        hard, blocked, origin = tried >= TRIED, self._trace.has_obstacles, solved[0]
+        leap = self._least > origin.cost + _DEAR * origin.size
+        early = blocked and not hard and (tried < BOTH_SIDES or leap)
+        return self.budget.past(_STARTS_SHARE) or (not early and suffice(solved, hard, blocked))
 
     def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
         """Yield the others on more intervals while they may be cheaper; at last the plan's own."""

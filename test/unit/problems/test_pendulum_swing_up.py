@@ -105,7 +105,7 @@ def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
 def test_any_state_gets_a_verified_plan(torque, start):
     made = problem(torque, start)
     if max(made.task.least_peak(Budget(1.0)), made.task.least_reach) > made.limits.disk_angle:
-        with pytest.raises(Infeasible, match='keeps the disk inside'):
+        with pytest.raises(Infeasible, match=r'keeps the disk inside|none .* passes the check'):
             made.solve(0.2)
     else:
         checked(made)

@@ -3,11 +3,16 @@
 
 """The tracker of stated plants: which plans it takes, and by what it measures deviations."""
 
+from dataclasses import replace
+import re
+
 from ball_and_beam import BallAndBeam
 from double_integrator import CartStart, DoubleIntegrator
 from moon_lander import MoonLander
 import numpy as np
 import pytest
+from stated import Cart, changed
+from tdm_planner.direct_method import Integrated
 from tdm_planner.plants.base import integrate
 from tdm_planner.problems import DirectProblem
 from tdm_planner.tracking.estimator import STUCK
@@ -67,7 +72,63 @@ def test_a_plant_that_is_thrown_back_to_the_start_gets_no_control() -> None:
     rig.show(plan.states[0])
     assert not rig.tracker.command(rig.now).control.any()
     assert rig.tracker.phase is Phase.STOPPED
-    assert 'more than tolerance.path' in rig.tracker.reason
+    assert re.search(r'more than tolerance.path = 0.5: x is off by .* m$', rig.tracker.reason)
+
+
+def test_a_plan_that_was_not_flown_leaves_the_ranges_of_others_as_they_are() -> None:
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0] + [1.0, 0.0])
+    large = replace(plan, states=1000.0 * plan.states + rig.state - 1000.0 * plan.states[0])
+    for _ in range(2):
+        with pytest.raises(TrajectoryRejected, match='x is off by 1 m'):
+            rig.accept(plan, 1.0)
+        rig.accept(large, 900.0)
+
+
+def test_a_start_that_was_missed_is_told_once() -> None:
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration + 1.0)
+    rig.accept(replace(plan, states=plan.states - plan.states[0]), 0.05)
+    rig.state[0] += 0.4
+    rig.run(0.06)
+    told = rig.tracker.command(rig.now)
+    assert told.phase is Phase.HOLDING
+    assert 'kept the active trajectory: the state is' in told.problem
+    rig.run(0.2)
+    assert rig.tracker.command(rig.now).problem == ''
+
+
+def test_a_plan_beyond_the_limits_of_the_tracker_is_told() -> None:
+    cart = changed(Cart, control_limits=lambda s: {'u': (-s.limit, s.limit)})
+    plan = cart().solve(deadline=10.0).trajectory
+    told = []
+    for limit in (10.0, 1.0):
+        rig = Rig(cart(limit=limit), plan.states[0])
+        rig.accept(plan, 1.0)
+        told.append(rig.tracker.warning)
+    assert told[0] == ''
+    assert re.search(r'u from -1.5\d* to 1.5\d* \(limits -1, 1\)$', told[1])
+
+
+def test_a_state_that_no_control_changes_does_not_keep_the_end_from_being_held() -> None:
+    """Energy that is counted: it changes with the control squared, not at rest."""
+    cart = changed(
+        Cart,
+        states={'x': 'm', 'v': 'm/s', 'spent': 'm^2/s^3'},
+        integrated=lambda s: {'spent': Integrated(0.0, None)},
+        invert=lambda s, y, z: ((*y['x'][:2], z['spent']), y['x'][2:]),
+        derivative=lambda s, x, u: (x[1], u[0], u[0] ** 2),
+    )()
+    plan = cart.solve(deadline=10.0).trajectory
+    rig = Rig(cart, plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration)
+    rig.state[0] += 0.05
+    rig.run(4.0)
+    assert rig.tracker.phase is Phase.HOLDING
+    assert abs(rig.state[0]) < 5e-3
 
 
 def test_a_plant_that_was_held_fast_seems_stuck_until_the_next_plan() -> None:
