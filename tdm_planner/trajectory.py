@@ -72,7 +72,10 @@ class Trajectory:
         for name in ('times', 'states', 'controls'):
             values = np.array(getattr(self, name), dtype=float)
             if not np.isfinite(values).all():
-                raise InvalidProblem(f"trajectory '{name}' holds a value that is not finite")
+                place = ', '.join(map(str, np.argwhere(~np.isfinite(values))[0]))
+                raise InvalidProblem(
+                    f"trajectory '{name}' holds a value that is not finite, at [{place}]"
+                )
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         n = self.times.size

@@ -64,7 +64,7 @@ def read_plan(
         raise InvalidProblem(
             f"trajectory 'points' has {len(points)} points: at least two are needed"
         )
-    told = "trajectory '{}' of point {} has {} values for {} joints"
+    told = "trajectory '{}' of point {} has {} values for {} joints: one for each is needed"
     columns = _columns(kind.joints, message.joint_names, known, points, _FIELDS, told)
 
     def stacked(names: Sequence[str]) -> Array:
