@@ -118,9 +118,9 @@ class Linearisation:
     The cost is smooth(Xi) + sum_k weight_k |term_k(Xi)|; `gradient` (n,) is that of the smooth
     part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
     belong to group 0; `inequalities` (ni,) >= 0 to the groups in `inequality_groups` (ni,).
-    Rows far from active may be omitted. `tags` (ni,) are the places of those that are not among
-    the point's margins; they are handed back with the multipliers. It took `evaluations` beside
-    that of the point.
+    Rows far from active may be omitted. `tags` (ni,) are the places of the inequalities given
+    among the point's margins; they are handed back with the multipliers. It took `evaluations`
+    beside that of the point.
     """
 
     gradient: Array

@@ -225,7 +225,9 @@ class TrackerNode(ManagedNode):
                 f'starts in {start - now:.3f} s'
             )
             if self.tracker.warning:
-                self.get_logger().warning(self.tracker.warning)
+                self.get_logger().warning(
+                    self.tracker.warning, throttle_duration_sec=WARNING_PERIOD
+                )
         self._diagnostics.update()
 
     def _reject(self, reason: str) -> None:

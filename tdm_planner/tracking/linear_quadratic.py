@@ -30,7 +30,6 @@ from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
-_UNCHANGED = 1e-12  # slopes of a rate that is nothing but rounding
 _LARGEST_NORM = 1e6  # beyond it the squarings leave few digits
 _MOST_GAINS = 12_000  # along a plan; a longer one has them further apart
 
@@ -53,7 +52,7 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     A state that nothing changes, such as a constant or a count of energy at rest, is left alone.
     Raise numpy.linalg.LinAlgError if the others cannot be stabilised.
     """
-    moved = np.flatnonzero((np.abs(np.hstack([a, b])) > _UNCHANGED).any(axis=1))
+    moved = np.flatnonzero(np.hstack([a, b]).any(axis=1))
     if 0 < moved.size < len(a):
         square = np.ix_(moved, moved)
         found = discrete_regulator(a[square], b[moved], q[square], r, step)

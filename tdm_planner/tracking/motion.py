@@ -19,7 +19,7 @@ from tdm_planner.plants.base import Named
 from tdm_planner.trajectory import T, TimedTrajectory, Trajectory
 
 _SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows e-fold
-_LIMIT_SLACK = 1e-3  # share of what is planned, by which it may be beyond a tracker's limits
+_LIMIT_SLACK = 1e-3  # share of the numbers, by which a plan may be beyond a tracker's limits
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
@@ -207,7 +207,8 @@ def beyond_limits(trajectory: Trajectory, limits: Mapping[str, tuple[float, floa
     for name, (low, high) in limits.items():
         known = trajectory.control if name in trajectory.control_names else trajectory.state
         least, most = float(known(name).min()), float(known(name).max())
-        slack = _LIMIT_SLACK * max(abs(least), abs(most))
+        sizes = [abs(value) for value in (least, most, low, high) if math.isfinite(value)]
+        slack = _LIMIT_SLACK * max(sizes)
         if least < low - slack or most > high + slack:
             found.append(f'{name} from {least:.3g} to {most:.3g} (limits {low:g}, {high:g})')
     told = 'the trajectory asks for more than the limits of the tracker allow: '

@@ -218,13 +218,13 @@ class PendulumTracker(TrajectoryTracker):
             undamped = replace(plant, damping=PendulumDamping())
             self.growth_rate = max(falling, frequency * undamped.quickness, disk)
             self.upright = discrete_regulator(a, b, self._q, self._r, parameters.interval)
+            gain, cost = self.upright
+            spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
         except np.linalg.LinAlgError as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'weights.*' and 'limits.torque' allow no feedback about "
                 f'upright: {error}'
             ) from None
-        gain, cost = self.upright
-        spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
         self._capture_level = float(limit**2 / spread)
         k = plant.coefficients
         damping = k.pivot_damping / k.pendulum, k.disk_damping / k.disk

@@ -26,7 +26,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tdm_planner.arrays import Array
+from tdm_planner.arrays import Array, wrapped
 from tdm_planner.parameters import group, parameter, positive, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
@@ -195,7 +195,7 @@ class RobotTracker(TrajectoryTracker):
     def wait(self, motion: Motion, state: Array) -> Array:
         """Turn the thruster to where the motion begins."""
         target = float(motion.trajectory.states[0, _ALPHA])
-        angle = math.remainder(target - state[_ALPHA], math.tau)
+        angle = float(wrapped(np.asarray(target - state[_ALPHA])))
         return np.array([0.0, self._servo(angle), 0.0])
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
@@ -291,7 +291,7 @@ class RobotTracker(TrajectoryTracker):
         quiet = 0.0 if coasting else feedback.deadband * self._largest
         size = math.hypot(wanted[0], wanted[1])
         now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
-        off = math.remainder(math.atan2(wanted[1], wanted[0]) - heading, math.tau)
+        off = float(wrapped(np.asarray(math.atan2(wanted[1], wanted[0]) - heading)))
         target = alpha if size <= quiet else now + off
         thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0

@@ -13,7 +13,7 @@ over; else the motion is over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
@@ -33,7 +33,7 @@ _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at it
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
-# Ranges of states: of the largest of the same unit; of the problem's ends, and the plan before.
+# Ranges of states: of the largest of the same unit; of the problem's ends and earlier plans.
 _LEAST_RANGE, _SHORT = 1e-2, 0.1
 _LEAST_REACH = 1e-4  # of what the controls could change a state by
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
@@ -64,11 +64,16 @@ class StatedTrackerParameters(TrackerParameters):
 
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """How the end is held: state (nx,), control (nu,), gain (nu, nx)."""
+    """
+    How an end is held: state (nx,), control (nu,), gain (nu, nx).
+
+    Deviations of states that nothing changes there do not count: (nx,), 1 where they do.
+    """
 
     state: Array
     control: Array
     gain: Array
+    counts: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +135,10 @@ class StatedTracker(TrajectoryTracker):
         """
         Return the range of every state (nx,), not less than a share of others of its unit.
 
-        Nor less than a share of that between the problem's ends, and along the plan that is
-        tracked or held, and of what the controls could change it by: all of a unit may rest.
+        Nor less than a share of that between the problem's ends, and along earlier plans that were
+        tracked, and of what the controls could change it by: all of a unit may rest.
         """
         found = np.maximum(np.ptp(trajectory.states, axis=0), self._least_ranges)
-        if self.current is not None:
-            found = np.maximum(found, _SHORT * self.current.law.ranges)
         least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
         jacobians = self.plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
@@ -190,7 +193,8 @@ class StatedTracker(TrajectoryTracker):
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
             return not_held
-        return Hold(state, control, found.gain), found.cost_to_go
+        moved = np.hstack([a, b]).any(axis=1)
+        return Hold(state, control, found.gain, moved.astype(float)), found.cost_to_go
 
     def deviation(self, motion: Motion, error: Array) -> float:
         """Return the largest deviation as a share of what the plan's states run through."""
@@ -219,6 +223,19 @@ class StatedTracker(TrajectoryTracker):
         """Feedback about the end; nothing where it cannot be held."""
         return self._about(motion, motion.law.end, state)
 
+    def _take_over(self, time: float, state: Array) -> None:
+        """Let a trajectory whose start has come take over, and remember its ranges."""
+        super()._take_over(time, state)
+        if self.current is not None:
+            flown = _SHORT * self.current.law.ranges
+            self._least_ranges = np.maximum(self._least_ranges, flown)
+
+    def adopt(self, other: TrajectoryTracker) -> None:
+        """Go on from where another tracker of the same plant is, and from its ranges."""
+        assert isinstance(other, StatedTracker)
+        self._least_ranges = np.maximum(self._least_ranges, other._least_ranges)
+        super().adopt(other)
+
     def _check_start(self, motion: Motion, now: float) -> None:
         """
         Compare the state with the planned one.
@@ -245,7 +262,8 @@ class StatedTracker(TrajectoryTracker):
     def _about(self, motion: Motion, end: Hold | None, state: Array) -> Action:
         if end is None:
             return Action(self.nothing, self.nothing, np.zeros(state.size))
-        return self._action(motion, end.control, end.gain, state, end.state)
+        action = self._action(motion, end.control, end.gain, state, end.state)
+        return replace(action, error=end.counts * action.error)
 
     def _action(
         self,

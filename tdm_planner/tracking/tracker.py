@@ -79,8 +79,6 @@ class TrajectoryTracker(ABC):
         self._brakes = False
         self._notice = '', -math.inf  # what is told for a while, and since when
 
-    # What a plant's tracker must say.
-
     @abstractmethod
     def prepare(self, trajectory: Trajectory) -> Any:
         """Do what can be done before the start (gains); the result comes back as `motion.law`."""
@@ -253,10 +251,11 @@ class TrajectoryTracker(ABC):
     def _too_far(self, motion: Motion, error: Array, what: str, name: str = 'path') -> str:
         """Tell that the tolerance `name` is exceeded, and by what; empty where it is not."""
         away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
+        if away <= allowed:
+            return ''
+        off = most_off(self.plant, error, [self.deviation(motion, e) for e in np.diag(error)])
         told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
-        parts = [self.deviation(motion, part) for part in np.diag(error)]
-        off = most_off(self.plant, error, parts)
-        return '' if away <= allowed else f'{told} = {allowed:g}: {off}'
+        return f'{told} = {allowed:g}: {off}'
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""

@@ -52,7 +52,7 @@ _SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
 _LATE = 1.0 / 9.0  # of the time allowed: a first solution after that is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
-_DEAR = 0.25  # of J's size: a replan over the rest of its plan; a plan over what it was made of
+_DEAR = 0.25  # of J's size: a replan above the rest of its plan, a plan above its first solution
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
@@ -208,7 +208,7 @@ class DirectSearch(Search[Candidate]):
                 motion = motion if settled and self._best else None
             if motion:
                 solved.append(motion)
-            if attempt + 1 == TRIED:
+            if attempt + 1 == TRIED and not until.spent:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
             if until.spent or (solved and self._are_enough(solved, attempt + 1)):
                 break
@@ -216,7 +216,7 @@ class DirectSearch(Search[Candidate]):
 
     def _are_enough(self, solved: Sequence[CollocatedMotion], tried: int) -> bool:
         """Whether no other guess is to be tried; a plan far dearer says that motions leap."""
-        hard, blocked, origin = tried >= TRIED, self._trace.has_obstacles, solved[0]
+        hard, blocked, origin = tried > TRIED, self._trace.has_obstacles, solved[0]
         leap = self._least > origin.cost + _DEAR * origin.size
         early = blocked and not hard and (tried < BOTH_SIDES or leap)
         return self.budget.past(_STARTS_SHARE) or (not early and suffice(solved, hard, blocked))

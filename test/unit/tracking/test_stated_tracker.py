@@ -125,10 +125,29 @@ def test_a_state_that_no_control_changes_does_not_keep_the_end_from_being_held()
     rig = Rig(cart, plan.states[0])
     rig.accept(plan)
     rig.run(plan.duration)
-    rig.state[0] += 0.05
-    rig.run(4.0)
-    assert rig.tracker.phase is Phase.HOLDING
-    assert abs(rig.state[0]) < 5e-3
+    for spent in (0.0, 1e3):  # so much more does not end the motion
+        rig.state += [0.05, 0.0, spent]
+        rig.run(4.0)
+        assert rig.tracker.phase is Phase.HOLDING
+        assert abs(rig.state[0]) < 5e-3
+
+
+def test_ranges_stay_those_of_the_plans_that_were_flown() -> None:
+    """Replans from near the goal are short: ordinary noise must not look large beside them."""
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0])
+    rig.accept(plan)
+    rig.run(plan.duration + 1.0)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        start = CartStart(*(rig.state + rng.normal(size=2) * [2e-4, 2e-3]).tolist())
+        rig.accept(DoubleIntegrator(start=start).solve(deadline=10.0).trajectory, 0.2)
+        rig.run(1.0)
+        assert not rig.tracker.reason
+        assert not rig.tracker.newest.start < rig.now - 1.0
+        other = StatedTracker(DoubleIntegrator(), StatedTrackerParameters())
+        other.adopt(rig.tracker)
+        rig.tracker = other
 
 
 def test_a_plant_that_was_held_fast_seems_stuck_until_the_next_plan() -> None:
