@@ -224,10 +224,8 @@ class TrackerNode(ManagedNode):
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
             )
-            if self.tracker.warning:
-                self.get_logger().warning(
-                    self.tracker.warning, throttle_duration_sec=WARNING_PERIOD
-                )
+            if told := self.tracker.warning:
+                self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
         self._diagnostics.update()
 
     def _reject(self, reason: str) -> None:

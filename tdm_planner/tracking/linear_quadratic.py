@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_are
-from tdm_planner.arrays import Array, exponentials, Integers
+from tdm_planner.arrays import Array, exponentials, Integers, Mask
 from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
@@ -49,15 +49,15 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     """
     Regulate x' = a x + b u, u held over steps of `step` s, by step times the sum of the cost.
 
-    A state that nothing changes, such as a constant or a count of energy at rest, is left alone.
-    Raise numpy.linalg.LinAlgError if the others cannot be stabilised.
+    States that do not move (`moved`) are left alone. Raise numpy.linalg.LinAlgError if the others
+    cannot be stabilised.
     """
-    moved = np.flatnonzero(np.hstack([a, b]).any(axis=1))
-    if 0 < moved.size < len(a):
-        square = np.ix_(moved, moved)
-        found = discrete_regulator(a[square], b[moved], q[square], r, step)
+    some = moved(a, b)
+    if some.any() and not some.all():
+        square = np.ix_(some, some)
+        found = discrete_regulator(a[square], b[some], q[square], r, step)
         padded = Regulator(np.zeros((b.shape[1], len(a))), np.zeros((len(a), len(a))))
-        padded.gain[:, moved], padded.cost_to_go[square] = found
+        padded.gain[:, some], padded.cost_to_go[square] = found
         return padded
     a, b = discretise(a, b, step)
     q, r = q * step, r * step
@@ -69,6 +69,11 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
         ) from None
     gain = np.linalg.solve(r + b.T @ cost_to_go @ b, b.T @ cost_to_go @ a)
     return Regulator(np.asarray(gain), cost_to_go)
+
+
+def moved(a: Array, b: Array) -> Mask:
+    """Which states (nx,) of x' = a x + b u move; a constant does not, nor energy used, at rest."""
+    return np.asarray(np.hstack([a, b]).any(axis=1))
 
 
 def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:

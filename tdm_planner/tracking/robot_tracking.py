@@ -160,9 +160,12 @@ class RobotTracker(TrajectoryTracker):
         angles, gap, delay = [_YAW, _ALPHA], parameters.state_timeout, parameters.command_delay
         estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap, delay=delay)
         super().__init__(parameters, plant, estimator)
-        sizes = {'thruster_rate': limits.thruster_rate, 'torque': limits.torque}
-        both_ways = {name: (-size, size) for name, size in sizes.items()}
-        self.limits = {'thrust': (0.0, limits.thrust), **both_ways}
+        rate, torque = limits.thruster_rate, limits.torque
+        self.limits = {
+            'thrust': (0.0, limits.thrust),
+            'thruster_rate': (-rate, rate),
+            'torque': (-torque, torque),
+        }
         self._largest = push
         self._servo_share = servo_share
         # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.

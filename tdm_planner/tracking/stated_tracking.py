@@ -16,13 +16,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.arrays import Array, largest_of_unit, Mask
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.parameters import group, positive
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
-from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
+from tdm_planner.tracking.linear_quadratic import (
+    discrete_regulator,
+    mean_controls,
+    moved,
+    PlanLaw,
+)
 from tdm_planner.tracking.motion import Action, Motion, Tolerances, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
@@ -67,13 +72,13 @@ class Hold:
     """
     How an end is held: state (nx,), control (nu,), gain (nu, nx).
 
-    Deviations of states that nothing changes there do not count: (nx,), 1 where they do.
+    Only deviations of states that move there count, a mask (nx,).
     """
 
     state: Array
     control: Array
     gain: Array
-    counts: Array
+    counts: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +198,7 @@ class StatedTracker(TrajectoryTracker):
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
         except np.linalg.LinAlgError:
             return not_held
-        moved = np.hstack([a, b]).any(axis=1)
-        return Hold(state, control, found.gain, moved.astype(float)), found.cost_to_go
+        return Hold(state, control, found.gain, moved(a, b)), found.cost_to_go
 
     def deviation(self, motion: Motion, error: Array) -> float:
         """Return the largest deviation as a share of what the plan's states run through."""
@@ -225,8 +229,9 @@ class StatedTracker(TrajectoryTracker):
 
     def _take_over(self, time: float, state: Array) -> None:
         """Let a trajectory whose start has come take over, and remember its ranges."""
+        before = self.current
         super()._take_over(time, state)
-        if self.current is not None:
+        if self.current is not None and self.current is not before:
             flown = _SHORT * self.current.law.ranges
             self._least_ranges = np.maximum(self._least_ranges, flown)
 

@@ -195,9 +195,9 @@ class DirectSearch(Search[Candidate]):
             yield motion
             self._enough = -np.inf
         solved, until = list[CollocatedMotion](), self._until_check
-        for attempt, guess in enumerate(self._guesses()):
-            eased = attempt % 2 == 0  # kinks show the way more often, and more often the same
-            patient, hard = attempt >= _HASTY and not solved, attempt >= TRIED
+        for tried, guess in enumerate(self._guesses(), 1):
+            eased = tried % 2 == 1  # kinks show the way more often, and more often the same
+            patient, hard = tried > _HASTY and not solved, tried > TRIED
             if hard and self._best:  # the first intervals may rank motions wrongly
                 guess = self._refinement.spread(guess, COARSE)
             motion = self._refinement.from_guess(guess, until, eased=eased, patient=patient)
@@ -208,9 +208,9 @@ class DirectSearch(Search[Candidate]):
                 motion = motion if settled and self._best else None
             if motion:
                 solved.append(motion)
-            if attempt + 1 == TRIED and not until.spent:
+            if tried == TRIED and not until.spent:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
-            if until.spent or (solved and self._are_enough(solved, attempt + 1)):
+            if until.spent or (solved and self._are_enough(solved, tried)):
                 break
         yield from self._cheaper(solved)
 
