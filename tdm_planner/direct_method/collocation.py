@@ -112,13 +112,18 @@ class CollocatedMotion:
         parts = self.states, self.middles, self.controls
         return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
 
+    @property
+    def halves(self) -> tuple[Array, Array, Array]:
+        """Return instants (2 n + 1,), states and controls at the ends and middles, in turn."""
+        controls = np.repeat(self.controls, 2, axis=0)[:-1]
+        controls[1::2] = 0.5 * (self.controls[:-1] + self.controls[1:])
+        states = np.repeat(self.states, 2, axis=0)[:-1]
+        states[1::2] = self.middles
+        return np.linspace(0.0, self.duration, len(states)), states, controls
+
     def cost_by(self, trace: Trace, numbers: Array) -> float:
         """Return J by Simpson's rule."""
-        t, u = np.linspace(0.0, self.duration, self.intervals + 1), self.controls
-        nodes = t, self.states, u
-        middles = 0.5 * (t[:-1] + t[1:]), self.middles, 0.5 * (u[:-1] + u[1:])
-        along = (np.stack([a[:-1], m, a[1:]], axis=1) for a, m in zip(nodes, middles, strict=True))
-        return trace.cost_along(numbers, *along)
+        return trace.cost_through(numbers, *self.halves)
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:
         """

@@ -132,7 +132,8 @@ class Trace:
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)
         self.kept_between = self.of_states | bent(self.margins, values, 'u')
-        self.has_obstacles = bool(bent(self.margins, values, 'x').any())
+        self.obstacles = bent(self.margins, values, 'x')
+        self.has_obstacles = bool(self.obstacles.any())
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
 
     def _flow(

@@ -24,7 +24,6 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FIRST
 
 TRIED = 8  # initial guesses after which there are rollouts, and which solutions must agree
-BOTH_SIDES = 4  # initial guesses, among which are lines bent to either side
 # No further guess once over half of the solutions, so many at least (after TRIED guesses one
 # more), agree in cost within a share; or once so many (then twice as many) are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
@@ -33,6 +32,7 @@ _BEFORE = ('direct', 'line') * (TRIED // 2)
 _FAILED = 'line', 'rollout'
 _AGAIN = 'rollout', 'rollout', 'direct', 'rollout'
 _BENDS = 0.25, 0.5, 1.0, 2.0, 0.1, 0.25, 0.5, 3.0, 5.0  # of lines
+_SCREENED = 32  # lines, past obstacles that motions leap over
 _SMALL = 1e-3  # share of half the range by which controls of a line lie off its middle
 _LEAST_BEND = 0.3  # added to a state's range, of which sines are a share
 _LANES, _STEPS, _ROLLOUTS_KEPT = 128, 160, 12  # rollouts at once; RK4 steps of each; best of them
@@ -60,12 +60,26 @@ class Guesses:
         kinds = _BEFORE if attempt < TRIED else _AGAIN if planned else _FAILED
         return kinds[attempt % len(kinds)]
 
-    def line(self, *, straight: bool) -> CollocatedMotion:
-        """Return a line, bent to either side of what may be in the way unless `straight`."""
+    def line(self, *, straight: bool, screen: bool) -> CollocatedMotion:
+        """
+        Return a line, bent to either side of what may be in the way unless `straight`.
+
+        Of several, where they are to `screen`, the one that leads through obstacles the least.
+        """
         pair, side = divmod(self._lines, 2)
         self._lines += 1
-        bend = 0.0 if straight else (-1.0) ** side * _BENDS[pair % len(_BENDS)]
-        return self.bent(FIRST, bend, np.random.default_rng([self._seed, pair]))
+        rng = np.random.default_rng([self._seed, pair])
+        if straight:
+            return self.bent(FIRST, 0.0, rng)
+        bends = [_BENDS[(pair + k) % len(_BENDS)] for k in range(_SCREENED if screen else 1)]
+        lines = [self.bent(FIRST, (-1.0) ** side * bend, rng) for bend in bends]
+        return min(lines, key=self._blocked)
+
+    def _blocked(self, line: CollocatedMotion) -> float:
+        """Return the sum of what a line violates obstacles by, in units of their largest value."""
+        left = self._plant.limits(*line.halves)[:, self._plant.trace.obstacles]
+        worst = np.maximum(-left.min(axis=0), 0.0)
+        return float((worst / np.abs(left).max(axis=0)).sum())
 
     def bent(self, intervals: int, bend: float, rng: np.random.Generator) -> CollocatedMotion:
         """

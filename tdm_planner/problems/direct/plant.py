@@ -182,6 +182,11 @@ class DirectPlant:
         """Return the rates of states (N, nx) by the trace, NaN where they are no numbers."""
         return Call(self.trace.rates, len(states))(states, controls, self.numbers)[0]
 
+    def limits(self, times: Array, states: Array, controls: Array) -> Array:
+        """Return what is left to the limits at N instants, (N, nm), by the trace."""
+        call = Call(self.trace.margins, len(times))
+        return call(times[:, None], states, controls, self.numbers)[0]
+
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""
         stated = self.stated.derivative(states, controls)

@@ -26,7 +26,6 @@ from tdm_planner.direct_method.collocation import (
     Settings,
     WARM,
 )
-from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.problems.direct.plant import corrected, DirectPlant, END_TOLERANCE
@@ -45,6 +44,10 @@ _COST_AGREES = 1e-3  # share of J's size by which it may differ from that of the
 # leave that share of it, or let it leave the motion so much later.
 _ELSEWHERE, _NEARER, _LATER = 50.0, 0.5, 1.05
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
+# A motion leaps over an obstacle if it violates a limit by more than so many tolerances, and no
+# solution with a reserve leaves less than that share of it.
+_DEEP, _SHALLOWER = 1e3, 0.5
+_BETWEEN = 4  # intervals in one, at whose ends and middles motions are compared with that
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -96,6 +99,8 @@ class Refinement:
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
+        # The least that limits were violated by, by motions that leap over obstacles, (nm,).
+        self._leapt = np.full(len(plant.trace.margin_names), np.inf)
         self.breakdowns = 0  # solutions that ended where a number has no value
 
     def tolerance(self, states: Array) -> Array:
@@ -151,8 +156,9 @@ class Refinement:
 
         Where it is `eased` and one of two limits will do, the kink between them is round at first;
         where it is `patient` Ipopt is given more iterations. A guess on more intervals is solved
-        on as many.
+        on as many; once a motion has leapt over an obstacle all are, and None leap any more.
         """
+        guess = self.spread(guess, COARSE) if self.leapt else guess
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
@@ -160,7 +166,7 @@ class Refinement:
             found = begun and self.solve(
                 guess.intervals, begun, COLD, until, patient=patient, alternatives=share
             )
-        return found
+        return None if found is None or self._leaps(found) else found
 
     def warm(self, plan: Trajectory) -> CollocatedMotion | None:
         """Solve from what is left of an earlier plan; None if that leads nowhere."""
@@ -207,6 +213,7 @@ class Refinement:
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
         before, diverged, unsolved = (np.inf, 0.0), False, False
+        deep = np.inf
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
             more, along = 2 * motion.intervals, flown.departs / motion.intervals
@@ -224,8 +231,15 @@ class Refinement:
             if landed:
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
-                again = self.solve(motion.intervals, motion, reserve=reserve)
+                deep, earlier = -flown.least.min(), deep
+                again = None
+                if deep < max(_DEEP, _SHALLOWER * earlier):
+                    again = self.solve(motion.intervals, motion, reserve=reserve)
                 if again is None:
+                    if deep > _DEEP:
+                        diverged = True
+                        leapt = np.where(flown.least < -_DEEP, -flown.least * flown.unit, np.inf)
+                        self._leapt = np.minimum(self._leapt, leapt)
                     break
             else:
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
@@ -269,9 +283,7 @@ class Refinement:
         flown = self.trace.integrator(*given, self._budget.with_grace())
         nowhere = np.full((times.size, motion.states.shape[1]), np.nan)
         states = nowhere if flown is None else flown.states(times)
-        seen = Call(self.trace.margins, times.size)(
-            times[:, None], states, controls, self._numbers
-        )[0]
+        seen = self._plant.limits(times, states, controls)
         halves = slice(None, None, _CELL // 2)
         along = times[halves], states[halves], controls[halves]
         cost = self.trace.cost_through(self._numbers, *along)
@@ -289,6 +301,16 @@ class Refinement:
         away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)
         departs = int(np.argmax(np.append(away.any(axis=1), True)))
         return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, departs)
+
+    @property
+    def leapt(self) -> bool:
+        """Whether a motion was found to leap over an obstacle: between its nodes it is within."""
+        return bool(np.isfinite(self._leapt).any())
+
+    def _leaps(self, motion: CollocatedMotion) -> bool:
+        """Whether a motion leaps over what others were found to leap over."""
+        least = self._plant.limits(*self.spread(motion, _BETWEEN * motion.intervals).halves)
+        return bool((least.min(axis=0) < -_SHALLOWER * self._leapt).any())
 
     def affords(self, intervals: int, solutions: int = 1) -> bool:
         """Whether there is time for so many solutions on so many intervals, and a check."""

@@ -27,7 +27,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
-from tdm_planner.problems.direct.guesses import BOTH_SIDES, Guesses, suffice, TRIED
+from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
@@ -45,14 +45,14 @@ from tdm_planner.verification import verify
 if TYPE_CHECKING:
     from tdm_planner.problems.direct.problem import DirectProblem
 
-_MOST = 40  # initial guesses
-_HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
+_MOST, _HASTY = 40, 3  # guesses; those of which none is solved before more iterations are allowed
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
-_SETTLED = 1e-3  # of J's size, by which it may be off for want of intervals
+# Of J's size: what it may be off by for want of intervals; what one solution differs by, twice.
+_SETTLED, _SAME = 1e-3, 1e-5
 _LATE = 1.0 / 9.0  # of the time allowed: a first solution after that is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
 _EXCESS, _EXCESS_LEFT = 1.5, 0.5  # times what a check finds: is kept; must be left of it to go on
-_DEAR = 0.25  # of J's size: a replan above the rest of its plan, a plan above its first solution
+_DEAR = 0.25  # of J's size: a replan above the rest of its plan
 _WORTHWHILE = 1e-3  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _REFINEMENTS, _GUESS_ROUNDS = 4, 4  # of one candidate; while no guess leads to a feasible motion
@@ -121,6 +121,8 @@ class DirectSearch(Search[Candidate]):
         """Return True, to end the search, after a warm start that is not much dearer."""
         if plan.cost < self._least:
             self._best, self._least = self._checked, plan.cost
+            # A repair that raises J asks for more intervals.
+            self._coarse |= any(plan.cost > m.cost + _SETTLED * m.size for m in self._tried[-1:])
         return plan.cost <= self._enough
 
     def widen(self) -> bool:
@@ -208,18 +210,17 @@ class DirectSearch(Search[Candidate]):
                 motion = motion if settled and self._best else None
             if motion:
                 solved.append(motion)
-            if tried == TRIED and not until.spent:
-                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
             if until.spent or (solved and self._are_enough(solved, tried)):
                 break
+            if tried == TRIED:
+                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
         yield from self._cheaper(solved)
 
     def _are_enough(self, solved: Sequence[CollocatedMotion], tried: int) -> bool:
-        """Whether no other guess is to be tried; a plan far dearer says that motions leap."""
-        hard, blocked, origin = tried > TRIED, self._trace.has_obstacles, solved[0]
-        leap = self._least > origin.cost + _DEAR * origin.size
-        early = blocked and not hard and (tried < BOTH_SIDES or leap)
-        return self.budget.past(_STARTS_SHARE) or (not early and suffice(solved, hard, blocked))
+        """Whether no other guess is to be tried; past obstacles some lead to either side."""
+        blocked, late = self._trace.has_obstacles, self.budget.past(_STARTS_SHARE)
+        early = blocked and tried < TRIED
+        return late or (not early and suffice(solved, tried > TRIED, blocked))
 
     def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
         """Yield the others on more intervals while they may be cheaper; at last the plan's own."""
@@ -228,7 +229,8 @@ class DirectSearch(Search[Candidate]):
             least = self._least
             if self._best and motion.cost >= max(origin, least) - _WORTHWHILE * motion.size:
                 break
-            if settled := self._settled(motion):
+            same = abs(motion.cost - origin) < _SAME * motion.size
+            if not same and (settled := self._settled(motion)):
                 yield settled
                 origin = motion.cost if self._least < least else origin
         if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
@@ -246,14 +248,13 @@ class DirectSearch(Search[Candidate]):
             minima, self._has_guess = None, False
         guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
-            late = self.budget.past(_STARTS_SHARE)
-            direct = late and minima is not None and bool(minima.in_sight)  # takes its time, too
-            if (attempt >= TRIED and late) or (direct and not self._found):
+            direct = minima is not None and minima.in_sight and not self._found  # takes its time
+            if self.budget.past(_STARTS_SHARE) and (direct or (self._best and attempt >= TRIED)):
                 break
             kind = guesses.kind(attempt, self._best is not None)
             if kind != 'direct' or minima is None:
                 rollout = guesses.rollout() if kind == 'rollout' else None
-                yield rollout or guesses.line(straight=attempt == 0)
+                yield rollout or guesses.line(straight=attempt == 0, screen=self._refinement.leapt)
             elif (minimum := minima.minimise_roughly(attempt)) is not None:
                 minima.note_miss(minimum)
                 yield from minima.collocated(minimum.point.xi)
@@ -283,8 +284,7 @@ class DirectSearch(Search[Candidate]):
 
     def _direct(self) -> Iterator[Minimum[Transcription]]:
         """Minimise from a round of initial guesses while there is time."""
-        minima, found = self._minima, False
-        self._rounds += 1
+        minima, found, self._rounds = self._minima, False, self._rounds + 1
         most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds
         until = self.budget.part(min(most, self._until_check.remaining))
         earlier = None if self._previous is None else self._previous.parameters

@@ -189,7 +189,8 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             at = int(np.argmax(apart))
             places = np.linspace(places[at], places[at + 1], _LOOKS)
             apart = np.abs(np.diff(cost(function, places)))
-            if not apart.max() > 0.5 * jumps.max():  # what is only steep flattens out
+            # What is only steep flattens out, at a pole it grows.
+            if not 0.5 * jumps.max() < apart.max() < 2.0 * jumps.max():
                 break
         else:
             jump = apart.max()

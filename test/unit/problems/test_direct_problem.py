@@ -362,7 +362,7 @@ def test_a_stiff_state_does_not_spoil_the_initial_guess(rate):
 
 def test_both_sides_of_an_obstacle_are_tried_before_solutions_agree(monkeypatch):
     tried = noted(monkeypatch, Refinement, 'solve')
-    for problem, count in ((RoundTheObstacle(), 4), (Cart(solver=LONG), 2)):
+    for problem, count in ((RoundTheObstacle(), 8), (Cart(solver=LONG), 2)):
         tried.reset_mock()
         assert problem.solve(deadline=60.0).verification.ok
         assert [call.args[1] for call in tried.call_args_list].count(12) == count

@@ -70,7 +70,7 @@ def test_a_gap_in_a_wall_is_found_from_the_straight_line(wall, half, gap, width,
     problem = changed(WINDOW, wall=wall, half=half, gap=gap, width=width)()
     budget = Budget(60.0)
     refinement = Refinement(plant := DirectPlant(problem), budget)
-    line = Guesses(plant, refinement.ends, budget, 0).line(straight=True)
+    line = Guesses(plant, refinement.ends, budget, 0).line(straight=True, screen=False)
     eased = refinement.from_guess(line, budget, eased=True, patient=False)
     assert eased is not None
     finer = refinement.finer(eased, COARSE)

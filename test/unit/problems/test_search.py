@@ -1,0 +1,111 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How far the search for a plan of a stated problem goes, on problems known from elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stated import Cart, changed, noted, Quickest
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.exceptions import Infeasible
+from tdm_planner.problems.direct.guesses import Guesses
+from tdm_planner.problems.direct.minima import DirectMinima
+from tdm_planner.problems.direct.refinement import Refinement
+
+GRAVITY = 9.81  # [m/s^2]
+
+
+def rayleigh(start, time, share):
+    """State Rayleigh's problem with a limit on state and control; see Betts, 2010."""
+    return changed(
+        Cart,
+        states={'x': '1', 'v': '1/s'},
+        controls={'u': '1'},
+        outputs=lambda s: {'x': Output(start=start, free=8, scale=5.0)},
+        duration=lambda s: Duration(time, fixed=True),
+        invert=lambda s, y, z: (
+            y['x'][:2],
+            ((y['x'][2] + y['x'][0] - y['x'][1] * (1.4 - 0.14 * y['x'][1] ** 2)) / 4.0,),
+        ),
+        derivative=lambda s, x, u: (
+            x[1],
+            -x[0] + x[1] * (1.4 - 0.14 * x[1] ** 2) + 4.0 * u[0],
+        ),
+        margins=lambda s, t, x, u: {'mixed': -(u[0] + share * x[0])},
+        running_cost=lambda s, t, x, u: u[0] ** 2 + x[0] ** 2,
+    )()
+
+
+# The second by the author of these tests, by Hermite and Simpson on 120 intervals.
+@pytest.mark.parametrize(
+    ('start', 'time', 'share', 'best'),
+    [((-5.0, -5.0), 4.5, 1 / 6, 44.804), ((-3.2957, -4.2758), 5.1382, 0.14979, 28.381)],
+)
+def test_a_repair_that_raises_the_cost_asks_for_more_intervals(start, time, share, best):
+    """On few intervals errors may cancel; a reserve at a limit then costs what they hid."""
+    plan = rayleigh(start, time, share).solve(counted=True)
+    assert plan.cost == pytest.approx(best, rel=1e-3)
+
+
+def test_an_unstable_robot_is_planned_for_over_many_of_its_time_constants():
+    """
+    A balancing robot drives 3.6 m: what its replay is off by at first grows by e^28.
+
+    That is within the goal's tolerance by rounding, but not by steps with errors of 1e-11.
+    """
+    length = 0.12  # [m]: pitch'' = (g pitch - x'') / length
+    robot = changed(
+        Quickest,
+        states={'x': 'm', 'v': 'm/s', 'pitch': 'rad', 'rate': 'rad/s'},
+        controls={'a': 'm/s^2'},
+        outputs=lambda s: {'pitch': Output((0.0, 0.0), (0.0, 0.0), free=10, scale=0.3)},
+        integrated=lambda s: {'x': Integrated(0.0, 3.6, 2.0), 'v': Integrated(0.0, 0.0)},
+        invert=lambda s, y, z: (
+            (z['x'], z['v'], *y['pitch'][:2]),
+            (GRAVITY * y['pitch'][0] - length * y['pitch'][2],),
+        ),
+        derivative=lambda s, x, u: (x[1], u[0], x[3], (GRAVITY * x[2] - u[0]) / length),
+        control_limits=lambda s: {'a': (-4.0, 4.0)},
+        margins=lambda s, t, x, u: {
+            'lean': 1.0 - (x[2] / 0.3) ** 2,
+            'speed': 1.0 - (x[1] / 1.5) ** 2,
+        },
+    )
+    plan = robot().solve(3.0, counted=True)
+    assert plan.duration == pytest.approx(3.146, rel=1e-3)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_pole_of_the_cost_is_no_jump(seed):
+    """The pace over a way has one where the speed is 0: changes of the guess cross it."""
+    lap = changed(
+        Cart,
+        states={'v': 'm/s'},
+        controls={'a': 'm/s^2'},
+        outputs=lambda s: {'v': Output((5.0,), free=8, derivatives=1, scale=10.0)},
+        duration=lambda s: Duration(100.0, fixed=True),
+        invert=lambda s, y, z: ((y['v'][0],), (y['v'][0] * y['v'][1],)),
+        derivative=lambda s, x, u: (u[0] / x[0],),
+        control_limits=lambda s: {'a': (-5.0, 5.0)},
+        margins=lambda s, t, x, u: {'speed': x[0] - 1.0},
+        running_cost=lambda s, t, x, u: 1.0 / x[0],
+    )
+    plan = lap().solve(counted=True, seed=seed)
+    assert plan.cost == pytest.approx((np.sqrt(25.0 + 1000.0) - 5.0) / 5.0, rel=1e-3)
+
+
+def test_rollouts_are_tried_where_nothing_else_leads_anywhere(monkeypatch):
+    """However long the first guesses took; the direct method is for what is in sight."""
+
+    def in_vain(self, guess, until, **how):
+        self._budget.evaluations += 250  # of 3000
+
+    monkeypatch.setattr(Refinement, 'from_guess', in_vain)
+    monkeypatch.setattr(DirectMinima, 'minimise_roughly', lambda *given: None)
+    monkeypatch.setattr(DirectMinima, 'minimise_fully', lambda *given: None)
+    rollouts = noted(monkeypatch, Guesses, 'rollout')
+    with pytest.raises(Infeasible):
+        Cart().solve(3.0, counted=True)
+    assert rollouts.call_count > 0
