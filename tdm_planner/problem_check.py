@@ -76,10 +76,12 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             console.print(f'{function.name()}: {count} beside these')
     table = Table('limit', 'margin at the start', 'at the end')
     for name, values in limits.items():
-        known = ['depends on free values' if v is None else f'{v:.4g}' for v in values]
-        table.add_row(name, *known)
-    if limits:
+        if values != (None, None):
+            table.add_row(name, *('not fixed' if v is None else f'{v:.4g}' for v in values))
+    if table.row_count:
         console.print(table)
+    if free := [name for name, values in limits.items() if values == (None, None)]:
+        console.print(f'limits whose margin is fixed at neither end: {"; ".join(free)}')
     for doubt in misspelt(type(problem)).values():
         console.print(f'[bold red]{doubt}')
     if program.trace.fixed:
@@ -112,9 +114,10 @@ def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> 
     table = Table('state', 'rate by invert', 'rate by derivative', '')
     states, reasons = program.formulation.state_names, []
     for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
-        verdict = '[bold red]differ' if wrong else 'agree'
-        verdict = 'integrated: not compared' if state in program.integrated else verdict
-        table.add_row(state, f'{inverse:.6g}', f'{rate:.6g}', verdict)
+        compared = f'{inverse:.6g}', '[bold red]differ' if wrong else 'agree'
+        if state in program.integrated:
+            compared = '-', 'integrated: not compared'
+        table.add_row(state, compared[0], f'{rate:.6g}', compared[1])
         if wrong:
             reasons.append(
                 f"derivative gives the rate of '{state}' = {rate:.6g}, the states of invert "

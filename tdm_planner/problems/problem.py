@@ -266,7 +266,10 @@ class Problem(ABC):
     def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence."""
         worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
-        closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
+        closest = ''
+        if worst is not None:
+            beyond = ', which is allowed' if worst[1] < 0.0 else ''
+            closest = f', closest limit {worst[0]} (margin {worst[1]:.2g}{beyond})'
         return f'J = {plan.cost:.6g}, {plan.duration:.4g} s{closest}'
 
     def solve(

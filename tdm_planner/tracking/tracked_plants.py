@@ -64,8 +64,8 @@ def with_parameters_of(
     for item in added:
         if item.name in own:
             raise InvalidProblem(
-                f"parameter '{item.name}' of {problem.__name__} is one of the node's own: name it "
-                'otherwise'
+                f"parameter '{item.name}' of {problem.__name__} is one of the nodes' own: rename "
+                'it, to run tracker and simulated plant'
             )
     hints = get_type_hints(problem)
     declared = [(item.name, hints[item.name], copy(item)) for item in added]

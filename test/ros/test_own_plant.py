@@ -326,7 +326,7 @@ class Kind(Rail):
          'such as my_module:MyProblem (did you mean pendulum_swing_up or pendulum?)'),
         ('tracker', 'crane', "'kind' = 'crane' is not allowed: must be one of pendulum"),
         ('tracker', '3', "'kind' = 3 is not allowed: must be a string"),
-        ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),
+        ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the nodes' own"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_planned_simulated_or_tracked_ends_the_node(ros, node, problem, says):

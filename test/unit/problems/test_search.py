@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stated import Cart, changed, noted, Quickest
@@ -109,3 +111,10 @@ def test_rollouts_are_tried_where_nothing_else_leads_anywhere(monkeypatch):
     with pytest.raises(Infeasible):
         Cart().solve(3.0, counted=True)
     assert rollouts.call_count > 0
+
+
+def test_the_summary_tells_that_what_is_beyond_a_limit_is_allowed():
+    plan = Cart().solve()
+    close = replace(plan.verification, worst={'force': -1e-6, 'speed': 1.0})
+    told = Cart().describe(replace(plan, verification=close))
+    assert told.endswith('closest limit force (margin -1e-06, which is allowed)')
