@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 from tdm_planner.arrays import Array, largest_of_unit
-from tdm_planner.exceptions import NotFinite
+from tdm_planner.exceptions import NotFinite, VerificationFailed
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
@@ -56,6 +56,8 @@ class TimedPlan:
 
     `earlier_cost` is that of the plan for the whole way, where this one was made on it; its own
     by default. `request_parameters` are those given for this plan alone, by name.
+
+    Raise VerificationFailed where a user's problem returns a plan that did not pass its check.
     """
 
     problem: Problem
@@ -63,6 +65,12 @@ class TimedPlan:
     start: float
     earlier_cost: float | None = None
     request_parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that it is verified: what is published is made of this."""
+        if not self.solution.verification.ok:
+            why = '; '.join(self.solution.verification.reasons) or 'it gives no reasons'
+            raise VerificationFailed(f'the plan is not verified: {why}')
 
     @property
     def whole_cost(self) -> float:

@@ -125,7 +125,7 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
     it.now.return_value, it.plans = 0.0, PublishedPlans()
     replanning = Replanning(it, it, it, it, it.publish)
     kind = type('Kind', (), {'from_parameters': dict, 'to_parameters': lambda _: {'wide': 1.0}})
-    plan = partial(TimedPlan, kind(), 'solution')
+    plan = partial(TimedPlan, kind(), Mock())
     it.plans.add(plan(0.0, request_parameters={'wide': 2.0}))
     it.of_all.return_value = {}
     replanning._on_timer()

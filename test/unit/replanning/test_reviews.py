@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from stated import noted
+from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
@@ -210,3 +211,13 @@ def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(plan, m
     made, at = reviewer(plan), plan.start + 0.1
     review = made.review(plan.problem, measured(plan, at), at)
     assert (review.plan, review.reason) == (None, 'the active plan does')  # nothing is solved
+
+
+def test_a_plan_that_did_not_pass_its_check_takes_nothing_over(plan, monkeypatch):
+    """As of a user's problem that solves itself; reviews publish, too."""
+    unproven = replace(plan.solution.verification, ok=False, reasons=('it hits the wall',))
+    solved = replace(plan.solution, verification=unproven)
+    monkeypatch.setattr(Cart, 'solve', lambda *_, **__: solved)
+    at = plan.start + 0.1
+    with pytest.raises(VerificationFailed, match='it hits the wall'):
+        reviewer(plan).review(replace(CART, limit=2.0), measured(plan, at), at)
