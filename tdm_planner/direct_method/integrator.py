@@ -25,7 +25,7 @@ from tdm_planner.trajectory import ReplayedMotion
 
 # Relative and absolute, of a step. Errors of an unstable plant grow by 1e10 and more; most steps
 # are as long as the pieces of the controls all the same.
-_TOLERANCES = 1e-13, 1e-14
+_TOLERANCES = 1e-12, 1e-14
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 LEAST_STEP = 1e-12  # share of a piece; where it would take less it cannot go on

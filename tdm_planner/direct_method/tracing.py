@@ -132,8 +132,7 @@ class Trace:
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)
         self.kept_between = self.of_states | bent(self.margins, values, 'u')
-        self.obstacles = bent(self.margins, values, 'x')
-        self.has_obstacles = bool(self.obstacles.any())
+        self.obstacles = bent(self.margins, values, 'x')  # mask of limits (nm,)
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
 
     def _flow(

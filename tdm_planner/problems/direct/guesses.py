@@ -64,7 +64,7 @@ class Guesses:
         """
         Return a line, bent to either side of what may be in the way unless `straight`.
 
-        Of several, where they are to `screen`, the one that leads through obstacles the least.
+        With `screen` it is, of several, the one that leads through obstacles the least.
         """
         pair, side = divmod(self._lines, 2)
         self._lines += 1
@@ -72,8 +72,8 @@ class Guesses:
         if straight:
             return self.bent(FIRST, 0.0, rng)
         bends = [_BENDS[(pair + k) % len(_BENDS)] for k in range(_SCREENED if screen else 1)]
-        lines = [self.bent(FIRST, (-1.0) ** side * bend, rng) for bend in bends]
-        return min(lines, key=self._blocked)
+        lines = (self.bent(FIRST, (-1.0) ** side * bend, rng) for bend in bends)
+        return min(lines, key=self._blocked) if screen else next(lines)
 
     def _blocked(self, line: CollocatedMotion) -> float:
         """Return the sum of what a line violates obstacles by, in units of their largest value."""
@@ -198,13 +198,16 @@ class Guesses:
         return np.asarray(away)
 
 
-def suffice(solved: Sequence[CollocatedMotion], hard: bool, obstacles: bool) -> bool:
+def suffice(solved: Sequence[CollocatedMotion], tried: int, obstacles: bool) -> bool:
     """
-    Whether most of the solutions are alike in cost, or they are enough; more where `hard`.
+    Whether solutions from so many guesses `tried` do: most are alike in cost, or they are enough.
 
-    Past `obstacles` there are several ways: one more must be alike, but not most of them.
+    After `TRIED` guesses more must be. Past `obstacles` those are all tried, as lines lead to
+    either side, and one more must be alike, but not most of them.
     """
-    best = min(solved, key=lambda found: found.cost)
+    if obstacles and tried < TRIED:
+        return False
+    hard, best = tried > TRIED, min(solved, key=lambda found: found.cost)
     again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
     alike = again >= _AGREED + hard + obstacles and (obstacles or 2 * again > len(solved))
     return alike or len(solved) >= _ENOUGH * (1 + hard)

@@ -6,7 +6,8 @@ The refinement of a motion until its replay confirms it: the part of the search 
 
 A solution on few intervals is solved again on more; it is replayed and repaired: by a correction
 where it ends beside the goal, by a reserve at a limit that the replay violates, or by more
-intervals.
+intervals. A motion that leaps over an obstacle between two nodes cannot be repaired: those that
+leap over the same are recognised by how deep they are within it.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _CHECK_SHARE = 0.2  # of the time allowed, for the check
 # A motion leaps over an obstacle if it violates a limit by more than so many tolerances, and no
 # solution with a reserve leaves less than that share of it.
 _DEEP, _SHALLOWER = 1e3, 0.5
-_BETWEEN = 4  # intervals in one, at whose ends and middles motions are compared with that
+_BETWEEN = 4  # parts of an interval, at whose ends and middles it is looked at for that
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -60,7 +61,7 @@ class Repaired(NamedTuple):
     A motion whose cost is that of its replay, and the replayed `states` (n + 1, nx) at its nodes.
 
     `reserve` (nm,) is kept of the limits beside what is stated. The replay has `diverged` where it
-    goes elsewhere, and more intervals would not help.
+    goes elsewhere, or the motion leaps over an obstacle, and more intervals would not help.
     """
 
     motion: CollocatedMotion
@@ -156,7 +157,8 @@ class Refinement:
 
         Where it is `eased` and one of two limits will do, the kink between them is round at first;
         where it is `patient` Ipopt is given more iterations. A guess on more intervals is solved
-        on as many; once a motion has leapt over an obstacle all are, and None leap any more.
+        on as many. Once a motion was found to leap over an obstacle every guess is solved on more
+        intervals, and what leaps over the same obstacle is no solution.
         """
         guess = self.spread(guess, COARSE) if self.leapt else guess
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
@@ -212,8 +214,7 @@ class Refinement:
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
-        before, diverged, unsolved = (np.inf, 0.0), False, False
-        deep = np.inf
+        before, diverged, unsolved, deep = (np.inf, 0.0), False, False, np.inf
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
             more, along = 2 * motion.intervals, flown.departs / motion.intervals
@@ -231,15 +232,15 @@ class Refinement:
             if landed:
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
-                deep, earlier = -flown.least.min(), deep
+                deep, earlier = -flown.least[self.trace.obstacles].min(initial=0.0), deep
                 again = None
                 if deep < max(_DEEP, _SHALLOWER * earlier):
                     again = self.solve(motion.intervals, motion, reserve=reserve)
                 if again is None:
-                    if deep > _DEEP:
-                        diverged = True
-                        leapt = np.where(flown.least < -_DEEP, -flown.least * flown.unit, np.inf)
-                        self._leapt = np.minimum(self._leapt, leapt)
+                    diverged |= deep > _DEEP
+                    over = (flown.least < -_DEEP) & self.trace.obstacles
+                    depths = np.where(over, -flown.least * flown.unit, np.inf)
+                    self._leapt = np.minimum(self._leapt, depths)
                     break
             else:
                 guess, half = self.spread(motion, more), 0.5 * self._budget.remaining
@@ -304,11 +305,13 @@ class Refinement:
 
     @property
     def leapt(self) -> bool:
-        """Whether a motion was found to leap over an obstacle: between its nodes it is within."""
+        """Whether a motion was found to leap over an obstacle."""
         return bool(np.isfinite(self._leapt).any())
 
     def _leaps(self, motion: CollocatedMotion) -> bool:
-        """Whether a motion leaps over what others were found to leap over."""
+        """Whether a motion leaps over an obstacle that others were found to leap over."""
+        if not self.leapt:
+            return False
         least = self._plant.limits(*self.spread(motion, _BETWEEN * motion.intervals).halves)
         return bool((least.min(axis=0) < -_SHALLOWER * self._leapt).any())
 

@@ -45,7 +45,8 @@ from tdm_planner.verification import verify
 if TYPE_CHECKING:
     from tdm_planner.problems.direct.problem import DirectProblem
 
-_MOST, _HASTY = 40, 3  # guesses; those of which none is solved before more iterations are allowed
+_MOST = 40  # initial guesses
+_HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 # Of J's size: what it may be off by for want of intervals; what one solution differs by, twice.
 _SETTLED, _SAME = 1e-3, 1e-5
@@ -93,6 +94,7 @@ class DirectSearch(Search[Candidate]):
         self._tried = list[CollocatedMotion]()  # those that were checked
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
+        self._origin = np.inf  # and J before it was repaired
 
     def candidates(self) -> Iterator[Candidate]:
         """
@@ -121,8 +123,7 @@ class DirectSearch(Search[Candidate]):
         """Return True, to end the search, after a warm start that is not much dearer."""
         if plan.cost < self._least:
             self._best, self._least = self._checked, plan.cost
-            # A repair that raises J asks for more intervals.
-            self._coarse |= any(plan.cost > m.cost + _SETTLED * m.size for m in self._tried[-1:])
+            self._origin = self._tried[-1].cost if self._tried else np.inf
         return plan.cost <= self._enough
 
     def widen(self) -> bool:
@@ -210,32 +211,30 @@ class DirectSearch(Search[Candidate]):
                 motion = motion if settled and self._best else None
             if motion:
                 solved.append(motion)
-            if until.spent or (solved and self._are_enough(solved, tried)):
+            late, blocked = self.budget.past(_STARTS_SHARE), bool(self._trace.obstacles.any())
+            if until.spent or (solved and (late or suffice(solved, tried, blocked))):
                 break
             if tried == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
         yield from self._cheaper(solved)
 
-    def _are_enough(self, solved: Sequence[CollocatedMotion], tried: int) -> bool:
-        """Whether no other guess is to be tried; past obstacles some lead to either side."""
-        blocked, late = self._trace.has_obstacles, self.budget.past(_STARTS_SHARE)
-        early = blocked and tried < TRIED
-        return late or (not early and suffice(solved, tried > TRIED, blocked))
-
     def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
         """Yield the others on more intervals while they may be cheaper; at last the plan's own."""
         origin = solved[0].cost if solved else np.inf  # J of what the best plan is made of
+        last = np.inf
         for motion in sorted(solved[1:], key=lambda found: found.cost):
             least = self._least
             if self._best and motion.cost >= max(origin, least) - _WORTHWHILE * motion.size:
                 break
-            same = abs(motion.cost - origin) < _SAME * motion.size
+            same = any(abs(motion.cost - cost) < _SAME * motion.size for cost in (origin, last))
+            last = motion.cost
             if not same and (settled := self._settled(motion)):
                 yield settled
                 origin = motion.cost if self._least < least else origin
-        if self._coarse and isinstance(self._best, CollocatedMotion):  # there may be time
-            self._coarse = False
-            if finer := self._settled(self._best, FINEST):
+        best, raised = self._best, self._least - self._origin  # by repairs
+        if isinstance(best, CollocatedMotion) and (self._coarse or raised > _SETTLED * best.size):
+            self._coarse = False  # there may be time
+            if finer := self._settled(best, FINEST):
                 yield finer
 
     def _guesses(self) -> Iterator[CollocatedMotion]:
@@ -248,8 +247,8 @@ class DirectSearch(Search[Candidate]):
             minima, self._has_guess = None, False
         guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
-            direct = minima is not None and minima.in_sight and not self._found  # takes its time
-            if self.budget.past(_STARTS_SHARE) and (direct or (self._best and attempt >= TRIED)):
+            in_sight = minima is not None and bool(minima.in_sight)  # that takes its time, too
+            if self.budget.past(_STARTS_SHARE) and (attempt >= TRIED if self._best else in_sight):
                 break
             kind = guesses.kind(attempt, self._best is not None)
             if kind != 'direct' or minima is None:
@@ -284,7 +283,8 @@ class DirectSearch(Search[Candidate]):
 
     def _direct(self) -> Iterator[Minimum[Transcription]]:
         """Minimise from a round of initial guesses while there is time."""
-        minima, found, self._rounds = self._minima, False, self._rounds + 1
+        minima, found = self._minima, False
+        self._rounds += 1
         most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds
         until = self.budget.part(min(most, self._until_check.remaining))
         earlier = None if self._previous is None else self._previous.parameters

@@ -11,44 +11,37 @@ import numpy as np
 import pytest
 from stated import Cart, changed, noted, Quickest
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems.direct.guesses import Guesses
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.refinement import Refinement
+from tdm_planner.problems.direct.search import DirectSearch
 
 GRAVITY = 9.81  # [m/s^2]
 
 
-def rayleigh(start, time, share):
-    """State Rayleigh's problem with a limit on state and control; see Betts, 2010."""
-    return changed(
-        Cart,
-        states={'x': '1', 'v': '1/s'},
-        controls={'u': '1'},
-        outputs=lambda s: {'x': Output(start=start, free=8, scale=5.0)},
-        duration=lambda s: Duration(time, fixed=True),
-        invert=lambda s, y, z: (
-            y['x'][:2],
-            ((y['x'][2] + y['x'][0] - y['x'][1] * (1.4 - 0.14 * y['x'][1] ** 2)) / 4.0,),
-        ),
-        derivative=lambda s, x, u: (
-            x[1],
-            -x[0] + x[1] * (1.4 - 0.14 * x[1] ** 2) + 4.0 * u[0],
-        ),
-        margins=lambda s, t, x, u: {'mixed': -(u[0] + share * x[0])},
-        running_cost=lambda s, t, x, u: u[0] ** 2 + x[0] ** 2,
-    )()
-
-
-# The second by the author of these tests, by Hermite and Simpson on 120 intervals.
-@pytest.mark.parametrize(
-    ('start', 'time', 'share', 'best'),
-    [((-5.0, -5.0), 4.5, 1 / 6, 44.804), ((-3.2957, -4.2758), 5.1382, 0.14979, 28.381)],
+# Rayleigh's problem with a limit on state and control (Betts, 2010), with other numbers: 28.381 by
+# Hermite and Simpson on 120 intervals.
+RAYLEIGH = changed(
+    Cart,
+    states={'x': '1', 'v': '1/s'},
+    controls={'u': '1'},
+    outputs=lambda s: {'x': Output(start=(-3.2957, -4.2758), free=8, scale=5.0)},
+    duration=lambda s: Duration(5.1382, fixed=True),
+    invert=lambda s, y, z: (
+        y['x'][:2],
+        ((y['x'][2] + y['x'][0] - y['x'][1] * (1.4 - 0.14 * y['x'][1] ** 2)) / 4.0,),
+    ),
+    derivative=lambda s, x, u: (x[1], -x[0] + x[1] * (1.4 - 0.14 * x[1] ** 2) + 4.0 * u[0]),
+    margins=lambda s, t, x, u: {'mixed': -(u[0] + 0.14979 * x[0])},
+    running_cost=lambda s, t, x, u: u[0] ** 2 + x[0] ** 2,
 )
-def test_a_repair_that_raises_the_cost_asks_for_more_intervals(start, time, share, best):
+
+
+def test_a_repair_that_raises_the_cost_asks_for_more_intervals():
     """On few intervals errors may cancel; a reserve at a limit then costs what they hid."""
-    plan = rayleigh(start, time, share).solve(counted=True)
-    assert plan.cost == pytest.approx(best, rel=1e-3)
+    assert RAYLEIGH().solve(counted=True).cost == pytest.approx(28.381, rel=1e-3)
 
 
 def test_an_unstable_robot_is_planned_for_over_many_of_its_time_constants():
@@ -111,6 +104,22 @@ def test_rollouts_are_tried_where_nothing_else_leads_anywhere(monkeypatch):
     with pytest.raises(Infeasible):
         Cart().solve(3.0, counted=True)
     assert rollouts.call_count > 0
+
+
+def test_what_the_direct_method_has_in_sight_is_given_time_where_no_check_passes(monkeypatch):
+    """However many motions are solved by collocation."""
+    solve, plans = Refinement.from_guess, DirectSearch.plans
+
+    def slowly(self, *given, **how):
+        self._budget.evaluations += 250  # of 3000
+        return solve(self, *given, **how)
+
+    def unconfirmed(self, candidate):
+        return plans(self, candidate) if isinstance(candidate, Minimum) else iter(())
+
+    monkeypatch.setattr(Refinement, 'from_guess', slowly)
+    monkeypatch.setattr(DirectSearch, 'plans', unconfirmed)
+    assert 'not refined by collocation' in Cart().solve(3.0, counted=True).summary
 
 
 def test_the_summary_tells_that_what_is_beyond_a_limit_is_allowed():

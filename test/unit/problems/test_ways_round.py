@@ -123,7 +123,7 @@ def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> Non
     limits = ca.vertcat(ca.fmax(sides[0], sides[1]), ca.fmin(-sides[0], -sides[1]), 2.0 - x[0])
     margins = ca.Function('margins', [t, x, u, p], [limits])
     assert bent(margins, np.zeros(0), 'x').tolist() == [True, False, False]
-    assert Trace.of(CheckedFormulation(WINDOW())).has_obstacles
+    assert Trace.of(CheckedFormulation(WINDOW())).obstacles.any()
 
 
 def test_only_kinks_between_two_limits_are_eased() -> None:
