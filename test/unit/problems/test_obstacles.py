@@ -30,19 +30,25 @@ def from_to(first, last):
     return Output(start=(first, 0.0), end=(last, 0.0), free=5)
 
 
+# Two coordinates and their rates, accelerated by the controls.
+ACCELERATED = {
+    'invert': lambda s, y, z: (
+        tuple(jet[order] for order in (0, 1) for jet in y.values()),
+        tuple(jet[2] for jet in y.values()),
+    ),
+    'derivative': lambda s, x, u: (*x[2:], *u),
+}
+
+
 ARM = changed(
     Quickest,
     __doc__='Two links of 1 m that turn by 2 rad, past a disc; their joints accelerate.',
     states={'q1': 'rad', 'q2': 'rad', 'w1': 'rad/s', 'w2': 'rad/s'},
     controls={'a1': 'rad/s^2', 'a2': 'rad/s^2'},
     outputs=lambda s: {'q1': from_to(0.0, 2.0), 'q2': from_to(0.3, 0.3)},
-    invert=lambda s, y, z: (
-        (y['q1'][0], y['q2'][0], y['q1'][1], y['q2'][1]),
-        (y['q1'][2], y['q2'][2]),
-    ),
-    derivative=lambda s, x, u: (*x[2:], *u),
     control_limits=lambda s: {'a1': (-3.0, 3.0), 'a2': (-4.0, 4.0)},
     margins=beside_the_disc,
+    **ACCELERATED,
     **{'angle': 1.73, 'away': 1.63, 'radius': 0.3},  # [rad], [m]
 )
 DISCS = (
@@ -58,17 +64,13 @@ FIELD = changed(
     states={'x': 'm', 'y': 'm', 'vx': 'm/s', 'vy': 'm/s'},
     controls={'ax': 'm/s^2', 'ay': 'm/s^2'},
     outputs=lambda s: {'x': from_to(0.0, 10.0), 'y': from_to(0.0, 0.0)},
-    invert=lambda s, y, z: (
-        (y['x'][0], y['y'][0], y['x'][1], y['y'][1]),
-        (y['x'][2], y['y'][2]),
-    ),
-    derivative=lambda s, x, u: (*x[2:], *u),
     control_limits=lambda s: {'ax': (-1.0, 1.0), 'ay': (-1.0, 1.0)},
     margins=lambda s, t, x, u: {
         **{f'{a} m': (x[0] - a) ** 2 + (x[1] - b) ** 2 - r**2 for a, b, r in DISCS},
         'speed': 4.0 - x[2] ** 2 - x[3] ** 2,
     },
     guess=8.0,
+    **ACCELERATED,
 )
 
 
