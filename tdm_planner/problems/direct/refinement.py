@@ -157,10 +157,8 @@ class Refinement:
 
         Where it is `eased` and one of two limits will do, the kink between them is round at first;
         where it is `patient` Ipopt is given more iterations. A guess on more intervals is solved
-        on as many. Once a motion was found to leap over an obstacle every guess is solved on more
-        intervals, and what leaps over the same obstacle is no solution.
+        on as many. What leaps over an obstacle that others leapt over is no solution.
         """
-        guess = self.spread(guess, COARSE) if self.leapt else guess
         eased &= Collocation.of(self.trace, FIRST, COLD).has_alternatives
         found: CollocatedMotion | None = guess
         for share in _ALTERNATIVES if eased else (LIMITS_ROUNDING,):
@@ -233,9 +231,8 @@ class Refinement:
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
                 deep, earlier = -flown.least[self.trace.obstacles].min(initial=0.0), deep
-                again = None
-                if deep < max(_DEEP, _SHALLOWER * earlier):
-                    again = self.solve(motion.intervals, motion, reserve=reserve)
+                hopeless = deep >= max(_DEEP, _SHALLOWER * earlier)
+                again = None if hopeless else self.solve(motion.intervals, motion, reserve=reserve)
                 if again is None:
                     diverged |= deep > _DEEP
                     over = (flown.least < -_DEEP) & self.trace.obstacles

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _MOST = 40  # initial guesses
 _HASTY = 3  # guesses, of which none is solved, before more iterations are allowed
 _STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
-# Of J's size: what it may be off by for want of intervals; what one solution differs by, twice.
+# Of J's size: what it may be off by for want of intervals; what equal solutions differ by.
 _SETTLED, _SAME = 1e-3, 1e-5
 _LATE = 1.0 / 9.0  # of the time allowed: a first solution after that is checked at once
 _SOLUTIONS = 3  # on so many intervals that there is to be time for: two of them repairs
@@ -201,7 +201,7 @@ class DirectSearch(Search[Candidate]):
         for tried, guess in enumerate(self._guesses(), 1):
             eased = tried % 2 == 1  # kinks show the way more often, and more often the same
             patient, hard = tried > _HASTY and not solved, tried > TRIED
-            if hard and self._best:  # the first intervals may rank motions wrongly
+            if (hard and self._best) or self._refinement.leapt:  # first intervals may mislead
                 guess = self._refinement.spread(guess, COARSE)
             motion = self._refinement.from_guess(guess, until, eased=eased, patient=patient)
             if motion and not solved:  # a plan to fall back on, and mostly the plan

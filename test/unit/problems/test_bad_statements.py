@@ -218,7 +218,8 @@ def test_the_check_tells_names_that_are_misspelt_or_taken_and_counts_conditions(
     for name in ('rate', 'mismatch'):
         own = {name: parameter(1.0, 'taken'), '__annotations__': {name: float}}
         (reason,) = check_problem(dataclass(frozen=True)(type('Taken', (Cart,), own))())
-        assert reason.startswith(f"parameter '{name}' of Taken is one of the nodes' own: rename")
+        told = f"parameter '{name}' of Taken is one of the nodes' own: rename it, to run "
+        assert reason == told + 'tracker and simulated plant'
 
 
 class Forgotten(Cart):
