@@ -37,6 +37,7 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
+from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
 from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
 from tdm_planner.tracking.stated_tracking import (
@@ -262,7 +263,7 @@ class StatedView(PlantView):
 
     def _flown(self, plan: Trajectory) -> _Flown:
         if plan not in self._known:
-            law = StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan)
+            law = finished(StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan))
             plant = DirectPlant(self.problem)
             half = 0.5 * np.diff(plant.control_range, axis=0)[0]
             controls = np.where(np.isfinite(half), half, np.abs(plan.controls).max(axis=0))

@@ -34,7 +34,7 @@ from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
+from tdm_planner.tracking.motion import Action, Command, Phase, Steps, TrajectoryRejected
 from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_planner.tracking.tracker import BREAKDOWN, TrajectoryTracker
 from tdm_planner.trajectory import NANOSECOND
@@ -72,10 +72,9 @@ class TrackerNode(ManagedNode):
         self.warn_of_unknown_overrides()
         self._time = MotionClock(self, self._on_clock_step)
         self._accepted = self._rejected = self._states_ignored = 0
-        self._preparation = self._deviation = self._delay = 0.0
+        self._deviation = self._delay = 0.0
         self._asked_at = -np.inf  # or answered
         self._answer: Future | None = None
-        self._intake = PlanIntake(self._time, self._look_at)
         self.bring_up()
 
     # Lifecycle.
@@ -88,6 +87,7 @@ class TrackerNode(ManagedNode):
         parameters = self.tracker.parameters
         self._planner = self.create_client(Trigger, parameters.planner_service)
         self._status = TrackerStatus(self)
+        self._intake = PlanIntake(self._look_at)
         self._planners = PublisherCount(
             self,
             'trajectory',
@@ -123,18 +123,18 @@ class TrackerNode(ManagedNode):
             self.get_logger().info(_WAITING)
         else:
             self._on_state(*newest)
-        self._intake.look(self.tracker.lead)
 
     def deactivate(self) -> None:
         """Switch the actuators off by a last command, and drop the active plan."""
         self.destroy_timer(self._timer)
+        self._intake = PlanIntake(self._look_at)
         self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
         time.sleep(DRAIN_TIME)
 
     def cleanup(self) -> None:
         """Forget what was received."""
-        self._answer = self._intake.waiting = None
+        self._answer = None
 
     # Parameters.
 
@@ -161,6 +161,7 @@ class TrackerNode(ManagedNode):
         """Apply the changed parameters, without a jump of phase or trajectory."""
         if self.configured:
             self.tracker = self._checked
+            self._intake.begin_anew()
         super().values_changed()
 
     # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
@@ -195,12 +196,11 @@ class TrackerNode(ManagedNode):
             self._intake.waiting = from_wire(data, Header).stamp, data
         except InvalidProblem as error:
             self._reject(str(error))
-        if self.active:
-            self._intake.look(self.tracker.lead)
+        if self.active and self._time.runs and self._intake.idle:
+            self._intake.step()
 
-    def _look_at(self, stamp: Time, data: bytes) -> None:
+    def _look_at(self, stamp: Time, data: bytes) -> Steps[None]:
         """Accept or reject a plan; ignore the active one, which a restarted planner repeats."""
-        began = time.perf_counter()
         begins = nanoseconds_of(stamp) or int(self.get_clock().now().nanoseconds)
         try:
             message = from_wire(data, JointTrajectory)
@@ -211,18 +211,17 @@ class TrackerNode(ManagedNode):
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)
-            self.tracker.accept(trajectory, start, now)
+            yield from self.tracker.accepting(trajectory, start, now)
         except Exception as error:  # noqa: B902
             self._reject(self._sentence_of(error))
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
             self._latest_rejected = False
-            self._preparation = time.perf_counter() - began
             self._status.accepted(trajectory, begins, data)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
-                f'starts in {start - now:.3f} s'
+                f'starts in {start - self._time.now():.3f} s'
             )
             if told := self.tracker.warning:
                 self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
@@ -258,7 +257,8 @@ class TrackerNode(ManagedNode):
 
     def _on_tick(self) -> None:
         self._rate.tick()
-        self._intake.look(self.tracker.lead)
+        if self._time.runs:
+            self._intake.step()
         now, stamp = self._time.now(), self.get_clock().now().to_msg()
         try:
             command = self.tracker.command(now)
@@ -355,7 +355,7 @@ class TrackerNode(ManagedNode):
             'trajectories rejected': self._rejected,
             'last rejection': self._rejection or 'none',
             'planners': self._planners.count,
-            'gains computed in [s]': self._preparation,
+            'gains computed in [s]': self._intake.took,
             'rate [Hz]': self._rate.measured(),
             'states ignored': self._states_ignored,
         }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The plans of a tracker: when each is looked at, and its status, as of an action's goal.
+The plans of a tracker: when each is examined, and its status, as of an action's goal.
 
 A tracker tells of its plans by `TrackerStatus`. From there the planner knows what it does, by
 `TrackerWatch`, and, after a restart, which plan is active, by `Recovery`.
@@ -31,7 +31,7 @@ from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.tracking.motion import ObservedPhase, TrackerParameters
+from tdm_planner.tracking.motion import next_step, ObservedPhase, Steps, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -51,49 +51,42 @@ _ANSWER_WAIT = 2.0  # s that an answer may take: its client may have been met on
 _FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
 _UNDER_WAY = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
 
-# A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
-# newest one waits, at most until shortly before its start.
-_LOOKING_SHARE = 0.01  # of the time, for looking at plans
-_RESERVE = 0.15  # s; some ten plans
-_IMMINENT = 0.15  # s before its start
-_WORTH_IN_LEAD = 0.5  # s beyond the budget for a plan whose start must be prepared
-_WORTH_AT_START = 1.0  # s beyond the budget for a plan about to start
-
 
 class PlanIntake:
     """
-    Hands the newest plan received, the one `waiting`, to `look_at`, once there is time for it.
+    Has the newest plan received, the one `waiting`, examined by `look_at`, a step at every tick.
 
-    A plan is the stamp and the serialised form of its message: deserialising costs milliseconds,
-    and a plan that is superseded at once is not deserialised.
+    A plan is the stamp and the serialised form of its message: deserialising costs milliseconds.
+    One that is superseded before the examination of the last has ended is not deserialised.
     """
 
-    def __init__(self, clock: MotionClock, look_at: Callable[[Any, bytes], None]) -> None:
-        self._clock, self._look_at = clock, look_at
-        self._paid = -math.inf  # instant up to which the share of the time is spent [s]
+    def __init__(self, look_at: Callable[[Any, bytes], Steps[None]]) -> None:
+        self._look_at = look_at
+        self._steps: Steps[None] | None = None
+        self._examined: tuple[Any, bytes] | None = None
         self.waiting: tuple[Any, bytes] | None = None
+        self.idle = True  # since the last tick: a plan need not wait for the next
+        self.took = 0.0  # s of work on the plan that is or was examined
 
-    def look(self, lead: float) -> None:
-        """Look at the plan that waits; one needs the time `lead` [s] before its start."""
-        if self.waiting is None or not self._clock.runs:
-            return
-        now, (stamp, data) = time.monotonic(), self.waiting
-        self._paid = max(self._paid, now - _RESERVE / _LOOKING_SHARE)
-        if _LOOKING_SHARE * (now - self._paid) + self._worth(stamp, lead) <= 0.0:
-            return
-        self.waiting = None
+    def step(self) -> None:
+        """Go on with the examination, or begin the next."""
         began = time.perf_counter()
-        self._look_at(stamp, data)
-        self._paid += (time.perf_counter() - began) / _LOOKING_SHARE
+        if self._steps is None and self.waiting is not None:
+            self._examined, self.waiting, self.took = self.waiting, None, 0.0
+            self._steps = self._look_at(*self._examined)
+        self.idle = self._steps is None
+        if self._steps is None:
+            return
+        try:
+            next_step(self._steps)
+        except StopIteration:
+            self._steps = None
+        self.took += time.perf_counter() - began
 
-    def _worth(self, stamp: Any, lead: float) -> float:
-        """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
-        if nanoseconds_of(stamp) == 0:
-            return 0.0
-        wait = self._clock.instant_of(stamp) - self._clock.now()
-        if abs(wait) < _IMMINENT:
-            return _WORTH_AT_START
-        return _WORTH_IN_LEAD if 0.0 < wait < lead else 0.0
+    def begin_anew(self) -> None:
+        """Examine the plan under examination from its beginning: by another tracker."""
+        if self._steps is not None:
+            self._steps, self.waiting = None, self.waiting or self._examined
 
 
 def goal_status(start: int, status: int) -> GoalStatus:

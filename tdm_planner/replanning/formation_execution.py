@@ -31,7 +31,7 @@ from tdm_planner.replanning.execution import (
     TimedPlan,
 )
 from tdm_planner.tracking.estimator import PREDICTION_STEP
-from tdm_planner.tracking.motion import Motion, ObservedPhase
+from tdm_planner.tracking.motion import finished, Motion, ObservedPhase
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.trajectory import Sample
 
@@ -70,7 +70,8 @@ class FormationExecution(Execution):
             own = replace(parameters.get(name) or default, rate=1.0 / _STEP)
             # At so low a rate the servo must take all of its error away at once.
             self._trackers[name] = tracker = RobotTracker(own, servo_share=1.0)
-            self._motions[name] = Motion(trajectory, plan.start, tracker.prepare(trajectory))
+            law = finished(tracker.prepare(trajectory))
+            self._motions[name] = Motion(trajectory, plan.start, law)
 
     def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """Step every robot under its feedback from the measured state to the instant `at`."""

@@ -23,7 +23,7 @@ from tdm_planner.replanning.execution import (
     TimedPlan,
 )
 from tdm_planner.tracking.linear_quadratic import mean_controls, PlanLaw
-from tdm_planner.tracking.motion import ObservedPhase
+from tdm_planner.tracking.motion import finished, ObservedPhase
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
@@ -54,8 +54,7 @@ class SwingUpExecution(Execution):
     @cached_property
     def _law(self) -> PlanLaw:
         """Feedback along the plan."""
-        law: PlanLaw = self._tracker.prepare(self.plan.solution.trajectory)
-        return law
+        return finished(self._tracker.prepare(self.plan.solution.trajectory))
 
     def predict(self, observations: Mapping[str, Observation], at: float) -> dict[str, Predicted]:
         """Roll the feedback law from the measured state to the instant `at`."""

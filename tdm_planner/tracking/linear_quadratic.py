@@ -20,6 +20,7 @@ tick would shift every switch by up to an interval.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,11 +28,12 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_are
 from tdm_planner.arrays import Array, exponentials, Integers, Mask
 from tdm_planner.tracking.estimator import DifferentiablePlant
-from tdm_planner.tracking.motion import TrajectoryRejected
+from tdm_planner.tracking.motion import Steps, TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
 _LARGEST_NORM = 1e6  # beyond it the squarings leave few digits
 _MOST_GAINS = 12_000  # along a plan; a longer one has them further apart
+_GAINS_PER_SECOND = 20_000  # are computed in two fifths of the time
 
 
 class Regulator(NamedTuple):
@@ -155,9 +157,12 @@ class PlanLaw:
         weights: tuple[Array, Array],
         terminal: Array,
         spacing: float,
-    ) -> PlanLaw:
+        interval: float,
+    ) -> Steps[PlanLaw]:
         """
-        Return the law of a plan, with gains about every `spacing` s.
+        Compute the law of a plan, with gains about every `spacing` s, from its end on.
+
+        A step takes about half of `interval` [s].
 
         `weights` are Q (nx, nx) and R (nu, nu), `terminal` (nx, nx) weighs the deviation at the
         end. States that the plant has beyond the trajectory's are gains of its model, 1 along the
@@ -176,17 +181,27 @@ class PlanLaw:
             )
         steps = min(max(1, round(trajectory.duration / spacing)), _MOST_GAINS)
         step = trajectory.duration / steps
-        sample = trajectory.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
-        a, b = plant.jacobians(with_gains(sample.state), sample.control)
-        try:
-            regulator = time_varying_regulator(a, b, *weights, terminal, step)
-        except np.linalg.LinAlgError as error:
-            raise TrajectoryRejected(
-                f'there is no feedback along the trajectory: {error}'
-            ) from None
-        if not np.isfinite(regulator.gain).all():
+        middles = trajectory.times[0] + step * (np.arange(steps) + 0.5)
+        gains = np.empty((steps, len(weights[1]), len(terminal)))
+        costs = np.empty((steps, *terminal.shape))
+        at_once = math.ceil(_GAINS_PER_SECOND * interval)
+        for first in reversed(range(0, steps, at_once)):
+            part = slice(first, first + at_once)
+            sample = trajectory.sample(middles[part])
+            a, b = plant.jacobians(with_gains(sample.state), sample.control)
+            try:
+                regulator = time_varying_regulator(a, b, *weights, terminal, step)
+            except np.linalg.LinAlgError as error:
+                raise TrajectoryRejected(
+                    f'there is no feedback along the trajectory: {error}'
+                ) from None
+            gains[part], costs[part] = regulator.gain, regulator.cost_to_go[:-1]
+            terminal = costs[first]
+            if first > 0:
+                yield
+        if not np.isfinite(gains).all():
             raise TrajectoryRejected('there is no finite feedback along the trajectory')
-        return cls(trajectory, regulator.gain, regulator.cost_to_go[:-1], step)
+        return cls(trajectory, gains, costs, step)
 
     def places(self, elapsed: Array) -> Integers:
         """Places of the gains at instants (n,) [s] after the start; the ends are held."""

@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -24,6 +24,8 @@ _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
 
+Made = TypeVar('Made')
+Steps = Generator[None, None, Made]  # a computation of milliseconds a step; commands go on between
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
 
 
@@ -173,6 +175,22 @@ class Motion(TimedTrajectory):
             and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_MESSAGE_ROUNDING)
             and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_MESSAGE_ROUNDING)
         )
+
+
+def next_step(steps: Steps[Any]) -> None:
+    """Take a step; StopIteration ends them. What is not finite is told by errors, not by numpy."""
+    with np.errstate(all='ignore'):
+        next(steps)
+
+
+def finished(steps: Steps[Made]) -> Made:
+    """Take all steps of a computation at once, and return its result."""
+    try:
+        while True:
+            next_step(steps)
+    except StopIteration as end:
+        made: Made = end.value
+        return made
 
 
 def check_trajectory(trajectory: Trajectory, start: float, now: float) -> None:

@@ -50,7 +50,7 @@ from tdm_planner.tracking.estimator import (
     StateEstimator,
 )
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, mean_controls, PlanLaw
-from tdm_planner.tracking.motion import Action, Motion, NOISE, TrackerParameters
+from tdm_planner.tracking.motion import Action, Motion, NOISE, Steps, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -252,13 +252,13 @@ class PendulumTracker(TrajectoryTracker):
         error = self.error(state, goal)
         return float(error @ self.upright.cost_to_go @ error) / self._capture_level
 
-    def prepare(self, trajectory: Trajectory) -> PlanLaw:
+    def prepare(self, trajectory: Trajectory) -> Steps[PlanLaw]:
         """Compute the gains along the plan."""
         plant, more = self.plant, (0, len(GAINS))
         weights = np.pad(self._q, more), self._r
         terminal = np.pad(self.upright.cost_to_go, more)
-        spacing = longest_step(plant)
-        return PlanLaw.along(EstimatedPendulum(plant), trajectory, weights, terminal, spacing)
+        steps = longest_step(plant), self.parameters.interval
+        return PlanLaw.along(EstimatedPendulum(plant), trajectory, weights, terminal, *steps)
 
     def deviation(self, motion: Motion, error: Array) -> float:
         """Return the larger deviation: of theta [rad], of the disk as a share of its range."""

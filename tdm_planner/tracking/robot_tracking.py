@@ -31,7 +31,14 @@ from tdm_planner.parameters import group, parameter, positive, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia, RobotLimits
 from tdm_planner.tracking.estimator import EstimatorNoise, PlantWithGains, StateEstimator
 from tdm_planner.tracking.linear_quadratic import mean_controls
-from tdm_planner.tracking.motion import Action, Motion, NOISE, Tolerances, TrackerParameters
+from tdm_planner.tracking.motion import (
+    Action,
+    Motion,
+    NOISE,
+    Steps,
+    Tolerances,
+    TrackerParameters,
+)
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -178,8 +185,9 @@ class RobotTracker(TrajectoryTracker):
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
-    def prepare(self, trajectory: Trajectory) -> Array | None:
+    def prepare(self, trajectory: Trajectory) -> Steps[Array | None]:
         """Return the burns (n, 2) of a plan that burns and coasts: start and end [s]."""
+        yield from ()
         if trajectory.interpolation != 'zero_order_hold':
             return None
         on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])

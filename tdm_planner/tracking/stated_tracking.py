@@ -28,7 +28,7 @@ from tdm_planner.tracking.linear_quadratic import (
     moved,
     PlanLaw,
 )
-from tdm_planner.tracking.motion import Action, Motion, Tolerances, TrackerParameters
+from tdm_planner.tracking.motion import Action, Motion, Steps, Tolerances, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
@@ -36,7 +36,7 @@ GOAL_SHARE = 0.05  # of a state's range: so near to a given end it counts as rea
 _FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
 _TOUCHED, _HALVINGS = 1e-3, 8  # share of a limit that feedback may use; to what it allows
-_NEWTON = 20  # steps to the control that holds the end
+_NEWTON, _SETTLED = 20, 1e-12  # steps, at most, to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
 # Ranges of states: of the largest of the same unit; of the problem's ends and earlier plans.
 _LEAST_RANGE, _SHORT = 1e-2, 0.1
@@ -118,7 +118,7 @@ class StatedTracker(TrajectoryTracker):
         # A plan from beside the goal to the goal must not make a deviation of nothing a large one.
         self._least_ranges = _SHORT * np.nan_to_num(np.abs(np.diff(ends, axis=0)[0]))
 
-    def prepare(self, trajectory: Trajectory) -> StatedLaw:
+    def prepare(self, trajectory: Trajectory) -> Steps[StatedLaw]:
         """Compute the gains along the plan."""
         plant = self.plant
         smooth = trajectory.with_rates(plant.derivative)
@@ -126,8 +126,10 @@ class StatedTracker(TrajectoryTracker):
         weights = self._weights(trajectory, ranges)
         hold, terminal = self._held(smooth, -1, *weights)
         begin, _ = self._held(smooth, 0, *weights)
+        yield
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
-        law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
+        interval = self.parameters.interval
+        law = yield from PlanLaw.along(plant, smooth, weights, terminal, spacing, interval)
         samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
         left = np.array([plant.control_margins(*sample) for sample in samples])
         touched = _TOUCHED * np.minimum(np.abs(np.nan_to_num(left)).max(axis=0), 1.0)
@@ -179,7 +181,10 @@ class StatedTracker(TrajectoryTracker):
                 _, b = plant.jacobians(state, control)
             if not np.isfinite(b).all():
                 return None
+            before = control
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
+            if np.allclose(control, before, rtol=_SETTLED, atol=0.0):
+                break
         assert trajectory.rates is not None
         largest = np.abs(trajectory.rates).max(axis=(0, 1))
         still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
@@ -254,11 +259,6 @@ class StatedTracker(TrajectoryTracker):
             smooth = motion.trajectory.with_rates(self.plant.derivative)
             if self._resting(smooth, 0) is not None:
                 self._compare(motion, self.estimator.predict(now), motion.start)
-
-    @property
-    def lead(self) -> float:
-        """Time [s] before a start for which the start is held: as long as it takes."""
-        return np.inf
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Feedback about the start, where it can be held."""

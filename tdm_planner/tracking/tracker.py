@@ -35,9 +35,11 @@ from tdm_planner.tracking.motion import (
     beyond_limits,
     check_trajectory,
     Command,
+    finished,
     most_off,
     Motion,
     Phase,
+    Steps,
     TrackerParameters,
     TrajectoryMissed,
     TrajectoryRejected,
@@ -80,7 +82,7 @@ class TrajectoryTracker(ABC):
         self._notice = '', -math.inf  # what is told for a while, and since when
 
     @abstractmethod
-    def prepare(self, trajectory: Trajectory) -> Any:
+    def prepare(self, trajectory: Trajectory) -> Steps[Any]:
         """Do what can be done before the start (gains); the result comes back as `motion.law`."""
 
     @abstractmethod
@@ -112,11 +114,6 @@ class TrajectoryTracker(ABC):
     def captured(self, motion: Motion, time: float, state: Array) -> bool:
         """Whether `hold` may take over from `track`."""
         return time >= motion.end
-
-    @property
-    def lead(self) -> float:
-        """Time [s] before a start for which `wait` has something to do."""
-        return 0.0
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Return the controls (nu,) before the start of `motion`."""
@@ -170,6 +167,10 @@ class TrajectoryTracker(ABC):
         return any(m.is_of(trajectory, start) for m in (self.current, self.pending) if m)
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
+        """Accept a trajectory at once, as `accepting` does."""
+        finished(self.accepting(trajectory, start, now))
+
+    def accepting(self, trajectory: Trajectory, start: float, now: float) -> Steps[None]:
         """
         Accept a trajectory whose motion begins at `start` [s]; until then it may be `pending`.
 
@@ -190,15 +191,14 @@ class TrajectoryTracker(ABC):
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
                 self.give_up(str(missed))
             raise
-        self.pending = Motion(trajectory, start, self._prepared(trajectory))
+        self.pending = Motion(trajectory, start, (yield from self._prepared(trajectory)))
         if self.current is None:
             self._brakes = self.braking
             self.phase, self.reason = Phase.WAITING, ''
 
-    def _prepared(self, trajectory: Trajectory) -> Any:
+    def _prepared(self, trajectory: Trajectory) -> Steps[Any]:
         try:
-            with np.errstate(all='ignore'):
-                return self.prepare(trajectory)
+            return (yield from self.prepare(trajectory))
         except BREAKDOWN as error:
             raise TrajectoryRejected(
                 f'no feedback along the trajectory can be computed: {one_line(error)}'
@@ -378,8 +378,8 @@ class TrajectoryTracker(ABC):
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
         self.current, self.pending = (
-            None if motion is None else replace(motion, law=self._prepared(motion.trajectory))
-            for motion in (other.current, other.pending)
+            None if m is None else replace(m, law=finished(self._prepared(m.trajectory)))
+            for m in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes
         self._repetition = other._repetition.of(self.estimator)

@@ -4,10 +4,8 @@
 """The tracker: with scripted states, with the simulated pendulum."""
 
 from collections.abc import Iterator
-from functools import partial
-import itertools
+from dataclasses import replace
 import math
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -17,7 +15,6 @@ from ros_harness import Space
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.exceptions import Failure
-from tdm_planner.nodes import tracker_plans
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.parameters import build
@@ -157,7 +154,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(ros, idle, p
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers(topic) == 1)
     plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
-    ros.settle()
+    ros.spin_for(0.02)
     assert idle.status.message.startswith('waiting')
     assert 'rejected' not in idle.status.message
 
@@ -171,23 +168,37 @@ def test_a_second_source_of_states_is_told_of(ros, idle):
     assert idle.says('idle', level=OK)
 
 
-def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan, monkeypatch):
-    """All of them would take more time than the commands leave; the last must not be lost."""
-    counter = partial(next, itertools.count(0.0, 0.04))  # s to look at a plan
-    stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
-    monkeypatch.setattr(tracker_plans, 'time', stand_in)
+def test_of_a_flood_of_plans_the_newest_is_followed(ros, bench, plans, plan):
+    """Not all of them are examined; the last must not be lost."""
     followed = bench.hear('active_trajectory')
     bench.theta = math.pi
+    ros.spin_for(0.1)
     for _ in range(60):
         ros.spin_for(0.01)
-        newest = message(ros, plan, 0.4)
-        plans.publish(newest)
-    ros.settle()
-    begun = bench.tracker.output.count('accepted')
-    assert 3 < begun < 10
-    ros.spin_for(0.4)
+        for ahead in (0.5, 0.45, 0.4):
+            newest = message(ros, plan, ahead)
+            plans.publish(newest)
+    before, begun = len(bench.commands), bench.tracker.output.count('accepted')
+    assert 30 <= begun <= 70
+    ros.spin_for(0.1)
+    assert len(bench.commands) - before >= 20
     assert followed[-1].header.stamp == newest.header.stamp
-    assert bench.tracker.output.count('accepted') <= begun + 1
+    assert bench.tracker.output.count('accepted') <= begun + 2
+
+
+def test_commands_go_on_while_gains_are_computed(ros, idle, plans, plan):
+    """Those of a long plan take many times as long as an interval between commands."""
+    states, times = np.repeat(plan.states[:1], 2, axis=0), np.array([0.0, 20.0])
+    at_rest = replace(plan, times=times, states=states, controls=np.zeros((2, 1)), rates=None)
+    before = len(idle.commands)
+    plans.publish(message(ros, at_rest, 1.0))
+    ros.spin_for(0.15)
+    assert len(idle.commands) - before > 28
+    assert 'accepted' not in idle.tracker.output
+    idle.set('tracker', weights__theta=2.0)  # the gains are others then
+    ros.spin_for(0.3)
+    assert idle.tracker.output.count('accepted') == 1
+    assert idle.status.message.startswith('waiting')
 
 
 class Rig(Bench):

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
-from hypothesis import given
-from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.clock import ClockType
@@ -27,31 +25,28 @@ STATUSES = {name: getattr(GoalStatus, name) for name in dir(GoalStatus) if 'STAT
 NAMES = {number: name.removeprefix('STATUS_') for name, number in STATUSES.items()}
 
 
-@given(work=st.floats(2e-3, 0.1))
-def test_plans_get_their_share_of_the_time_in_the_long_run(work):
-    with pytest.MonkeyPatch.context() as patch:
-        clock, looked = SimpleNamespace(now=100.0), []
-        tells = dict.fromkeys(('monotonic', 'perf_counter'), lambda: clock.now)
-        patch.setattr(tracker_plans, 'time', SimpleNamespace(**tells))
+def test_of_plans_received_during_an_examination_the_newest_is_examined_next():
+    steps = []
 
-        def look_at(*plan) -> None:
-            looked.append(plan)
-            clock.now += work
+    def look_at(stamp, data):
+        for step in range(3):
+            steps.append((data, step))
+            yield
 
-        intake = tracker_plans.PlanIntake(Mock(runs=True), look_at)
-        share, reserve, began = tracker_plans._LOOKING_SHARE, tracker_plans._RESERVE, clock.now
-        plan = to_stamp(0), b''
-        while (span := clock.now - began) < 60.0:
-            clock.now += 0.01
-            intake.waiting = plan
-            intake.look(0.0)
-        assert share * (span - 0.1) <= work * len(looked) <= share * span + reserve + 2 * work
-        clock.now += 3600.0 / share  # no more than the reserve is saved
-        looked.clear()
-        for _ in range(100):
-            intake.waiting = plan
-            intake.look(0.0)
-        assert work * (len(looked) - 1) <= reserve * (1.0 + share) + work
+    intake = tracker_plans.PlanIntake(look_at)
+    for plan in (b'first', b'second', b'third'):
+        intake.waiting = to_stamp(0), plan
+        intake.step()
+    for _ in range(3):
+        intake.step()
+    intake.begin_anew()  # by another tracker; with no plan that came meanwhile
+    intake.step()
+    intake.waiting = to_stamp(0), b'fourth'
+    intake.begin_anew()
+    for _ in range(9):
+        intake.step()
+    told = [(plan, step) for plan in (b'first', b'third') for step in range(3)]
+    assert steps == [*told[:5], (b'third', 0), *((b'fourth', step) for step in range(3))]
 
 
 class SetClock:

@@ -25,6 +25,7 @@ from tdm_planner.parameters import parameter
 from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
+from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, cell, checked, parse_axis, points_of
@@ -127,7 +128,8 @@ class Hop(DirectProblem):
 def test_a_plant_flies_where_states_rest_or_its_rates_have_no_slope() -> None:
     """Throughout the plan; where its controls vanish."""
     flown(Hop, seeds=2, mismatch=0.02)
-    law = StatedTracker(Hop(), StatedTrackerParameters()).prepare(Hop().solve().trajectory)
+    tracker = StatedTracker(Hop(), StatedTrackerParameters())
+    law = finished(tracker.prepare(Hop().solve().trajectory))
     rises, aside = law.ranges[:2]
     assert rises == pytest.approx(3.0, rel=1e-3)
     assert 0.0 < aside < rises
@@ -151,7 +153,7 @@ def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) 
     )()
     tracker = StatedTracker(falling, StatedTrackerParameters(rate=200.0))
     assert tracker.warning == ''
-    tracker.prepare(falling.solve().trajectory)
+    finished(tracker.prepare(falling.solve().trajectory))
     assert tracker.warning.endswith(least)
     assert bool(tracker.warning) == bool(least)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.robot_replay import replay
-from tdm_planner.tracking.motion import Motion, Phase, TrajectoryRejected
+from tdm_planner.tracking.motion import finished, Motion, Phase, TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
@@ -49,8 +49,9 @@ def burn_coast_burn() -> Trajectory:
 
 def test_the_burns_of_a_plan_that_coasts_are_found() -> None:
     tracker = robot(burn_coast_burn().states[0], **SLOW).tracker
-    assert tracker.prepare(burn_coast_burn()) == pytest.approx(np.array([[0, 1], [26, 27]]))
-    assert tracker.prepare(there_and_stop()) is None
+    burns = finished(tracker.prepare(burn_coast_burn()))
+    assert burns == pytest.approx(np.array([[0, 1], [26, 27]]))
+    assert finished(tracker.prepare(there_and_stop())) is None
 
 
 @pytest.fixture(scope='module')
@@ -110,7 +111,7 @@ def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
 
 def test_commands_make_up_for_the_actuator_gains(plan: Trajectory) -> None:
     tracker = robot(plan.states[0]).tracker
-    motion = Motion(plan, 0.0, tracker.prepare(plan))
+    motion = Motion(plan, 0.0, finished(tracker.prepare(plan)))
     state = plan.sample(2.0).state
 
     def command(*gains: float) -> np.ndarray:
