@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 import casadi as ca
@@ -19,6 +20,7 @@ from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
@@ -28,6 +30,7 @@ _RATES_ROUNDING = 1e-7  # share by which traced rates may differ from numpy's al
 _PACE = 1e-2  # share of the duration that counts as much as what is left to a control
 END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _FAR = 0.5  # units of room that controls may use up while the duration stays
+_FOLLOWED = 1e9  # by which deviations may grow where a replay is sure to follow a motion
 _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is; at least
 
 
@@ -177,6 +180,28 @@ class DirectPlant:
         sizes: Array = np.abs(changes) @ np.concatenate([states, controls])
         sizes[sizes == 0.0] = 1.0
         return sizes
+
+    def violated(self, plan: Solution) -> dict[str, float]:
+        """Return by how much a plan violates the limits that its check found violated."""
+        worst, allowed = plan.verification.worst, self.limit_tolerances(plan.trajectory)
+        named = zip(self.trace.margin_names, allowed, strict=True)
+        return {name: -worst[name] for name, most in named if worst[name] < -most}
+
+    @np.errstate(all='ignore')
+    def instability(self, plan: Trajectory) -> str:
+        """Tell where deviations grow so much along a plan that no replay follows it, or ''."""
+        a, _ = self.jacobians(plan.states[1:], plan.controls[1:])
+        # From every sample to the end; states count in their ranges.
+        steps = exponentials(np.nan_to_num(a) * np.diff(plan.times)[:, None, None])
+        onwards = accumulate(steps[::-1], np.matmul)
+        sizes = np.ptp(plan.states, axis=0) + _TINY
+        growth = max(float(np.abs(phi * sizes / sizes[:, None]).max()) for phi in onwards)
+        return (
+            f'; the plant is unstable: deviations from the plan grow {growth:.0e}-fold, and its '
+            'controls are given in advance: shorten the motion, or state a feedback in the plant'
+            if growth > _FOLLOWED
+            else ''
+        )
 
     def rates(self, states: Array, controls: Array) -> Array:
         """Return the rates of states (N, nx) by the trace, NaN where they are no numbers."""

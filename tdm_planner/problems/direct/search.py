@@ -92,6 +92,7 @@ class DirectSearch(Search[Candidate]):
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
+        self._rejected_plan: Trajectory | None = None  # unless its check passes
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._origin = np.inf  # and J before it was repaired
@@ -134,6 +135,8 @@ class DirectSearch(Search[Candidate]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
+            if self._rejected_plan is not None:
+                reason += self._plant.instability(self._rejected_plan)
         elif self._minima.nearest_miss:
             reason = self._minima.nearest_miss
         elif self._until_check.spent:
@@ -181,7 +184,7 @@ class DirectSearch(Search[Candidate]):
                 yield plan
             if plan is None or diverged:
                 return
-            violated = self._violated(plan)
+            violated = self._plant.violated(plan)
             excess = sum(violated.values())  # the check looks more closely than the replay
             if 0.0 < excess < _EXCESS_LEFT * before and not self.budget.spent:
                 before = excess
@@ -326,7 +329,7 @@ class DirectSearch(Search[Candidate]):
             if plan is None:
                 return
             yield plan
-            xi, violated = plan.parameters, self._violated(plan)
+            xi, violated = plan.parameters, self._plant.violated(plan)
             samples = 2 * samples - 1
             if not violated and not minimum.program.integrated:
                 continue  # more samples are all that is wanted
@@ -343,14 +346,6 @@ class DirectSearch(Search[Candidate]):
                     self.rejected += '; it was not refined further: the time was up'
                 return
             minimum = again
-
-    def _violated(self, plan: Solution) -> dict[str, float]:
-        """Return by how much a plan violates the limits that its check found violated."""
-        allowed = zip(
-            self._trace.margin_names, self._plant.limit_tolerances(plan.trajectory), strict=True
-        )
-        worst = plan.verification.worst
-        return {name: -worst[name] for name, most in allowed if worst[name] < -most}
 
     def _plan(self, xi: Array, samples: int) -> Solution | None:
         """Return the plan of a minimum Xi, and its check, on an odd number of samples."""
@@ -380,6 +375,7 @@ class DirectSearch(Search[Candidate]):
             trajectory = Trajectory.of(
                 self._problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
+            self._rejected_plan = trajectory
             until = self.budget.with_grace()
             check = verify(
                 self._plant,

@@ -127,3 +127,30 @@ def test_the_summary_tells_that_what_is_beyond_a_limit_is_allowed():
     close = replace(plan.verification, worst={'force': -1e-6, 'speed': 1.0})
     told = Cart().describe(replace(plan, verification=close))
     assert told.endswith('closest limit force (margin -1e-06, which is allowed)')
+
+
+@pytest.mark.parametrize('gain', [0.0, 1.8])
+def test_a_plant_too_unstable_for_any_replay_is_planned_for_with_a_feedback_in_it(gain):
+    """What the feedback does is a part of the control, and of its limits."""
+    rate, duration = 8.0, 10.0  # 1/s, s
+
+    def push(x, v):
+        return -gain * (rate**2 * x + rate * v)
+
+    plant = changed(
+        Cart,
+        outputs=lambda s: {'x': Output((-0.5, 0.0), (0.5, 0.0), free=8)},
+        duration=lambda s: Duration(duration, fixed=True),
+        invert=lambda s, y, z: (
+            y['x'][:2],
+            (y['x'][2] - rate**2 * np.sin(y['x'][0]) - push(*y['x'][:2]),),
+        ),
+        derivative=lambda s, x, u: (x[1], rate**2 * np.sin(x[0]) + push(*x) + u[0]),
+        margins=lambda s, t, x, u: {'force': 60.0 - np.sqrt(1e-6 + (u[0] + push(*x)) ** 2)},
+        running_cost=lambda s, t, x, u: (u[0] + push(*x)) ** 2,
+    )
+    if gain:
+        assert plant().solve(counted=True).verification.ok
+        return
+    with pytest.raises(Infeasible, match=r'the plant is unstable: deviations from the plan grow \S+-fold'):
+        plant().solve(counted=True)
