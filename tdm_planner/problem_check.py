@@ -69,7 +69,8 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     if ends.unkept:
         console.print(
             '[bold red]plans are not refined by collocation, and dearer for it, as these boundary '
-            f'conditions fix neither a state nor a control: {", ".join(ends.unkept)}'
+            f'conditions fix neither a state nor a control: {", ".join(ends.unkept)}; state them '
+            'in start_conditions or end_conditions instead'
         )
     for function in (plant.trace.start_conditions, plant.trace.end_conditions):
         if count := function.numel_out(0):

@@ -33,6 +33,7 @@ from tdm_planner.trajectory import to_nanoseconds
 _SCALE_SHARE, _NEARLY_ZERO = 1e-3, 1e-6
 _LEAST_KINK = 1e-9  # by which a kink is rounded
 _SMALL_LIMIT, _NO_LIMIT = 1e-2, 1e-13  # sizes along the guess between which limits are scaled
+_FILLS, _ROUNDING = 24, 1e-9  # of free boundary values; share by which they change nothing
 LIMITS_ROUNDING = 1e-6  # share of a limit's kinks: enough for a slope where something is at rest
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
@@ -158,26 +159,27 @@ class Ends:
         """
         Return what `invert` makes of the boundary values.
 
-        A component is given if the free boundary values, varied at random, do not change it.
+        A component is given if the free boundary values, varied at random, do not change it. Many
+        are tried: arctan2 of 0 and a value is 0 for half of them.
         """
-        rng, states, controls = np.random.default_rng(1), [], []
+        rng, n, states, controls = np.random.default_rng(1), _FILLS, [], []
         unkept, regular = list[str](), True
         for side, where in enumerate(('start', 'end')):
             y = {}
             for name, output in stated.outputs().items():
                 given, scale = output.conditions(where), output.scale or 1.0
                 y[name] = [
-                    np.full(3, given[order]) if order in given else scale * rng.normal(size=3)
+                    np.full(n, given[order]) if order in given else scale * rng.normal(size=n)
                     for order in range(output.derivatives + 1)
                 ]
             z = {}
             for name, state in stated.integrated().items():
                 value = state.start if side == 0 else state.end
-                free = state.scale * rng.normal(size=3)
-                z[name] = free if value is None else np.full(3, float(value))
+                free = state.scale * rng.normal(size=n)
+                z[name] = free if value is None else np.full(n, float(value))
             both = _inverted(stated, y, z)
             regular = regular and bool(np.isfinite(both).all())
-            same = np.ptp(both, axis=0) <= 1e-9 * (1.0 + np.abs(both[0]))
+            same = np.ptp(both, axis=0) <= _ROUNDING * np.abs(both).max(axis=0)
             found = np.where(same, both[0], np.nan)
             first, last = np.split(found, [len(stated.state_names)])
             states.append(first)
@@ -187,13 +189,14 @@ class Ends:
                     moved = {key: list(jet) for key, jet in y.items()}
                     if order <= output.derivatives:
                         moved[name][order] = moved[name][order] + 0.1
-                    if np.array_equal(_inverted(stated, moved, z), both, equal_nan=True):
+                    now = _inverted(stated, moved, z)[:, same]
+                    if np.array_equal(now, both[:, same], equal_nan=True):
                         unkept.append(f"'{name}' of order {order} at the {where}")
         return cls(np.array(states), np.array(controls), tuple(unkept), regular)
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
-    """Return states and controls, (3, nx + nu)."""
+    """Return states and controls, (n, nx + nu)."""
     with np.errstate(all='ignore'):
         return np.hstack(stated.invert(y, z)).astype(float)
 

@@ -154,7 +154,9 @@ class DirectSearch(Search[Candidate]):
         """Say where the plan is not refined, or on fewer intervals than J asks for, and why."""
         best, why = self._best, ''
         if isinstance(best, Minimum) and self._asked:
-            if broken := self._refinement.breakdowns:
+            if unkept := self._refinement.ends.unkept:
+                why = f' ({unkept[0]} fixes no state: state it in end_conditions instead)'
+            elif broken := self._refinement.breakdowns:
                 why = f' (rates had no value in {broken} attempts: limit the states)'
             return f', not refined by collocation{why}: J is some per cent too high, or far more'
         if isinstance(best, CollocatedMotion) and best.intervals < FINEST:

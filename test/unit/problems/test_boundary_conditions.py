@@ -1,0 +1,91 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What boundary values fix: of states and controls, and of neither."""
+
+import numpy as np
+import pytest
+from stated import Cart, changed, Quickest
+from tdm_planner.direct_method import Duration, Output
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
+
+GRAVITY = 9.81  # m/s^2
+
+
+def hung(p):
+    """States of a crane, and its acceleration, by the jet of its load's position."""
+    angle, rate = -p[2] / GRAVITY, -p[3] / GRAVITY
+    return (p[0] - angle, p[1] - rate, angle, rate), (p[2] + p[4] / GRAVITY,)
+
+
+CRANE = changed(
+    Quickest,
+    states={'x': 'm', 'v': 'm/s', 'angle': 'rad', 'rate': 'rad/s'},
+    controls={'a': 'm/s^2'},
+    outputs=lambda s: {'load': Output((0.0,) * 4, (1.0, 0.0), free=4, derivatives=4)},
+    invert=lambda s, y, z: hung(y['load']),
+    derivative=lambda s, x, u: (x[1], u[0], x[3], -GRAVITY * x[2] - u[0]),
+    control_limits=lambda s: {'a': (-2.0, 2.0)},
+)
+
+
+def load(plan):
+    x, v, angle, rate = plan.trajectory.states[-1]
+    return x + angle, v + rate
+
+
+def test_boundary_values_that_fix_no_state_are_kept_by_the_direct_method():
+    plan = CRANE().solve(counted=True)
+    assert load(plan) == pytest.approx((1.0, 0.0), abs=1e-6)
+    assert "('load' of order 0 at the end fixes no state: state it in" in plan.summary
+    instead = changed(
+        CRANE,
+        outputs=lambda s: {'load': Output((0.0,) * 4, free=4, derivatives=4)},
+        end_conditions=lambda s, t, x: (x[0] + x[2] - 1.0, x[1] + x[3]),
+    )
+    refined = instead().solve(counted=True)
+    assert load(refined) == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert refined.cost < 0.97 * plan.cost
+
+
+@pytest.mark.parametrize('derivatives', [(2, 2), (3, 2), (3, 3), (4, 2)])
+def test_a_heading_that_a_free_velocity_may_reverse_is_not_fixed(derivatives):
+    """Nor is it by chance: arctan2 of 0 and some values is 0 for all that are positive."""
+    ahead, aside = derivatives
+
+    def invert(s, y, z):
+        x, across = y['x'], y['y']
+        speed = np.hypot(x[1], across[1])
+        turning = (x[1] * across[2] - across[1] * x[2]) / speed**2
+        push = (x[1] * x[2] + across[1] * across[2]) / speed
+        return (x[0], across[0], np.arctan2(across[1], x[1]), speed), (push, turning)
+
+    car = changed(
+        Quickest,
+        states={'x': 'm', 'y': 'm', 'yaw': 'rad', 'speed': 'm/s'},
+        controls={'a': 'm/s^2', 'turn': 'rad/s'},
+        outputs=lambda s: {
+            'x': Output((0.0, 1.0), (5.0,), free=3, derivatives=ahead),
+            'y': Output((0.0, 0.0), (4.0, 0.0), free=3, derivatives=aside),
+        },
+        invert=invert,
+        derivative=lambda s, x, u: (x[3] * np.cos(x[2]), x[3] * np.sin(x[2]), u[1], u[0]),
+    )
+    ends = Ends.of(CheckedFormulation(car()))
+    assert ends.states[1] == pytest.approx([5.0, 4.0, np.nan, np.nan], nan_ok=True)
+    assert ends.unkept == ("'y' of order 1 at the end",)
+
+
+@pytest.mark.parametrize('mass', [1.0, 1e-12])
+def test_what_is_free_is_free_in_any_unit(mass):
+    bead = changed(
+        Cart,
+        duration=lambda s: Duration(2.0, fixed=True),
+        invert=lambda s, y, z: (y['x'][:2], (mass * y['x'][2],)),
+        derivative=lambda s, x, u: (x[1], u[0] / mass),
+        margins=lambda s, t, x, u: {'force': 10.0 - np.abs(u[0] / mass)},
+        running_cost=lambda s, t, x, u: (u[0] / mass) ** 2,
+    )
+    assert np.isnan(Ends.of(CheckedFormulation(bead())).controls).all()
+    assert bead().solve(counted=True).cost == pytest.approx(1.5, rel=1e-3)
