@@ -241,24 +241,36 @@ class SimpleBounds:
         return found
 
 
-def bent(margins: Any, numbers: Array, of: str) -> Mask:
+class Bends:
     """
-    Return which limits (nm,) may be violated between two points that keep them.
+    Which limits f(t, x, u, p) may be violated between two points that keep them.
 
-    `of` tells the argument of `margins` that varies: 'x' or 'u'. Kinks count as rounded.
+    `of` tells the argument that varies: 'x' or 'u'. Kinks count as rounded. It depends on p: an
+    obstacle may be switched off.
     """
-    t, x, u = (ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txu'))
-    rounded = Rounded(margins)
-    varied = {'x': x, 'u': u}[of]
-    rng, found = np.random.default_rng(0), []
-    for row in ca.vertsplit(rounded.value(t, x, u, numbers, np.ones(rounded.count))):
-        hessian = ca.densify(ca.hessian(row, varied)[0])
-        curvature = ca.Function('curvature', [t, x, u], [hessian])
-        places = [[rng.normal(size=part.shape) for part in (t, x, u)] for _ in range(_PLACES)]
-        matrices = np.nan_to_num([np.asarray(curvature(*place)) for place in places])
-        largest = np.linalg.eigvalsh(matrices)[:, -1]
-        found.append(bool((largest > _CURVED * np.abs(matrices).max(axis=(1, 2))).any()))
-    return np.array(found, dtype=bool)
+
+    def __init__(self, margins: Any, of: str) -> None:
+        t, x, u, _ = given = margins.sx_in()
+        rounded = Rounded(margins)
+        rows = rounded.value(*given, np.ones(rounded.count))
+        varied = {'x': x, 'u': u}[of]
+        self._shape = rows.numel(), varied.numel(), varied.numel()
+        hessians = [ca.vec(ca.hessian(row, varied)[0]) for row in ca.vertsplit(rows)]
+        of_all = ca.densify(ca.vertcat(ca.SX(0, 1), *hessians))
+        self._hessians = ca.Function('hessians', given, [of_all])
+        rng = np.random.default_rng(0)
+        self._places = [
+            [rng.normal(size=part.numel()) for part in (t, x, u)] for _ in range(_PLACES)
+        ]
+
+    def __call__(self, numbers: Array) -> Mask:
+        """Return the mask of limits (nm,) for the numbers p."""
+        call = Call(self._hessians)  # of its own: traces serve several threads
+        found = [call(*place, numbers)[0].copy() for place in self._places]
+        matrices = np.nan_to_num(found).reshape(_PLACES, *self._shape)
+        largest = np.linalg.eigvalsh(matrices)[..., -1]
+        bent: Mask = (largest > _CURVED * np.abs(matrices).max(axis=(2, 3))).any(axis=0)
+        return bent
 
 
 class IpoptStop(ca.Callback):

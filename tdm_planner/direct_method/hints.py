@@ -39,6 +39,7 @@ ARGUMENTS = {  # of every function that is traced, but for the numbers
     'end_conditions': 'tx',
 }
 HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
+_OWN = Formulation, Validated  # classes of users, and groups of their parameters
 _INTERPOLATION = 'scipy/interpolate'  # in the paths of what draws splines
 
 
@@ -55,6 +56,10 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     arrays = isinstance(error, TypeError | ValueError) and function != '__post_init__'
     known = HINTS.items() if traced or arrays else ()
     hint = next((hint for word, hint in known if word in source), None)
+    owner = getattr(error, 'obj', None)
+    if traced and isinstance(error, AttributeError) and isinstance(owner, _OWN):
+        # Without symbols it was there.
+        hint = f"'{error.name}' follows from parameters: state it as a property"
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
     hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
@@ -64,7 +69,7 @@ def _usage(function: str, error: Exception, begun: bool) -> str:
     """Say how a function is called, and with what; '' where that is not what is wrong."""
     if isinstance(error, FrozenInstanceError):
         return 'a problem is frozen: state what follows from its parameters as a property'
-    if isinstance(error, AttributeError) and isinstance(error.obj, Formulation | Validated):
+    if isinstance(error, AttributeError) and isinstance(error.obj, _OWN):
         question = suggestion(error.name or '', dir(error.obj))
         return f"{type(error.obj).__name__} has no '{error.name}'{question and ': ' + question}"
     if function not in ARGUMENTS:

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 import copy
 import dataclasses
 import inspect
+import sys
 import threading
 from typing import Any, ClassVar, TypeVar
 
@@ -24,7 +25,7 @@ import numpy as np
 from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.graphs import bent, Call, Unfolded
+from tdm_planner.direct_method.graphs import Bends, Call, Unfolded
 from tdm_planner.direct_method.hints import ARGUMENTS, HINT, HINTS, told
 from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
@@ -32,8 +33,9 @@ from tdm_planner.exceptions import InvalidProblem
 T = TypeVar('T')
 
 _SAMPLES = 7
-_TRACES_KEPT = 64  # kinds of problems, of which many only where statements are made by a program
+_TRACES_KEPT, _ALIKE_KEPT = 64, 3  # kinds of problems; others of a kind, by their numbers
 _TRACE_ROUNDING = 1e-9, 1e-11  # by which what is traced may differ from numpy: share, at least
+_DATA = int, float, str, tuple, list, dict, np.ndarray  # attributes that functions may use
 _ALONE = 'it must depend on its arguments at the same node alone'
 _LOCK = threading.Lock()
 
@@ -131,8 +133,9 @@ class Trace:
         followed = self.invert(symbolic_of['y'], z, p)
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values)
-        self.kept_between = self.of_states | bent(self.margins, values, 'u')
-        self.obstacles = bent(self.margins, values, 'x')  # mask of limits (nm,)
+        self._controls_bend = Bends(self.margins, 'u')
+        self.kept_between = self.of_states | self._controls_bend(values)
+        self.obstacles = Bends(self.margins, 'x')  # gives the mask of limits (nm,)
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
 
     def _flow(
@@ -156,13 +159,15 @@ class Trace:
             found = numbers(stated.formulation)
             key = _kind(stated, found)
             for trace in cls._made.get(key, []):
-                same = (np.array_equal(found[n], v) for n, v in trace.fixed.items())
-                if all(same) and trace.unfolded.decides_alike(trace.values(stated.formulation)):
+                p = trace.values(stated.formulation)
+                same = all(np.array_equal(found[n], v) for n, v in trace.fixed.items())
+                kept = trace._controls_bend(p) <= trace.kept_between
+                if same and trace.unfolded.decides_alike(p) and kept.all():
                     return trace
             trace = _make(stated, _expected(stated), list(found))
             if len(cls._made) >= _TRACES_KEPT:
                 cls._made.clear()
-            cls._made.setdefault(key, []).append(trace)
+            cls._made[key] = [trace, *cls._made.get(key, [])[:_ALIKE_KEPT]]
             return trace
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
@@ -221,6 +226,14 @@ def _leaves(formulation: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
             yield prefix + name, value
 
 
+def _parts(formulation: Any) -> Iterator[Any]:
+    """Yield a dataclass, and those among its fields, and theirs."""
+    yield formulation
+    for value in _fields(formulation).values():
+        if dataclasses.is_dataclass(value):
+            yield from _parts(value)
+
+
 def _fields(formulation: Any) -> dict[str, Any]:
     """Values of a dataclass's fields; how it is solved is no part of the statement."""
     if not dataclasses.is_dataclass(formulation):
@@ -255,8 +268,16 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
     outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
     sizes = [(name, value.size) for name, value in found.items()]
     rest = [(path, value) for path, value in _leaves(formulation) if path not in found]
-    parts = (outputs, list(stated.integrated()), stated.limit_names, sizes, rest)
-    return type(formulation), repr(parts)
+    kinds = [type(part) for part in _parts(formulation)]
+    own = [
+        (name, value)
+        for kind in kinds
+        for name in dir(kind)
+        if isinstance(value := getattr(kind, name), _DATA) and not name.startswith('__')
+    ]
+    parts = (outputs, list(stated.integrated()), stated.limit_names, sizes, rest, own)
+    with np.printoptions(threshold=sys.maxsize, floatmode='unique'):
+        return *kinds, repr(parts)
 
 
 def _make(stated: CheckedFormulation, expected: Mapping[str, Any], names: list[str]) -> Trace:

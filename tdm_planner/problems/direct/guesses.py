@@ -77,7 +77,7 @@ class Guesses:
 
     def _blocked(self, line: CollocatedMotion) -> float:
         """Return the sum of what a line violates obstacles by, in units of their largest value."""
-        left = self._plant.limits(*line.halves)[:, self._plant.trace.obstacles]
+        left = self._plant.limits(*line.halves)[:, self._plant.obstacles]
         worst = np.maximum(-left.min(axis=0), 0.0)
         return float((worst / np.abs(left).max(axis=0)).sum())
 

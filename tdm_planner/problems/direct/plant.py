@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from tdm_planner.arrays import Array, exponentials, largest_of_unit
+from tdm_planner.arrays import Array, exponentials, largest_of_unit, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
@@ -89,6 +89,11 @@ class DirectPlant:
         """Lowest and highest controls, (2, nu); infinite where they are not limited."""
         limits = self.stated.control_limits
         return np.array([limits.get(k, (-np.inf, np.inf)) for k in self.control_names]).T
+
+    @cached_property
+    def obstacles(self) -> Mask:
+        """Which limits (nm,) are obstacles: they may be violated between states that keep them."""
+        return self.trace.obstacles(self.numbers)
 
     @cached_property
     def durations(self) -> tuple[float, float]:

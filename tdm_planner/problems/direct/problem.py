@@ -129,6 +129,7 @@ class DirectProblem(Formulation, Problem):
 
     def prepare(self) -> None:
         """Trace the statement and make the programs, so that the first plan does not wait."""
+        check_statement(self)
         stated = CheckedFormulation(self)
         trace = Trace.of(stated)
         NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)

@@ -230,12 +230,12 @@ class Refinement:
             if landed:
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
                 reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
-                deep, earlier = -flown.least[self.trace.obstacles].min(initial=0.0), deep
+                deep, earlier = -flown.least[self._plant.obstacles].min(initial=0.0), deep
                 hopeless = deep >= max(_DEEP, _SHALLOWER * earlier)
                 again = None if hopeless else self.solve(motion.intervals, motion, reserve=reserve)
                 if again is None:
                     diverged |= deep > _DEEP
-                    over = (flown.least < -_DEEP) & self.trace.obstacles
+                    over = (flown.least < -_DEEP) & self._plant.obstacles
                     depths = np.where(over, -flown.least * flown.unit, np.inf)
                     self._leapt = np.minimum(self._leapt, depths)
                     break

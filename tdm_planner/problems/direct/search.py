@@ -216,7 +216,7 @@ class DirectSearch(Search[Candidate]):
                 motion = motion if settled and self._best else None
             if motion:
                 solved.append(motion)
-            late, blocked = self.budget.past(_STARTS_SHARE), bool(self._trace.obstacles.any())
+            late, blocked = self.budget.past(_STARTS_SHARE), bool(self._plant.obstacles.any())
             if until.spent or (solved and (late or suffice(solved, tried, blocked))):
                 break
             if tried == TRIED:

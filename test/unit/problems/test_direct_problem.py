@@ -251,8 +251,8 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_stay_where_an_end_is_
     assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
     # bent to either side, from (-2, 0) to (2, 0): the way round a disc in between is along y
     problem = RoundTheObstacle()
-    assert Trace.of(CheckedFormulation(problem)).obstacles.any()
-    assert not Trace.of(CheckedFormulation(WEAK())).obstacles.any()
+    assert DirectPlant(problem).obstacles.any()
+    assert not DirectPlant(WEAK()).obstacles.any()
     lines = (guesses(problem).bent(20, b, np.random.default_rng(1)) for b in (0, 0.2, -0.2))
     straight, left, right = (line.states for line in lines)
     assert left - straight == pytest.approx(straight - right)

@@ -94,7 +94,7 @@ def test_of_bent_lines_one_is_taken_that_leads_round_an_obstacle():
     for seed, screen in itertools.product(range(5), blocked):
         guesses = Guesses(plant, ends, Budget(60.0), seed)
         for line in (guesses.line(straight=False, screen=screen) for _ in range(2)):
-            left = plant.limits(*line.halves)[:, plant.trace.obstacles]
+            left = plant.limits(*line.halves)[:, plant.obstacles]
             blocked[screen] += bool((left < 0.0).any())
     assert blocked[True] == 0 < blocked[False]
 

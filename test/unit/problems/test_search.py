@@ -152,7 +152,5 @@ def test_a_plant_too_unstable_for_any_replay_is_planned_for_with_a_feedback_in_i
     if gain:
         assert plant().solve(counted=True).verification.ok
         return
-    with pytest.raises(
-        Infeasible, match=r'the plant is unstable: deviations .* grow \S+-fold'
-    ):
+    with pytest.raises(Infeasible, match=r'the plant is unstable: deviations .* grow \S+-fold'):
         plant().solve(counted=True)

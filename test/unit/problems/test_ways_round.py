@@ -17,10 +17,8 @@ from overtaking import Overtaking
 import pytest
 from stated import Cart, changed, LONG, QUICKEST, Quickest, solve
 from tdm_planner.direct_method import Budget, Duration, Integrated, Output
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion
-from tdm_planner.direct_method.graphs import bent, Rounded
-from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.graphs import Bends, Rounded
 from tdm_planner.exceptions import NotFinite, VerificationFailed
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.direct.guesses import Guesses
@@ -122,8 +120,8 @@ def test_a_maximum_of_plane_limits_is_an_obstacle_and_a_minimum_is_none() -> Non
     sides = ca.fabs(x) - 1.0
     limits = ca.vertcat(ca.fmax(sides[0], sides[1]), ca.fmin(-sides[0], -sides[1]), 2.0 - x[0])
     margins = ca.Function('margins', [t, x, u, p], [limits])
-    assert bent(margins, np.zeros(0), 'x').tolist() == [True, False, False]
-    assert Trace.of(CheckedFormulation(WINDOW())).obstacles.any()
+    assert Bends(margins, 'x')(np.zeros(0)).tolist() == [True, False, False]
+    assert DirectPlant(WINDOW()).obstacles.any()
 
 
 def test_only_kinks_between_two_limits_are_eased() -> None:

@@ -1,0 +1,108 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Traces serve all problems of a kind: a plan does not depend on what was solved before."""
+
+from dataclasses import dataclass, field, replace
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from stated import Car, Cart, refused
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.parameters import group, parameter, positive, Validated
+
+
+@dataclass(frozen=True)
+class Rocks(Car):
+    """A car among rocks that a parameter takes away."""
+
+    rocks: float = parameter(1.0, '1: they are there, 0: they are not')
+
+    def margins(self, t, x, u):
+        places = (-0.8, 0.3, 0.5), (0.4, -0.4, 0.45), (1.1, 0.4, 0.4)
+        away = [((x[0] - a) ** 2 + (x[1] - b) ** 2) / r**2 - 1.0 for a, b, r in places]
+        return {f'rock{k}': 1.0 + self.rocks * (left - 1.0) for k, left in enumerate(away)}
+
+
+def test_obstacles_are_those_of_the_problem_that_is_solved():
+    found = []
+    for before in (1.0, 0.0):
+        Trace._made.clear()
+        Rocks(rocks=before).solve(counted=True)
+        found.append(Rocks(start=-1.9).solve(counted=True))
+    assert found[0].cost == found[1].cost
+    assert found[0].evaluations == found[1].evaluations
+
+
+@dataclass(frozen=True)
+class Body(Validated):
+    mass: float = positive(1.0, 'mass', 'kg')
+
+    @property
+    def inertia(self):
+        return self.mass
+
+
+@dataclass(frozen=True)
+class Heavy(Body):
+    @property
+    def inertia(self):
+        return 4.0 * self.mass
+
+
+@dataclass(frozen=True)
+class Weighed(Cart):
+    """With a table, a group whose class may be another, and constants of the class."""
+
+    SHARE: ClassVar[float] = 1.0
+    body: Body = group(Body)
+    table: Any = field(default_factory=lambda: np.ones(2000))
+
+    def running_cost(self, t, x, u):
+        return self.SHARE * self.table[1000] * (self.body.inertia * u[0]) ** 2
+
+
+def test_constants_of_classes_groups_and_tables_are_a_part_of_the_kind(monkeypatch):
+    table = np.ones(2000)
+    table[1000] = 2.0
+    assert Weighed().solve(counted=True).cost == pytest.approx(1.5, rel=1e-3)
+    assert Weighed(body=Heavy()).solve(counted=True).cost == pytest.approx(24.0, rel=1e-3)
+    assert Weighed(table=table).solve(counted=True).cost == pytest.approx(3.0, rel=1e-3)
+    monkeypatch.setattr(Weighed, 'SHARE', 3.0)
+    assert Weighed().solve(counted=True).cost == pytest.approx(4.5, rel=1e-3)
+
+
+def test_few_traces_are_kept_of_a_kind_whose_numbers_cannot_be_symbols():
+    @dataclass(frozen=True)
+    class Walled(Cart):
+        def margins(self, t, x, u):
+            return {'wall': math.sqrt(4.0 + self.start**2) - x[0]}
+
+    Trace._made.clear()
+    for start in np.linspace(0.5, 1.0, 10):
+        Walled(start=float(start)).prepare()
+    (made,) = Trace._made.values()
+    assert len(made) == 4
+
+
+def test_a_statement_without_units_is_refused_when_it_is_prepared():
+    class Bare(Cart):
+        state_units = None
+
+    for make in (Bare().prepare, Bare().solve):
+        assert refused(make).startswith('state_units = None must be a tuple of units')
+
+
+def test_an_attribute_computed_beside_the_parameters_is_to_be_a_property():
+    @dataclass(frozen=True)
+    class Derived(Cart):
+        def __post_init__(self):
+            object.__setattr__(self, 'square', self.limit**2)
+
+        def margins(self, t, x, u):
+            return {'force': 1.0 - u[0] ** 2 / self.square}
+
+    told = refused(replace(Derived(), limit=5.0).solve)
+    assert told.endswith("'square' follows from parameters: state it as a property")
