@@ -56,7 +56,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
-    limits = left_at_ends(stated, ends)
+    limits = left_at_ends(stated, ends, plant.trace.uses)
     check_costs(plant.trace, program.motion(xi), plant.numbers)
 
     reasons = _compare_rates(program, xi, console)

@@ -22,6 +22,7 @@ from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 MOST_INSTANTS = 200_000  # of a check, beside those of its replay
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
+_AT_BREAKS = 64  # intervals where a limit has a kink or jump: a gate is passed in no time
 _PARTS, _DIVISIONS = 4, 12  # into which, and how often, an interval that may hide more is divided
 _BEND = 2.0  # times the last change of a margin's slope: how much it may change next
 _USUAL = 1e-3, 1e-6  # of a state's range, and at least: what motions may differ by
@@ -85,6 +86,7 @@ def verify(
     *,
     consistency: Array | None = None,
     start: Array | None = None,
+    breaks: Callable[[Array, Array, Array], Array] | None = None,
 ) -> Verification:
     """
     Check a trajectory with its replay by the plant.
@@ -94,34 +96,48 @@ def verify(
     as the motion asks, see `resolved`. The states written in the trajectory must agree with the
     replayed ones within `consistency` (nx,): by default the smaller of `tolerance` and 30 times
     `usual_tolerance`; where a state is free, `usual_tolerance`. The first of them must agree with
-    `start` (nx,), where that is given; NaN where a state is free.
+    `start` (nx,), where that is given; NaN where a state is free. What `breaks`, as margins,
+    return (n, k) changes its sign where a margin has a kink or jumps.
     """
-    given = *resolved(replayed, trajectory, constraints), goal, tolerance, constraints
+    given = *resolved(replayed, trajectory, constraints, breaks), goal, tolerance, constraints
     return judge(plant, trajectory, *given, consistency=consistency, start=start)
 
 
 def resolved(
-    replayed: ReplayedMotion, trajectory: Trajectory, constraints: Sequence[Constraint]
+    replayed: ReplayedMotion,
+    trajectory: Trajectory,
+    constraints: Sequence[Constraint],
+    breaks: Callable[[Array, Array, Array], Array] | None = None,
 ) -> tuple[Array, Array]:
     """
     Instants (n,) and states (n, nx) at which a violation of the constraints shows.
 
     They divide the intervals between the samples of the trajectory, which carry its controls, and
     between the steps of the integration, which follow the motion however fast it is. Intervals in
-    which a margin may dip below what is allowed are divided further.
+    which a margin has a kink or jumps, or may dip below what is allowed, are divided further.
     """
     knots = np.union1d(trajectory.times, replayed.steps)
     times = np.union1d(_divided(knots, _PER_STEP), knots)
     states, most = replayed.states(times), times.size + MOST_INSTANTS
+    if breaks is not None:
+        positive = breaks(times, states, trajectory.controls_at(times)) > 0.0
+        crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
+        times, states = _denser(replayed, times, crossed, _AT_BREAKS)
     for _ in range(_DIVISIONS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > most:
             break
-        edges = np.stack([times[hidden], times[hidden + 1]], axis=1)
-        more = [_divided(edge, _PARTS) for edge in edges]
-        times = np.union1d(times, np.concatenate(more))
-        states = replayed.states(times)
+        times, states = _denser(replayed, times, hidden, _PARTS)
     return times, states
+
+
+def _denser(
+    replayed: ReplayedMotion, times: Array, intervals: Integers, parts: int
+) -> tuple[Array, Array]:
+    """Return instants, and states, some of whose intervals are divided into so many parts."""
+    begins, steps = times[intervals, None], np.diff(times)[intervals, None]
+    times = np.union1d(times, begins + steps * np.arange(parts) / parts)
+    return times, replayed.states(times)
 
 
 def _divided(edges: Array, parts: int) -> Array:
@@ -138,8 +154,8 @@ def _hidden(
 
     The least margin in an interval is estimated: lines from both neighbouring intervals, steeper
     by `_BEND` of the last change of slope, meet there. Where the margin jumps, it may fall from
-    either end as steeply as it changes nearby. Return none if a sample already violates a limit:
-    the plan has failed.
+    either end as steeply as it changes nearby, and more, likewise. Return none if a sample already
+    violates a limit: the plan has failed.
     """
     found = np.zeros(times.size - 1, dtype=bool)
     for constraint in constraints:
@@ -171,6 +187,7 @@ def _least_between(times: Array, margin: Array) -> Array:
     smooth = np.abs(after - before) + _BEND * (np.abs(before - earlier) + np.abs(later - after))
     jumps = np.abs(slope - 0.5 * (before + after)) > _BEND * smooth
     steepest = np.abs([earlier, before, after, later]).max(axis=0)
+    steepest += _BEND * np.maximum(np.abs(before - earlier), np.abs(later - after))
     return np.where(jumps, least - steepest * step, least)
 
 

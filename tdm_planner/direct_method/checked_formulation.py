@@ -150,16 +150,20 @@ class CheckedFormulation:
         return found
 
     def size_of(self, margin: str) -> tuple[float, str]:
-        """Return size and unit of a margin of 1: half a control's range, else 1 and no unit."""
+        """Return size and unit of a margin of 1: `_size` of a control, else 1 and no unit."""
         name = margin.rpartition(', ')[0]
         if name not in self.control_limits:
             return 1.0, ''
         unit = self.formulation.control_units[self.control_names.index(name)]
-        return self._size(name, *self.control_limits[name]), unit
+        return float(self._size(name, *self.control_limits[name])), unit
 
     def _size(self, control: str, low: Any, high: Any) -> Any:
-        """Return half a control's range, of which its margins are shares; 1 if it is infinite."""
-        return 0.5 * (high - low) if np.isfinite(self.control_limits[control]).all() else 1.0
+        """Return half a control's range, or its one limit: its margins are shares of that."""
+        lowest, highest = np.isfinite(self.control_limits[control])
+        if lowest and highest:
+            return 0.5 * (high - low)
+        only = high if highest else low
+        return np.where(only == 0.0, 1.0, np.abs(only))
 
     def reserves(self, names: Sequence[str]) -> Array:
         """Return the share of every limit, by its margin's name, that is kept for feedback."""

@@ -241,6 +241,20 @@ class SimpleBounds:
         return found
 
 
+def breaks_of(function: Any) -> Any:
+    """Return what changes its sign where a traced function has a kink or a jump, a function."""
+    found: list[Any] = [ca.SX(0, 1)]
+
+    def note(operation: int, a: Any, b: Any) -> None:
+        if operation in (ca.OP_FABS, ca.OP_SIGN):
+            found.append(a)
+        elif operation in (ca.OP_FMAX, ca.OP_FMIN, ca.OP_LT, ca.OP_LE, ca.OP_EQ):
+            found.append(a - b)
+
+    given, _ = _rewritten(function, note)
+    return ca.Function('breaks', given, [ca.densify(ca.vertcat(*found))])
+
+
 class Bends:
     """
     Which limits f(t, x, u, p) may be violated between two points that keep them.

@@ -127,12 +127,13 @@ class Trace:
         }
         self.invert, self.rates, self.margins, self.running, *ends = self.functions.values()
         self.final, self.start_conditions, self.end_conditions = ends
-        everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
-        of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
-        self.of_states, self.of_controls = of  # masks of limits (nm,): of t or x; of u
+        limits, varied = self.margins(t, x, u, p), ca.vertcat(t, x, u)
+        # Which limits depend on t, states and controls, (nm, 1 + nx + nu); on t or x; on u.
+        self.uses = uses = np.array([_depends(limits, v) for v in ca.vertsplit(varied)]).T
+        self.of_states, self.of_controls = uses[:, : 1 + nx].any(1), uses[:, 1 + nx :].any(1)
         followed = self.invert(symbolic_of['y'], z, p)
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
-        self.unfolded = Unfolded(self.margins, values)
+        self.unfolded = Unfolded(self.margins, values := self.values(stated.formulation))
         self._controls_bend = Bends(self.margins, 'u')
         self.kept_between = self.of_states | self._controls_bend(values)
         self.obstacles = Bends(self.margins, 'x')  # gives the mask of limits (nm,)
@@ -352,8 +353,7 @@ def _array(values: list[Any]) -> Any:
 
 def _column(values: Sequence[Any]) -> Any:
     """Stack scalars: symbols, numbers or arrays of one of them."""
-    arrays = np.ndarray | np.generic
-    rows = [np.asarray(v, dtype=object).item() if isinstance(v, arrays) else v for v in values]
+    rows = (v.item() if isinstance(v, np.ndarray | np.generic) else v for v in values)
     return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 

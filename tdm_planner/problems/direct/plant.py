@@ -16,7 +16,7 @@ from tdm_planner.arrays import Array, exponentials, largest_of_unit, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.graphs import Call, Rounded
+from tdm_planner.direct_method.graphs import breaks_of, Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
@@ -216,6 +216,11 @@ class DirectPlant:
         """Return what is left to the limits at N instants, (N, nm), by the trace."""
         call = Call(self.trace.margins, len(times))
         return call(times[:, None], states, controls, self.numbers)[0]
+
+    def breaks(self, times: Array, states: Array, controls: Array) -> Array:
+        """Return what changes its sign where a limit has a kink or jumps, at N instants (N, k)."""
+        found = self.trace.once('breaks', lambda: breaks_of(self.trace.margins))
+        return Call(found, len(states))(times[:, None], states, controls, self.numbers)[0]
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""

@@ -99,6 +99,12 @@ class DirectProblem(Formulation, Problem):
     def check_class(cls) -> None:
         """Raise InvalidProblem if the class cannot be used, or has a method that is misspelt."""
         super().check_class()
+        (solver,) = (item for item in fields(cast(Any, cls)) if item.name == 'solver')
+        if not issubclass(cast(type, solver.default_factory), SolverParameters):
+            raise InvalidProblem(
+                f"{cls.__name__} has a parameter 'solver' that is no group of SolverParameters: "
+                'derive its class from that one'
+            )
         for name, doubt in misspelt(cls, MISSPELT).items():
             if isfunction(getattr(cls, name)):  # attributes may be for others
                 raise InvalidProblem(f'{cls.__name__}.{doubt}')
@@ -113,8 +119,9 @@ class DirectProblem(Formulation, Problem):
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier plan, with its cost and check recomputed."""
         motion = next(iter(trajectories.values()))
-        if motion.state_names != tuple(self.state_names):
-            raise VerificationFailed(f"its states are not those of '{self.name}'")
+        names = tuple(self.state_names), tuple(self.control_names)
+        if (motion.state_names, motion.control_names) != names:
+            raise VerificationFailed(f"its states or controls are not those of '{self.name}'")
         search = self.search(Budget(self.solver.deadline), np.random.default_rng(0), None)
         given, parameters = (motion.times, motion.states, motion.controls), np.zeros(0)
         plan = search.checked(*given, 0.0, parameters, motion.interpolation)

@@ -170,7 +170,8 @@ class Refinement:
 
     def warm(self, plan: Trajectory) -> CollocatedMotion | None:
         """Solve from what is left of an earlier plan; None if that leads nowhere."""
-        if plan.states.shape[1] != self.ends.states.shape[1]:
+        own = tuple(self._plant.state_names), tuple(self._plant.control_names)
+        if (plan.state_names, plan.control_names) != own:
             return None
         now = self._resume_instant(plan)
         rest = plan.duration - now

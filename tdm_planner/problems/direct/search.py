@@ -86,7 +86,7 @@ class DirectSearch(Search[Candidate]):
         # Not where collocation would lose a boundary condition.
         self._asked, self._refines = refined, refined and not self._refinement.ends.unkept
         check_use(self._trace)
-        self._end_margins = check_ends(self._stated, self._refinement.ends)
+        self._end_margins = check_ends(self._stated, self._refinement.ends, self._trace.uses)
         self._rounds, self._found, self._coarse = 0, False, False
         self._has_guess = True  # whether the direct method has an initial guess that is finite
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
@@ -387,6 +387,7 @@ class DirectSearch(Search[Candidate]):
                 self._refinement.tolerance(states),
                 constraints_of(self._stated, trajectory, self._plant.limit_tolerances(trajectory)),
                 start=self._refinement.ends.states[0],
+                breaks=self._plant.breaks,
             )
         except (NotFinite, DeadlineExceeded) as error:
             self.rejected = self.rejected or str(error)  # what an earlier one violates tells more

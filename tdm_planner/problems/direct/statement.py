@@ -201,20 +201,23 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             )
 
 
-def left_at_ends(stated: CheckedFormulation, ends: Ends) -> Left:
-    """Return what is left to every limit at both ends, None where that depends on what is free."""
-    rng, duration = np.random.default_rng(2), stated.duration()
-    found: list[dict[str, float | None]] = []
+def left_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
+    """
+    Return what is left to every limit at both ends, None where that depends on what is free.
+
+    `uses` tells which limits depend on t, states and controls, (nm, 1 + nx + nu).
+    """
+    duration = stated.duration()
+    found: list[list[float | None]] = []
     for side in range(2):
-        filled = []
-        for given in (ends.states[side], ends.controls[side]):
-            free = rng.normal(size=(3, given.size))
-            filled.append(np.where(np.isfinite(given), given, free))
-        times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
+        time = np.nan if side and not duration.fixed else side * duration.guess
+        given = np.concatenate([[time], ends.states[side], ends.controls[side]])
+        t, x, u = np.split(np.nan_to_num(given[None]), [1, 1 + ends.states.shape[1]], axis=1)
         with np.errstate(all='ignore'):
-            values = stated.margins(times, *filled).items()
-        found.append({n: float(v[0]) if np.ptp(v) == 0.0 else None for n, v in values})
-    return {name: (value, found[1][name]) for name, value in found[0].items()}
+            values = np.array([v[0] for v in stated.margins(t[:, 0], x, u).values()], dtype=float)
+        fixed = np.isfinite(values) & ~(uses & np.isnan(given)).any(axis=1)
+        found.append([v if f else None for v, f in zip(values.tolist(), fixed, strict=True)])
+    return dict(zip(stated.limit_names, zip(*found, strict=True), strict=True))
 
 
 def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
@@ -262,9 +265,9 @@ def _begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
     return reasons
 
 
-def check_ends(stated: CheckedFormulation, ends: Ends) -> Left:
+def check_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
     """Return what `left_at_ends` does; InvalidProblem for what no motion can keep there."""
-    left = left_at_ends(stated, ends)
+    left = left_at_ends(stated, ends, uses)
     for reason in impossible_ends(stated, ends, left):
         raise InvalidProblem(reason)
     return left
@@ -284,13 +287,22 @@ def limits_of(
     stated: CheckedFormulation, trajectory: Trajectory, tolerances: Array | float = 0.0
 ) -> tuple[Constraint, ...]:
     """Return the limits on a trajectory, one constraint each, and what they may be violated by."""
+    last: list[Any] = [None, {}]  # all limits are checked at the same instants, one by one
 
     def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
-        return stated.margins(times, states, controls)[name]
+        if times is not last[0]:
+            last[:] = times, stated.margins(times, states, controls)
+        found: Array = last[1][name]
+        return found
 
     names = list(stated.margins(trajectory.times, trajectory.states, trajectory.controls))
-    pairs = zip(names, np.broadcast_to(tolerances, len(names)).tolist(), strict=True)
-    return tuple(Constraint(name, partial(margin, name), least) for name, least in pairs)
+    found = []
+    for name, least in zip(names, np.broadcast_to(tolerances, len(names)).tolist(), strict=True):
+        size, unit = stated.size_of(name)
+        found.append(
+            Constraint(name, partial(margin, name), least, f'x {size:g} {unit}' if unit else '')
+        )
+    return tuple(found)
 
 
 def constraints_of(

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import build, ParameterSpec, to_mapping
+from tdm_planner.parameters import build, ParameterSpec, shown, to_mapping
 from tdm_planner.problems.formation.parameters import (
     DEFAULT_OFFSETS,
     default_start,
@@ -72,13 +72,19 @@ class RobotFormation(FormationParameters, Problem):
         """Check the values, alone and together."""
         super().__post_init__()
         names = robot_names(self.robots)
+        known = formation_specifications({'robots': names})
         for kind, default in (('starts', default_start), ('offsets', DEFAULT_OFFSETS.get)):
-            given = getattr(self, kind)
+            given = dict(getattr(self, kind))
             for name in given:
                 if name not in names:
                     raise InvalidProblem(
                         f"robot '{name}' is not among parameter 'robots': {', '.join(names)}"
                     )
+                if kind == 'offsets':
+                    given[name] = known[f'formation.{name}'].check(given[name])
+                elif not isinstance(given[name], RobotStart):
+                    value = shown(given[name])
+                    raise InvalidProblem(f"starts['{name}'] = {value} must be a RobotStart")
             every = {name: given[name] if name in given else default(name) for name in names}
             object.__setattr__(self, kind, every)
         weights = self.weights

@@ -147,9 +147,9 @@ def warm_starts(
     if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
         held = np.copysign(task.planned_torque, held)
     for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
-        after = max(after, FEWEST_ARCS + 1 - before - held.size)
+        after = max(after, min(FEWEST_ARCS + 1, most) - before - held.size)
         count = before + held.size + after
-        if count > max(most, FEWEST_ARCS + 1):
+        if count > most:
             continue
         end = -math.copysign(task.planned_torque, held[-1]) * (-1.0) ** np.arange(after)
         first = np.full(before, -math.copysign(task.planned_torque, held[0]))

@@ -211,10 +211,13 @@ class ContinuousTorqueSearch(Search[Solution]):
         """Return why there is none."""
         task = self._task
         if self._one_way and not self._goals():
+            begins = 'starts upright'
+            if task.start[2]:
+                turns = 'upright' if task.turns is None else f'goal.turns = {task.turns}'
+                begins = f'starts with theta_dot = {task.start[2]:g} rad/s away from {turns}'
             return Infeasible(
                 "method 'virtual_arc' needs theta to go one way all along, but the pendulum "
-                f'starts with theta_dot = {task.start[2]:g} rad/s away from goal.turns = '
-                f"{task.turns}; method 'switching' has no such restriction"
+                f"{begins}; method 'switching' has no such restriction"
             )
         way = ', theta going one way all along,' if self._one_way else ''
         what = (

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+import re
 import sys
 from unittest.mock import Mock
 
@@ -188,3 +189,40 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
     ):
         with pytest.raises(InvalidProblem, match=says):
             load_problem(name)
+
+
+def test_poses_of_a_formation_are_checked_and_kept_as_they_were_given() -> None:
+    place = [0.45, 0.0, 0.0]
+    formation = RobotFormation(offsets={'robot1': place})
+    place[0] = 99.0
+    assert formation.to_parameters()['formation.robot1'] == [0.45, 0.0, 0.0]
+    assert formation.offsets['robot1'] == [0.45, 0.0, 0.0]
+    for kind, value, told in (
+        (
+            'offsets',
+            [0.1, 0.2],
+            "'formation.robot1' = [0.1, 0.2] is not allowed: must be a list of 3",
+        ),
+        ('starts', {'x': 1.0}, "starts['robot1'] = {'x': 1.0} must be a RobotStart"),
+    ):
+        with pytest.raises(InvalidProblem, match=re.escape(told)):
+            RobotFormation(**{kind: {'robot1': value}})
+
+
+def test_a_warm_start_has_no_more_arcs_than_are_allowed() -> None:
+    starts = dict(theta=-1.0, psi=0.3, theta_dot=2.0, psi_dot=-1.0)
+    for arcs in (4, 5):
+        given = {f'start.{name}': value for name, value in starts.items()}
+        problem = PendulumSwingUp.from_parameters(
+            given | {'switching_arcs': arcs, 'limits.torque': 0.09}
+        )
+        plan = problem.solve(counted=True)
+        for seed in range(6):
+            again = problem.solve(counted=True, warm_start=plan, seed=seed)
+            assert again.trajectory.switches.size < arcs
+
+
+def test_one_way_upright_is_told_to_begin_there() -> None:
+    given = {'method': 'virtual_arc', 'start.theta': 0.0, 'start.psi': 1.0}
+    with pytest.raises(Infeasible, match='but the pendulum starts upright; method'):
+        PendulumSwingUp.from_parameters(given).solve(counted=True)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from stated import Car, Cart, changed, refused
 from tdm_planner.direct_method import Duration, Integrated, Output
-from tdm_planner.parameters import group, parameter, POSITIVE
+from tdm_planner.exceptions import VerificationFailed
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem
 from tdm_planner.problems.registry import load_problem
@@ -304,3 +305,26 @@ def test_a_field_that_is_no_parameter_is_told_to_be_one():
     assert refused(lambda: Weighed.from_parameters({'start': 1.0})).endswith(
         'did you mean start.x?'
     )
+
+
+def test_the_group_solver_is_one_of_the_solver_s_parameters():
+    @dataclass(frozen=True)
+    class Own(Validated):
+        deadline: float = parameter(1.0, 'time', unit='s', allowed=POSITIVE)
+
+    @dataclass(frozen=True)
+    class Solved(Cart):
+        solver: Own = group(Own)
+
+    assert "'solver' that is no group of SolverParameters: derive" in refused(Solved)
+
+
+def test_a_plan_with_other_controls_is_no_start_and_no_plan_of_a_problem():
+    problem = Cart()
+    plan = problem.solve(counted=True)
+    one = plan.trajectory
+    twice = replace(one, controls=np.tile(one.controls, 2), control_names=('u', 'w'), rates=None)
+    found = problem.solve(counted=True, warm_start=replace(plan, trajectories={'cart': twice}))
+    assert found.cost == pytest.approx(plan.cost, rel=1e-3)
+    with pytest.raises(VerificationFailed, match="states or controls are not those of 'cart'"):
+        problem.recovered({'cart': replace(one, control_names=('w',))})

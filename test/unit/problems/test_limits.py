@@ -1,0 +1,110 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Limits that jump, that hold in a small part of space, on one side, or at many places."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stated import Cart, changed, noted, Quickest
+from tdm_planner.direct_method import Duration, Output
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.exceptions import Infeasible, VerificationFailed
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.statement import limits_of
+
+DRIVE = changed(
+    Quickest,
+    states={'x': 'm', 'v': 'm/s'},
+    controls={'u': 'm/s^2'},
+    outputs=lambda s: {'x': Output((0.0, 0.0), (10.0, 0.0), free=3)},
+    invert=Cart.invert,
+    derivative=Cart.derivative,
+    control_limits=lambda s: {'u': (-1.0, 1.0)},
+    guess=8.0,
+)
+
+
+def crossing(t, x, u):
+    """In 10 cm of the way no more than .3 m/s is allowed."""
+    return np.where(np.abs(x[0] - 5.0) < 0.05, 0.3 - x[1], 1.0)
+
+
+def gate(t, x, u):
+    """It cannot be passed; it is 2 cm wide."""
+    return np.clip(np.abs(x[0] - 5.0) - 0.01, -1.0, 0.03)
+
+
+def pulse(t, x, u):
+    """For 40 ms there is next to no thrust."""
+    return np.where(np.abs(t - 2.33) < 0.02, 0.1 - np.abs(u[0]), 1.0)
+
+
+@pytest.mark.parametrize('limit', [crossing, gate, pulse])
+def test_a_limit_that_holds_in_a_small_part_of_the_way_is_kept_or_the_plan_fails(limit):
+    problem = changed(DRIVE, margins=lambda s, t, x, u: {'limit': limit(t, x, u)})()
+    try:
+        plan = problem.solve(counted=True).trajectory
+    except VerificationFailed as failed:
+        assert 'limit is violated by' in str(failed)
+        return
+    assert limit is not gate
+    plant = DirectPlant(problem)
+    times = np.linspace(0.0, plan.duration, 200_001)
+    left = limit(times, plant.replay(plan).states(times).T, plan.controls_at(times).T)
+    assert left.min() > -1.1e-5
+
+
+def test_many_limits_are_evaluated_at_once(monkeypatch):
+    """A check takes as many calls for two hundred of them as for one."""
+
+    def walls(s, t, x, u):
+        return {f'wall {k}': 11.0 + k - x[0] for k in range(200)}
+
+    problem = changed(DRIVE, margins=walls)()
+    plan = problem.solve(counted=True).trajectory
+    stated = CheckedFormulation(problem)
+    calls = noted(monkeypatch, CheckedFormulation, 'margins')
+    constraints = limits_of(stated, plan)
+    given = plan.times, plan.states, plan.controls
+    left = [constraint.margin(*given).min() for constraint in constraints]
+    assert left[:200] == pytest.approx(1.0 + np.arange(200), abs=1e-3)
+    assert calls.call_count == 2
+
+
+@pytest.mark.parametrize(('low', 'high'), [(-10.0, 10.0), (-np.inf, 10.0)])
+def test_a_reserve_is_a_share_of_the_range_of_a_control_or_of_its_one_limit(low, high):
+    problem = changed(
+        DRIVE,
+        reserve={'u': 0.3},
+        control_limits=lambda s: {'u': (low, high)},
+        margins=lambda s, t, x, u: {'brake': 1.0 + u[0] / 10.0},
+    )()
+    assert problem.solve(counted=True).trajectory.controls.max() == pytest.approx(7.0, rel=1e-3)
+
+
+def test_a_limit_is_broken_at_an_end_only_where_nothing_free_has_a_part_in_it():
+    """It is -1 for all of the ends that are likely, and kept from the start on."""
+    room = changed(
+        DRIVE,
+        outputs=lambda s: {'x': Output((50.0, 0.0), (None, 0.0), free=3)},
+        duration=lambda s: Duration(3.0, fixed=True),
+        control_limits=lambda s: {'u': (-5.0, 5.0)},
+        margins=lambda s, t, x, u: {'room': np.clip(1.0 - (x[0] - 50.0) ** 2 / 25.0, -1.0, 1.0)},
+        final_cost=lambda s, t, x: -x[0],
+    )
+    assert room().solve(counted=True).cost == pytest.approx(-55.0, rel=1e-3)
+
+
+def test_a_control_beyond_its_limit_is_told_in_its_unit():
+    heavy = changed(
+        DRIVE,
+        controls={'force': 'N'},
+        invert=lambda s, y, z: (y['x'][:2], (1e3 * y['x'][2],)),
+        derivative=lambda s, x, u: (x[1], 1e-3 * u[0]),
+        control_limits=lambda s: {'force': (-1000.0, 1000.0)},
+    )()
+    plan = heavy.solve(counted=True).trajectory
+    with pytest.raises(Infeasible, match=r'force, lowest is violated by 0\.5 x 1000 N at t ='):
+        heavy.recovered({heavy.name: replace(plan, controls=1.5 * plan.controls)})
