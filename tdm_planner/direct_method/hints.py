@@ -61,11 +61,11 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
         # Without symbols it was there.
         hint = f"'{error.name}' follows from parameters: state it as a property"
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
-    hint = hint or (HINT if traced else _usage(function, error, bool(where)) or one_line(error))
+    hint = hint or (HINT if traced else _usage(function, error, source) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
 
 
-def _usage(function: str, error: Exception, begun: bool) -> str:
+def _usage(function: str, error: Exception, source: str) -> str:
     """Say how a function is called, and with what; '' where that is not what is wrong."""
     if isinstance(error, FrozenInstanceError):
         return 'a problem is frozen: state what follows from its parameters as a property'
@@ -74,9 +74,9 @@ def _usage(function: str, error: Exception, begun: bool) -> str:
         return f"{type(error.obj).__name__} has no '{error.name}'{question and ': ' + question}"
     if function not in ARGUMENTS:
         return ''
-    if isinstance(error, TypeError) and not begun:
+    if isinstance(error, TypeError) and not source:
         return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
-    if isinstance(error, KeyError) and function == 'invert':
+    if isinstance(error, KeyError) and (f'y[{error}]' in source or f'z[{error}]' in source):
         return f'{error} is in neither outputs() nor integrated()'
     unlike = isinstance(error, IndexError) or 'values to unpack' in str(error)
     if unlike and function == 'invert':

@@ -328,3 +328,10 @@ def test_a_plan_with_other_controls_is_no_start_and_no_plan_of_a_problem():
     assert found.cost == pytest.approx(plan.cost, rel=1e-3)
     with pytest.raises(VerificationFailed, match="states or controls are not those of 'cart'"):
         problem.recovered({'cart': replace(one, control_names=('w',))})
+
+
+def test_a_key_that_a_statement_s_own_table_lacks_is_not_taken_for_an_output():
+    tabled = changed(Cart, invert=lambda s, y, z: (y['x'][:2], y['x'][2:] * {'gain': 1}['gian']))
+    assert refused(tabled().solve).endswith(": 'gian'")
+    other = changed(Cart, invert=lambda s, y, z: (y['y'][:2], y['x'][2:]))
+    assert refused(other().solve).endswith("'y' is in neither outputs() nor integrated()")
