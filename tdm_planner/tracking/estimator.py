@@ -301,9 +301,10 @@ class RepetitionWatch:
 
     Samples that stay the same to the last bit for a window, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
-    the noise, the sensor is `stuck`, until it shows another number or the plant should rest. The
-    last commands may be on their way still: they are ignored. A window is the longest gap between
-    samples that the estimator predicts over; what happens in a longer one is not judged.
+    the noise, and beyond what the model may be `astray`, the sensor is `stuck`, until it shows
+    another number or the plant should rest. The last commands may be on their way still: they are
+    ignored. A window is the longest gap between samples that the estimator predicts over; what
+    happens in a longer one is not judged.
     """
 
     def __init__(self, estimator: StateEstimator) -> None:
@@ -313,7 +314,7 @@ class RepetitionWatch:
         self._next = 1
         self.stuck = False
 
-    def observe(self, state: Array, stamp: float) -> None:
+    def observe(self, state: Array, stamp: float, astray: Array | float = 0.0) -> None:
         """Take a sample (nx,) of the instant `stamp` [s], later than that of the one before."""
         sample, before, self._last = self._sample, self._last, stamp
         window = self._estimator.longest_gap
@@ -323,7 +324,7 @@ class RepetitionWatch:
         elif stamp - before > window:
             self._begin(stamp)
         elif stamp - self._since >= self._next * window:
-            self._judge(sample, stamp)
+            self._judge(sample, stamp, astray)
 
     def of(self, estimator: StateEstimator) -> RepetitionWatch:
         """Return a watch by another estimator that knows what this one has seen."""
@@ -334,18 +335,17 @@ class RepetitionWatch:
     def _begin(self, stamp: float) -> None:
         self._since, self._next = stamp, 1
 
-    def _judge(self, sample: Array, stamp: float) -> None:
+    def _judge(self, sample: Array, stamp: float, astray: Array | float) -> None:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
-        state, driven = sample, False
+        state, driven = sample, self.stuck
         seen = stamp - _ON_ITS_WAY * estimator.longest_gap
         for duration, control in estimator.acting(self._since, seen):
-            state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())
-        far = _UNMISTAKABLE * estimator.measurement
-        moves = not bool((np.abs(state - sample) <= far).all())
-        # A plant without commands may rest where the model does not.
-        self.stuck = moves and (driven or self.stuck)
+            if driven:  # a plant without commands may rest where the model does not
+                state = estimator.move(state, control, duration)
+        far = np.maximum(_UNMISTAKABLE * estimator.measurement, astray)
+        self.stuck = not bool((np.abs(state - sample) <= far).all())
         if self.stuck:
             self._begin(stamp)
             self._next = _LONGEST  # about upright it takes that long to tell falling from resting

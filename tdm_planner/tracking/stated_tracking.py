@@ -118,6 +118,12 @@ class StatedTracker(TrajectoryTracker):
         # A plan from beside the goal to the goal must not make a deviation of nothing a large one.
         self._least_ranges = _SHORT * np.nan_to_num(np.abs(np.diff(ends, axis=0)[0]))
 
+    def observe(self, state: Array, stamp: float) -> None:
+        """Take a measured state (nx,); dry friction may hold a plant that the model moves."""
+        newest = self.newest
+        self.astray = GOAL_SHARE * (self._least_ranges if newest is None else newest.law.ranges)
+        super().observe(state, stamp)
+
     def prepare(self, trajectory: Trajectory) -> Steps[StatedLaw]:
         """Compute the gains along the plan."""
         plant = self.plant

@@ -209,6 +209,14 @@ def test_a_plant_that_a_command_holds_at_rest_is_not_stuck(window: float) -> Non
     assert hover.until_stuck(resting, 30.0, 20.0 * window) < 10.0 * window
 
 
+def test_what_rests_on_the_ground_until_a_command_holds_it_is_not_stuck() -> None:
+    noise = EstimatorNoise(np.array([1e-3, 1e-3]), 0.1, np.array([0.0, 1.0]))
+    hover, resting = Sensor(StateEstimator(Hover(), noise, [], longest_gap=0.1)), np.zeros(2)
+    assert hover.until_stuck(resting, 0.0, 0.075) == math.inf
+    assert hover.until_stuck(resting, 9.81, 1.0) == math.inf
+    assert hover.until_stuck(resting, 30.0, 1.0) < 0.5
+
+
 def test_it_stays_stuck_until_another_number_or_the_plant_should_rest(sensor: Sensor) -> None:
     state = np.array([0.005, 0.0, 0.0, 0.0])
     assert sensor.until_stuck(state, 0.02) < 0.3

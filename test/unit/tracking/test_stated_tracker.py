@@ -171,6 +171,38 @@ def test_a_plant_that_was_held_fast_seems_stuck_until_the_next_plan() -> None:
     assert rig.tracker.phase is Phase.HOLDING
 
 
+@pytest.mark.parametrize('off', [1e-3, 8e-3])
+def test_a_plant_that_dry_friction_holds_is_not_taken_for_a_stuck_sensor(off) -> None:
+    """Before its plan and beside its goal: an encoder shows the same, whatever the model does."""
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0] + [off, 0.0])
+    rig.accept(plan, 2.0)
+
+    def rest(place: np.ndarray, seconds: float) -> None:
+        for _ in range(round(seconds / rig.tracker.parameters.interval)):
+            rig.show(place)
+            told = rig.tracker.command(rig.now)
+            assert not told.problem
+        assert told.control.any()
+
+    rest(rig.state, 1.9)
+    rig.run(plan.duration + 1.0)
+    rest(plan.states[-1] + [off, 0.0], 3.0)
+    assert rig.tracker.phase is Phase.HOLDING
+
+
+def test_a_sensor_that_is_stuck_on_the_way_is_found_before_the_plant_is_far() -> None:
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0])
+    rig.accept(plan)
+    rig.run(0.3 * plan.duration)
+    stuck = rig.state
+    while not (told := rig.tracker.command(rig.now)).problem:
+        rig.show(stuck)
+        assert rig.now < 0.3 * plan.duration + 0.5
+    assert (told.phase, told.problem) == (Phase.TRACKING, STUCK)
+
+
 def test_a_plan_that_starts_elsewhere_is_rejected_at_once() -> None:
     plan = DoubleIntegrator().solve(deadline=10.0).trajectory
     rig = Rig(DoubleIntegrator(), np.array([0.9, 0.0]))
