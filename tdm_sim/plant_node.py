@@ -167,7 +167,8 @@ class PlantNode(ParameterNode):
         self._warned_timeouts = self._warned_breakdowns = 0
         self._drawn = 0  # instant [ns]
         self._name = self.model.name(given, self.get_namespace())
-        self._picture = Picture(self.model.drawn(given), self._name)
+        warn = self.get_logger().warning
+        self._picture = Picture(self.model.drawn(given), self._name, warn)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self._joint_states = self.create_publisher(JointState, 'joint_states', QUEUE)
         self._odometry = self.create_publisher(Odometry, 'odom', QUEUE) if kind.odometry else None

@@ -85,7 +85,8 @@ class Vehicle:
         with suppress(InvalidProblem):
             drawn = self._plant.drawn(values)
             if drawn is not None:
-                self._picture = self._picture or Picture(drawn, self.prefix.rstrip('/'))
+                name, warn = self.prefix.rstrip('/'), self._node.get_logger().warning
+                self._picture = self._picture or Picture(drawn, name, warn)
                 self._picture.set_up(drawn)
 
     def seen(self, now: float, max_age: float) -> Observation:

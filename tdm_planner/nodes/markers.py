@@ -12,7 +12,7 @@ numbers, and disappears by its lifetime when its publisher is gone.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import re
@@ -41,6 +41,7 @@ from tdm_planner.drawing import (
     WAY,
     way_of,
 )
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import to_duration, to_quaternion
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -130,11 +131,12 @@ class Picture:
     A plant in motion: `add` states to the trails, `draw` as often as it is to be shown.
 
     Namespaces are the styles of the shapes, `trail` and `name`; numbers are places in the drawing.
-    A plant with a name has its colour, and shows it.
+    A plant with a name has its colour, and shows it. A state that cannot be drawn is left out:
+    `warn` is called with the first reason.
     """
 
-    def __init__(self, drawn: Drawn, name: str = '') -> None:
-        self._name = name
+    def __init__(self, drawn: Drawn, name: str, warn: Callable[[str], object]) -> None:
+        self._name, self._warn = name, warn
         self._trails: dict[int, deque[tuple[float, Point]]] = {}  # by shape: instants, places
         self.set_up(drawn)
 
@@ -144,6 +146,7 @@ class Picture:
         self._spacing = max(drawn.span / _TRAIL_POINTS, _SHORTEST_SPACING)
         self._width = 0.0  # of lines [m], until the first drawing
         self._due = -math.inf  # instant [s] of the next place of the trails
+        self._warned = False
 
     def add(self, instant: float, state: Array) -> None:
         """Lengthen the trails by the places in a state (nx,) at an instant [s]."""
@@ -152,7 +155,7 @@ class Picture:
         if instant < self._due - _ROUNDING:
             return
         self._due = instant + self._spacing
-        for number, shape in enumerate(self._drawn.shapes(state)):
+        for number, shape in enumerate(self._shapes(state)):
             if shape.trail:
                 trail = self._trails.setdefault(number, deque())
                 trail.append((instant, to_points(way_of(shape, 1))[0]))
@@ -165,10 +168,11 @@ class Picture:
         self._due = -math.inf
 
     def draw(self, stamp: Time, state: Array, control: Array) -> MarkerArray:
-        """Return the plant in a state (nx,) under controls (nu,)."""
+        """Return the plant in a state (nx,) under controls (nu,); nothing if it fails."""
+        if not (shapes := self._shapes(state, control)):
+            return MarkerArray()
         pen, name = Pen(self._drawn.kind.frame, stamp, LIFETIME), self._name
-        shapes = self._drawn.shapes(state, control)
-        self._width = width = self._width or _WIDTH * _size(self._drawn.shapes(state))
+        self._width = width = self._width or _WIDTH * _size(self._shapes(state))
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
             if len(trail) > 1:
@@ -178,6 +182,16 @@ class Picture:
             x, y, *_ = way_of(shapes[0], 1)[0].tolist()
             shown.append(pen.text('name', name, (x, y - 20.0 * width), 10.0 * width))
         return MarkerArray(markers=shown)
+
+    def _shapes(self, *values: Array) -> Sequence[Shape]:
+        """Return the shapes in a state; none if a user's drawing of it fails."""
+        try:
+            return self._drawn.shapes(*values)
+        except InvalidProblem as error:
+            if not self._warned:
+                self._warned = True
+                self._warn(f'the plant is not drawn: {error}')
+            return ()
 
 
 def plan_markers(

@@ -146,6 +146,13 @@ class Lamp(Rail):
         return (Disc((x[0], 0.0, 0.3), self.size),)
 
 
+def _up_to_half(self: Rail, x: Sequence[Any]) -> Sequence[Shape]:
+    if np.any(np.asarray(x[0]) > 0.5):
+        raise ValueError('beyond the rail')
+    return Rail.drawing(self, x)
+
+
+Short = changed(Rail, name='short', drawing=_up_to_half)
 Blurred = changed(Rail, name='blurred', drawing=lambda self, x: (x[7],))
 
 
@@ -281,6 +288,38 @@ def test_a_real_plant_is_drawn_with_the_planners_parameters(ros):
     assert ros.publish_until(measure, lambda: bool(shown)), space.here.output
     (disc,) = (marker for marker in shown[-1].markers if marker.ns == 'body')
     assert (disc.pose.position.x, disc.scale.x) == (0.5, 0.5)
+
+
+def test_a_drawing_that_fails_on_the_way_costs_the_picture_only(ros):
+    """Of the planner and of the plant: both draw what they measure."""
+    problem, told = f'{__name__}:Short', 'the plant is not drawn: drawing of Changed raises'
+    real = start(ros, problem, 'short')
+    shown, joints = real.hear('plant_markers'), real.publisher('joint_states')
+
+    def draws(node: Any, place: float) -> bool:
+        shown.clear()
+        position = {'position': [place], 'velocity': [0.0]}
+        for _ in range(20):
+            joints.publish(JointState(name=['cart'], **position))
+            ros.spin_for(0.01)
+        return any(array.markers for array in shown)
+
+    assert [draws(real.here, place) for place in (0.4, 0.6, 0.7, 0.3)] == [
+        True,
+        False,
+        False,
+        True,
+    ]
+    assert real.here.output.count(told) == 1
+    real.here.end_cleanly()
+    plant = Space(ros, 'shorter').start('plant', {'problem': problem, 'initial.v': 2.0})
+    moving = ros.subscribe('/shorter/plant_markers')
+    ros.spin_for(0.4)
+    assert any(array.markers for array in moving)
+    ros.spin_for(2.0)
+    assert ros.silent(moving)
+    assert plant.output.count(told) == 1
+    plant.end_cleanly()
 
 
 def test_a_joint_without_a_velocity_tells_the_rate_of_its_position(ros):

@@ -236,7 +236,7 @@ def place(point) -> list[float]:
 @given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
 @settings(max_examples=15)
 def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
-    picture, arrays = Picture(drawn, name), []
+    picture, arrays = Picture(drawn, name, pytest.fail), []
     for k, values in enumerate(states):
         state = np.array(values)
         picture.add(float(k), state)
@@ -250,7 +250,7 @@ def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states)
 
 
 def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
-    picture, theta = Picture(DRAWN_PENDULUM), np.linspace(0.0, 1.0, 401)
+    picture, theta = Picture(DRAWN_PENDULUM, '', pytest.fail), np.linspace(0.0, 1.0, 401)
     for k, value in enumerate(theta):
         picture.add(0.005 * k, np.array([value, 0.3, 0.0, 0.0]))
 
