@@ -31,6 +31,7 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.execution import Observation, TimedPlan
 from tdm_planner.replanning.planned_plants import planned_plant, PlannedPlant, Values
 from tdm_planner.replanning.replanner import PublishedPlans, SAME_START
+from tdm_planner.tracking.motion import ObservedPhase
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -215,9 +216,19 @@ class Adapter:
 
         `values` are the parameters of the request. Called in the worker's thread.
 
+        A plant that its tracker brings to rest is predicted as reviews predict it.
+
         Raise InvalidProblem or NoState as `Vehicle.predicted` does.
         """
-        return self._starts(self.of_all(lambda v: v.predicted(values, now, start, self.plans)))
+        plan, plant, oldest = self.plans.newest, self.plant, values['start.max_age']
+        states = self.of_all(lambda v: v.predicted(values, now, start, self.plans))
+        if plan is not None and not plant.rests_before_start:
+            seen = self.of_all(lambda v: v.seen(now, oldest))
+            if braked := [n for n, one in seen.items() if one.phase is ObservedPhase.RECOVERING]:
+                trackers = {name: v.tracker.parameters for name, v in self.vehicles.items()}
+                moved = plant.execution(plan, trackers, values).predict(seen, start)
+                states |= {name: moved[name].state for name in braked}
+        return self._starts(states)
 
     def pending_start(self, now: float) -> float | None:
         """Return when the newest plan begins [s], if after `now`, and if a tracker awaits it."""

@@ -104,6 +104,21 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros, rig):
     assert rig.told('planner').count(NOT_TAKEN) <= rig.told('tracker').count(REJECTED)
 
 
+def test_a_request_while_the_tracker_brakes_begins_where_that_leads(ros):
+    plant = dict.fromkeys(('noise.theta', 'noise.psi', 'noise.theta_dot', 'noise.psi_dot'), 0.0)
+    tracker = {'planner_service': 'nobody', 'replan.on_deviation': True}
+    rig = Rig(ros, 'braked', pendulum_plant=plant, tracker=tracker)
+    rig.plan()
+    assert rig.stands_up()
+    rig.push(1.5e-3)
+    assert ros.spin_until(lambda: rig.said('tracker', 'recovering'))
+    ros.spin_for(0.2)
+    rig.plan()
+    assert rig.stands_up(), rig.told('tracker')
+    assert rig.told('tracker').count('accepted') == 2
+    assert REJECTED not in rig.told('tracker')
+
+
 def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros, rig):
     """Upright, it is offered a swing-up; on the way requests are answered, reviews or not."""
     rig.plan()
