@@ -294,8 +294,14 @@ class Adapter:
             self._node.get_logger().warning(str(error))
 
     def forget_plans(self) -> None:
-        """Forget the plans: simulated time was set back, and the trackers have dropped them."""
+        """
+        Forget the plans: simulated time was set back, and the trackers have dropped them.
+
+        What is latched becomes empty: a tracker started later would follow it when its time comes.
+        """
         self.plans = PublishedPlans()
+        for publisher in (*(v.trajectory for v in self.vehicles.values()), *self._others.values()):
+            publisher.publish(JointTrajectory())
         for vehicle in self.vehicles.values():
             vehicle.tracker.forget_plans()
 

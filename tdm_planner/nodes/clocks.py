@@ -17,6 +17,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.timer import Timer
 from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.tracking.motion import CLOCK_TOLERANCE
 from tdm_planner.trajectory import NANOSECOND
 
 NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /clock'
@@ -39,10 +40,9 @@ def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> T
 
 
 def watch_set_back(node: Node, callback: Callable[[TimeJump], None]) -> Any:
-    """Call back when a node's clock is set back; keep the result."""
-    backwards = JumpThreshold(
-        min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
-    )
+    """Call back when a node's clock is set back by more than trackers allow; keep the result."""
+    least = Duration(nanoseconds=-1 - round(CLOCK_TOLERANCE / NANOSECOND))
+    backwards = JumpThreshold(min_forward=None, min_backward=least, on_clock_change=False)
     return node.get_clock().create_jump_callback(backwards, post_callback=callback)
 
 

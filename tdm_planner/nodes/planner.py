@@ -17,7 +17,7 @@ from rclpy.clock import TimeJump
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
+from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem, NoState
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
@@ -293,8 +293,10 @@ class Planner(ManagedNode):
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""
-        simulated = self.get_clock().ros_time_is_active
-        if not (simulated and self.configured and self._newest_plan is not None):
+        if not (self.get_clock().ros_time_is_active and self.configured):
+            return
+        self._queue.cancel(NoState('simulated time was set back before there was a plan'))
+        if self._newest_plan is None:
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
         self._adapter.forget_plans()

@@ -204,6 +204,8 @@ class TrackerNode(ManagedNode):
         begins = nanoseconds_of(stamp) or int(self.get_clock().now().nanoseconds)
         try:
             message = from_wire(data, JointTrajectory)
+            if not message.points:  # the planner has dropped its plan
+                return
             trajectory = read_plan(self.type.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()

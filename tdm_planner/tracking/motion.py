@@ -22,6 +22,7 @@ _SLOWEST = 12.0  # commands, at least, while a deviation without feedback grows 
 _LIMIT_SLACK = 1e-3  # share of the numbers, by which a plan may be beyond a tracker's limits
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
+CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _MESSAGE_ROUNDING = 1e-9  # s, and in units of states and controls
 
 Made = TypeVar('Made')

@@ -34,6 +34,7 @@ from tdm_planner.tracking.motion import (
     Action,
     beyond_limits,
     check_trajectory,
+    CLOCK_TOLERANCE,
     Command,
     finished,
     most_off,
@@ -49,7 +50,6 @@ from tdm_planner.trajectory import Trajectory
 _CALM_SLACK = 3.0
 BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their range
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
-_CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
@@ -72,14 +72,12 @@ class TrajectoryTracker(ABC):
         self.parameters, self.plant, self.estimator = parameters, plant, estimator
         self.nothing = np.zeros(len(plant.control_names))  # commanded
         self._repetition = RepetitionWatch(estimator)
-        self.phase = Phase.IDLE
-        self.reason = ''
-        self.wants_plan = False
+        self.phase, self.reason = Phase.IDLE, ''
+        self.wants_plan = self._brakes = False
         self.current: Motion | None = None  # tracked or held
         self.pending: Motion | None = None  # accepted, until its start
         self.growth_rate = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
-        self._brakes = False
         self._notice = '', -math.inf  # what is told for a while, and since when
 
     @abstractmethod
@@ -230,7 +228,7 @@ class TrajectoryTracker(ABC):
         state = self.estimator.predict(time)
         # Held for much longer than an interval the feedback would not follow a quick swing.
         longest = max(2.0 * self.parameters.interval, (at - now) / _LOOK_AHEAD)
-        while time < at - _CLOCK_TOLERANCE:
+        while time < at - CLOCK_TOLERANCE:
             step = min(longest, at - time)
             state = self.estimator.move(state, self._going_on(time, state), step)
             time += step
@@ -323,9 +321,10 @@ class TrajectoryTracker(ABC):
         return f'the newest state is older than state_timeout = {timeout:g} s'
 
     def _follow_clock(self, now: float) -> None:
-        if now < self._time - _CLOCK_TOLERANCE:
+        if now < self._time - CLOCK_TOLERANCE:
             self.estimator.reset()
             self.estimator.history.clear()
+            self._notice = '', -math.inf
             if self.phase is not Phase.IDLE:
                 self.stop(f'the clock was set back by {self._time - now:.3g} s')
         self._time = now

@@ -272,24 +272,25 @@ def read_plans(
     """
     namespace = site.namespace
     published = topics.messages(f'{namespace}/trajectory', PLAN)
-    motions = {nanoseconds_of(item.message.header.stamp): item.message for item in published}
+    plans = [item.message for item in published if len(item.message.points)]  # empty: dropped
+    motions = {nanoseconds_of(message.header.stamp): message for message in plans}
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
         notes.append(
             f'{len(never_begun)} of the plans on {namespace}/trajectory were rejected by the '
             'tracker or superseded before they began.'
         )
-    plans = {}
+    found = {}
     for start in sorted(set(motions) - never_begun):
         vehicle = told[start].vehicles.get(site.name) if start in told else None
         try:
             interpolation = None if vehicle is None else vehicle.interpolation
             given = site.view.kind, motions[start], interpolation
-            plans[start] = read_plan(*given, rated=vehicle is not None)
+            found[start] = read_plan(*given, rated=vehicle is not None)
         except (InvalidProblem, ValueError, IndexError) as error:
             reason = untrusted.text(str(error))
             notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')
-    return plans
+    return found
 
 
 def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan, ...]:

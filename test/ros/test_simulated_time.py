@@ -3,6 +3,8 @@
 
 """A plant that drives `/clock` and nodes that follow it; nodes before and after time begins."""
 
+from typing import Any
+
 from closed_loop import swing_up
 import numpy as np
 from pendulum_rig import measured_state
@@ -11,9 +13,11 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import BEGIN, Stepped
+from tdm_planner.nodes import planning
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import PENDULUM
+from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
@@ -184,8 +188,52 @@ def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros):
     simulation.at(100.98)
     simulation.at(99.9)
     assert 'simulated time was set back' in planner.output
-    simulation.at(101.2)
+    # Nor does a tracker that starts now, when the time of that plan comes.
+    assert not plans[-1].points
+    tracker = ros.start('tracker', {'limits.torque': 0.09}, 'anew', OWN)
+    for seconds in (100.9, 101.0, 101.2):
+        simulation.at(seconds)
+    assert ros.said('/anew/tracker: tracking', 'idle')
+    assert 'rejected' not in tracker.output
     done, answer = ros.trigger('/anew/plan')
     assert done, answer
-    assert ros.spin_until(lambda: len(plans) == 2)
+    assert ros.spin_until(lambda: len(plans) == 3)
     np.testing.assert_allclose(plans[-1].points[0].positions, [np.pi, 0.0], atol=1e-9)
+
+
+def test_a_request_under_way_is_not_planned_from_a_state_of_the_time_before(ros, monkeypatch):
+    planner = ros.start('planner', {'limits.torque': 0.09}, 'between', OWN)
+    simulation, solve = Simulation(ros, 'between'), PendulumSwingUp.solve
+
+    def slowly(*of: Any, **options: Any) -> Any:
+        planning.time.sleep(0.5)
+        return solve(*of, **options)
+
+    monkeypatch.setattr(PendulumSwingUp, 'solve', slowly)
+    plans, pending = ros.subscribe('/between/trajectory'), ros.request('/between/plan')
+    for k in range(10):
+        simulation.at(100.0 + 0.02 * k)
+    assert not pending.done()
+    simulation.at(50.0)
+    told = 'NO_STATE", "reason": "simulated time was set back before there was a plan'
+    assert told in pending.result().message
+    ros.spin_for(1.0)
+    assert not plans
+    assert ros.says('/between/planner: planning', 'NO_STATE: simulated time was set back')
+    assert 'Traceback' not in planner.output
+
+
+@pytest.mark.parametrize(('back', 'stays'), [(0.0005, True), (0.02, False)])
+def test_planner_and_tracker_agree_by_how_much_time_may_be_set_back(ros, back, stays):
+    name, given = f'back{back * 1e4:.0f}', {'limits.torque': 0.09, 'start.max_age': 1.0}
+    planner = ros.start('planner', given, name, OWN)
+    tracker = ros.start('tracker', {'limits.torque': 0.09, 'state_timeout': 1.0}, name, OWN)
+    simulation, pending = Simulation(ros, name), ros.request(f'/{name}/plan')
+    assert ros.publish_until(lambda: simulation.at(100.0), pending.done)
+    assert pending.result().success, pending.result().message
+    simulation.at(100.1)
+    assert 'accepted' in tracker.output
+    simulation.at(100.1 - back)
+    simulation.at(100.11 - back)
+    for node in (planner, tracker):
+        assert ('was set back' in node.output) is not stays

@@ -24,6 +24,7 @@ from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
+from trajectory_msgs.msg import JointTrajectory
 
 
 @pytest.fixture
@@ -125,6 +126,15 @@ def replanned() -> list[Item]:
     (again,) = (item for item in pendulum_recording() if item.topic.endswith('trajectory'))
     again.message.header.stamp = to_stamp(after(0.5))
     return [*pendulum_recording(), again._replace(stamp=after(0.1))]
+
+
+def test_a_trajectory_that_became_empty_is_no_plan(read: Any) -> None:
+    """The planner drops its plan where simulated time is set back."""
+    plain = read(pendulum_recording())
+    dropped = Item('/pendulum/trajectory', after(1.0), JointTrajectory())
+    mission = read([*pendulum_recording(), dropped])
+    assert mission.missing == plain.missing
+    assert len(mission.vehicles[0].plans) == 1
 
 
 @pytest.mark.parametrize('published', [0.1, 0.6])

@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 import math
+from unittest.mock import Mock
 
 from benchmark.rigs import rig
 from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, swing_up, WEAK
@@ -252,6 +253,18 @@ def test_a_clock_that_is_set_stops_the_motion(plan: Trajectory, loop: Loop, to: 
     command = loop.tracker.command(to + 0.5)
     assert command.phase is Phase.STOPPED
     assert 'tolerance.start' in command.problem
+
+
+def test_what_was_told_before_the_clock_was_set_back_is_not_told_for_ever(monkeypatch) -> None:
+    tracker = pendulum_tracker()
+    tracker.observe(HANGING, 50.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker.estimator, 'observe', Mock(side_effect=FloatingPointError('so')))
+        tracker.observe(HANGING, 50.005)
+    assert 'broke down' in tracker.command(50.01).problem
+    tracker.command(1.0)
+    tracker.observe(HANGING, 1.005)
+    assert not tracker.command(1.01).problem
 
 
 def test_a_recovery_ends_when_it_is_not_wanted_any_more() -> None:
