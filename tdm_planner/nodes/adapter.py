@@ -294,16 +294,16 @@ class Adapter:
             self._node.get_logger().warning(str(error))
 
     def forget_plans(self) -> None:
-        """
-        Forget the plans: simulated time was set back, and the trackers have dropped them.
-
-        What is latched becomes empty: a tracker started later would follow it when its time comes.
-        """
+        """Forget the plans: simulated time was set back, and the trackers have dropped them."""
         self.plans = PublishedPlans()
-        for publisher in (*(v.trajectory for v in self.vehicles.values()), *self._others.values()):
-            publisher.publish(JointTrajectory())
+        self.withdraw()
         for vehicle in self.vehicles.values():
             vehicle.tracker.forget_plans()
+
+    def withdraw(self) -> None:
+        """Latch no plan: a tracker started after the clock was set back would begin it anew."""
+        for publisher in (*(v.trajectory for v in self.vehicles.values()), *self._others.values()):
+            publisher.publish(JointTrajectory())
 
     def recovered(
         self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int

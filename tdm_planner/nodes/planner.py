@@ -290,6 +290,8 @@ class Planner(ManagedNode):
 
     def _on_clock_step(self, step: float) -> None:
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
+        if step < -_GRACE and self.configured:
+            self._adapter.withdraw()
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Drop the active plan when simulated time is set back, as the trackers do."""

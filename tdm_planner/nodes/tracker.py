@@ -210,7 +210,7 @@ class TrackerNode(ManagedNode):
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._time.instant_of(stamp) + float(trajectory.times[0])
-            if self.tracker.follows(trajectory, start):
+            if self._status.follows(trajectory, begins, self.tracker):
                 return
             self._check_latest(start)
             yield from self.tracker.accepting(trajectory, start, now)

@@ -137,6 +137,13 @@ class TrackerStatus:
         """Add an accepted plan that starts at the instant `start` [ns], with its message."""
         self._plans.append(_Plan(trajectory, start, message))
 
+    def follows(self, trajectory: Trajectory, start: int, tracker: TrajectoryTracker) -> bool:
+        """Whether the very plan that starts at the instant `start` [ns] is active already."""
+        # Not by when its motion began: the time of day may have been set since.
+        active = [m for m in (tracker.current, tracker.pending) if m and m.is_of(trajectory)]
+        starts = {id(plan.trajectory): plan.start for plan in self._plans}
+        return any(starts.get(id(motion.trajectory)) == start for motion in active)
+
     def rejected(self, start: int, tracker: TrajectoryTracker) -> None:
         """Add a plan that the tracker has rejected."""
         if any(plan.start == start for plan in self._plans):

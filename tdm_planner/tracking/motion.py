@@ -166,12 +166,11 @@ class Motion(TimedTrajectory):
         """How far the plan has come at instant(s) [s]: seconds of the plan since its start."""
         return self.pace * (time - self.start - self.late)
 
-    def is_of(self, trajectory: Trajectory, start: float) -> bool:
-        """Whether it is the very trajectory from the instant `start` [s] on."""
+    def is_of(self, trajectory: Trajectory) -> bool:
+        """Whether it is the very trajectory, whenever that starts."""
         own = self.trajectory
         return (
-            self.start == start
-            and own.states.shape == trajectory.states.shape
+            own.states.shape == trajectory.states.shape
             and np.allclose(own.times, trajectory.times, rtol=0.0, atol=_MESSAGE_ROUNDING)
             and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_MESSAGE_ROUNDING)
             and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_MESSAGE_ROUNDING)

@@ -161,10 +161,6 @@ class TrajectoryTracker(ABC):
         """Return the active motion that was accepted last."""
         return self.pending or self.current
 
-    def follows(self, trajectory: Trajectory, start: float) -> bool:
-        """Whether the very trajectory, from the instant `start` [s] on, is active already."""
-        return any(m.is_of(trajectory, start) for m in (self.current, self.pending) if m)
-
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """Accept a trajectory at once, as `accepting` does."""
         finished(self.accepting(trajectory, start, now))

@@ -240,6 +240,18 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     assert node._adapter.plans.starting(plan.start) is plan
 
 
+def test_a_clock_that_is_set_back_leaves_nothing_for_a_tracker_that_starts_later(ros):
+    """When the time of the plan comes again: the plant was reset meanwhile."""
+    planner = Planner(ros, start__source='parameters', use_sim_time=False)
+    planner.made()
+    for step, left in ((30.0, True), (29.9, True), (0.0, False)):
+        ros.time_of_day = step
+        ros.spin_for(0.2)
+        assert bool(planner.latched('trajectory').points) is left
+    planner.made()
+    assert planner.latched('trajectory').points
+
+
 class Fleet(Space):
     """A planner in a namespace, and robots that are where the test says."""
 

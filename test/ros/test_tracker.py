@@ -272,6 +272,28 @@ def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(ros, 
     assert rig.says('holding', level=OK)
 
 
+@pytest.mark.parametrize('step', [-0.1, 30.0])
+def test_a_plan_that_comes_again_after_the_clock_was_set_is_the_one_that_is_followed(
+    ros, plan, step
+):
+    """As from a planner that was restarted, which takes it from `active_trajectory`."""
+    set_wrong, given = Space(ros), {'use_sim_time': False, **STRONG}
+    set_wrong.start('pendulum_plant', given)
+    tracker, sent = set_wrong.start('tracker', given), message(ros, plan)
+    plans = set_wrong.publisher('trajectory')
+    ros.spin_for(0.1)
+    plans.publish(sent)
+    ros.spin_for(SOON + 0.1)
+    ros.time_of_day = step
+    ros.spin_for(0.1)
+    plans.publish(sent)
+    ros.spin_for(plan.duration)
+    ros.time_of_day = 0.0
+    assert tracker.output.count('accepted') == 1
+    assert 'rejected' not in tracker.output
+    assert tracker.output.rstrip().endswith('holding')
+
+
 def test_faults_of_the_program_are_called_so_and_end_nothing(ros, idle, plans, plan, monkeypatch):
     tracker, broken = idle.tracker.node.tracker, Mock(side_effect=KeyError('a bug'))
     with monkeypatch.context() as patch:
