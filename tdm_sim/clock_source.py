@@ -56,7 +56,9 @@ class _Follower:
 
     def lags(self, now: int) -> bool:
         """Whether its message of the simulated instant `now` [ns], or an earlier one, is due."""
-        return now - self.stamp >= self.period and not self.silent
+        # An older stamp, or none, is not of this time, which would wait for it without end.
+        late = now - self.stamp
+        return self.period <= late <= _LONGEST_PERIOD * self.step and not self.silent
 
 
 class ClockSource:

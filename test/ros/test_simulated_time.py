@@ -96,6 +96,21 @@ def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told):
     told.ros.node.destroy_publisher(commands)
 
 
+@pytest.mark.parametrize('stamp', [0, BEGIN - 3600 * 10**9])
+def test_it_does_not_wait_for_stamps_that_are_not_of_its_time(told, stamp):
+    """A controller without stamps, or that goes by another clock."""
+    assert told.ros.set_parameters(PLANT, real_time_factor=1.0) == ['']
+    commands = told.ros.publisher('/slow/joint_command')
+    command = JointState(name=['disk'], effort=[0.0])
+    command.header.stamp = to_stamp(stamp)
+    shown = []
+    for _ in range(50):
+        commands.publish(command)
+        shown += [*told.listen(0.02)]
+    assert shown[-1] - shown[0] > 0.9e9
+    told.ros.node.destroy_publisher(commands)
+
+
 def test_planner_and_tracker_follow_the_clock(told):
     ros = told.ros
     strong = {'limits.torque': 0.09}
