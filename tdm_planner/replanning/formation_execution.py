@@ -160,6 +160,10 @@ class FormationExecution(Execution):
             edge = np.minimum(place, np.array([arena.length, arena.width]) - place).min()
             if edge < arena.minimum_separation / 2:
                 return f"'{name}' would come {edge:.3g} m near a wall"
+            for x, y, radius in self._problem.task.obstacles:
+                left = float(np.hypot(place[:, 0] - x, place[:, 1] - y).min()) - radius
+                if left < arena.minimum_separation / 2:
+                    return f"'{name}' would come {left:.3g} m near a keep-out zone"
         for one, other in itertools.combinations(places, 2):
             apart = np.linalg.norm(places[one] - places[other], axis=1)
             # What is too near now cannot be mended by any plan.

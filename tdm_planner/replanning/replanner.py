@@ -39,16 +39,6 @@ _TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told th
 _REMEMBERED = 16  # plans before the newest, that trackers may have kept
 
 
-def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
-    """
-    Whether a plan that would do has so much cost still to come that a better one may matter.
-
-    `whole` is the cost of the whole way. Near the goal the little that is left is no reason for a
-    plan: noise makes it more or less.
-    """
-    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * whole
-
-
 def decide(outlook: Outlook, changed: bool, cost: float, improvement: float) -> tuple[bool, str]:
     """
     Keep the active plan unless another one is necessary, or cheaper by a margin.
@@ -198,9 +188,14 @@ class Replanner:
         return Review(taking_over, reason, necessary, time.perf_counter() - began)
 
     def _may_improve(self, outlook: Outlook, now: float) -> bool:
-        """Whether to look for a better plan though the old one does: not often, it costs time."""
+        """
+        Whether to look for a better plan though the old one does: not often, it costs time.
+
+        Near the goal the little cost that is left is no reason: noise makes it more or less.
+        """
         plan = self.execution.plan
-        if not worth_improving(outlook, plan.whole_cost, self.parameters.improvement):
+        little = outlook.settled or outlook.cost <= LEAST_LEFT * plan.whole_cost
+        if little or self.parameters.improvement >= 1.0:
             return False
         if now - self._improved_at < _SELDOM * plan.solution.duration:
             return False

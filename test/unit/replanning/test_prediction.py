@@ -136,6 +136,21 @@ def test_what_leads_near_a_wall_is_seen(flight, name, axis, away):
     assert ('near a wall' in found.failure) == (away > 0.0)
 
 
+@pytest.mark.parametrize('away', [0.0, 0.1])
+def test_what_leads_near_a_keep_out_zone_is_seen(flight, away):
+    """A zone that the plan passes with 2 cm more than it must."""
+    plan = flight.solution.trajectories['robot2']
+    x, y = plan.states[:, :2].T
+    k = x.argmin()  # to the left of it there is nobody
+    at, zone = float(plan.times[k]), [float(x[k]) - 0.1 - 0.2 - 0.02, float(y[k]), 0.1]
+    asked = replace(FORMATION, arena=replace(FORMATION.arena, obstacles=zone))
+    states = states_on(flight, at)
+    states['robot2'][0] -= away
+    found = outlook(FormationExecution(replace(flight, problem=asked)), at, states)
+    assert ("'robot2' would come" in found.failure) == (away > 0.0)
+    assert ('near a keep-out zone' in found.failure) == (away > 0.0)
+
+
 def test_robots_held_at_their_goals_stay_there(flight):
     execution, at = FormationExecution(flight), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from closed_loop import crossing, FORMATION, seen, states_on, SWING, swing_up
@@ -50,7 +51,11 @@ def test_a_plan_supersedes_if_needed_or_cheaper(outlook, changed, improvement, r
 def test_near_the_goal_nothing_better_is_looked_for(outlook, whole, improvement):
     far = outlook.cost > reviewing.LEAST_LEFT * whole
     wanted = far and improvement < 1.0 and not outlook.settled
-    assert reviewing.worth_improving(outlook, whole, improvement) == wanted
+    plan = SimpleNamespace(whole_cost=whole, solution=SimpleNamespace(duration=1.0))
+    parameters = replace(PARAMETERS, improvement=improvement)
+    replanner = Replanner(SimpleNamespace(plan=plan), parameters)
+    assert replanner._may_improve(outlook, 0.0) == wanted
+    assert not replanner._may_improve(outlook, 0.05)  # not so soon again
 
 
 swing = pytest.fixture(swing_up, scope='module', name='swing')
