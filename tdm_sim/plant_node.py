@@ -306,7 +306,7 @@ class PlantNode(ParameterNode):
         simulation, slow = self.simulation, self._rate.problem()
         lost = f'reset {simulation.breakdowns} times: the motion could not be integrated'
         errors = [lost] if simulation.breakdowns else []
-        warnings = [count.warning for count in self._counted]
+        warnings = [self._time.problem, *(count.warning for count in self._counted)]
         if self._skipped > 0.0:
             warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled')
         warnings.append(slow and f'states at {slow}')

@@ -76,6 +76,11 @@ class MotionClock:
         return not clock.ros_time_is_active or bool(clock.now().nanoseconds > 0)
 
     @property
+    def problem(self) -> str:
+        """Return a sentence where no time is known, '' otherwise."""
+        return '' if self.runs else NO_TIME
+
+    @property
     def _zero(self) -> int:
         """Stamp [ns] of the node's clock at the instant 0."""
         return self._simulated_begin if self._simulated else self._begin + self._offset
@@ -123,7 +128,11 @@ class RateWatch:
         self._ticks: deque[float] = deque(maxlen=math.ceil(_WINDOW * rate) + 1)
 
     def _now(self) -> float:
-        return float(self._clock.now().nanoseconds) * NANOSECOND
+        now = float(self._clock.now().nanoseconds) * NANOSECOND
+        if self._ticks and now < self._ticks[-1]:  # simulated time was set back
+            self._ticks.clear()
+            self._began = now
+        return now
 
     def tick(self) -> None:
         """Note that the timer has fired."""
@@ -143,6 +152,7 @@ class RateWatch:
         measured = self.measured()
         if self._now() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SLOW * self.rate:
             return ''
-        return (
-            f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'
-        )
+        why = 'the computer is too busy, lower the rate'
+        if getattr(self._clock, 'ros_time_is_active', False):
+            why = f'/clock comes too seldom, or {why}'
+        return f'{measured:.0f} Hz instead of {self.rate:g}: {why}'

@@ -329,7 +329,7 @@ class Planner(ManagedNode):
             level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
         several = [count.warning for count in self._counts]
-        if told := [*filter(None, [*several, self._unfollowed])]:
+        if told := [*filter(None, [self._time.problem, *several, self._unfollowed])]:
             return Level.WARN, '; '.join(told)
         if not self._prepared:
             return Level.OK, 'preparing'

@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import Failure, InvalidProblem, one_line
-from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
@@ -337,10 +337,10 @@ class TrackerNode(ManagedNode):
     def report(self) -> Report:
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
-        timeless, slow = '' if self._time.runs else NO_TIME, self._rate.problem()
+        slow = self._rate.problem()
         rejection = self._rejection if self._latest_rejected else ''
         several = [count.warning for count in (self._planners, *self._sources)]
-        told = [timeless, rejection, *several, self.tracker.warning]
+        told = [self._time.problem, rejection, *several, self.tracker.warning]
         told = [*filter(None, told), *([f'commands at {slow}'] if slow else [])]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

@@ -161,6 +161,19 @@ def swing_up_from(start: int) -> JointTrajectory:
     return plan_message(PENDULUM, swing_up().solution.trajectory, to_stamp(start))
 
 
+def test_nodes_say_that_they_do_not_know_the_time(ros):
+    told = 'simulated time is not known yet (use_sim_time): nothing has come on /clock'
+    names = {'pendulum_plant': 'simulation', 'tracker': 'tracking', 'planner': 'planning'}
+    for role in names:
+        ros.start(role, {}, 'timeless', OWN)
+    tasks = [f'/timeless/{role}: {task}' for role, task in names.items()]
+    assert all(ros.says(task, told, level=1) for task in tasks)
+    clock = ros.publisher('/timeless/own_clock', Clock)
+    clock.publish(Clock(clock=Time(nanoseconds=BEGIN).to_msg()))
+    ros.spin_for(1.5)
+    assert not any(told in ros.statuses[task].message for task in tasks)
+
+
 def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros):
     tracker = ros.start('tracker', {'rate': 100.0}, 'early', OWN)
     followed, commands = map(ros.subscribe, ('/early/active_trajectory', '/early/joint_command'))

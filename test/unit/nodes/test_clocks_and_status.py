@@ -87,6 +87,20 @@ def test_a_rate_that_is_not_held_is_told_once_the_node_has_started_and_a_stall_i
     assert watch.problem() == ''
 
 
+def test_a_rate_by_simulated_time_names_the_clock_and_begins_anew_when_that_is_set_back():
+    clock = SetClock()
+    clock.ros_time_is_active = True
+    watch = RateWatch(200.0, clock)
+    tick(watch, 50.0, 5.0)
+    assert watch.problem().startswith('50 Hz instead of 200: /clock comes too seldom, or the comp')
+    tick(watch, 200.0, 5.0)
+    clock.steady -= 50 * SECOND
+    assert watch.measured() == 0.0
+    for seconds in (0.005, 0.1, 1.0, 2.0):
+        tick(watch, 200.0, seconds)
+        assert (watch.problem(), watch.measured()) == ('', pytest.approx(200.0, rel=0.02))
+
+
 @pytest.fixture
 def day(monkeypatch):
     made = SetClock()
