@@ -92,10 +92,14 @@ class MeasuredState:
     @property
     def newest(self) -> tuple[Array, float] | None:
         """Return the newest state (nx,) and its instant [s]; None until it is complete."""
-        if len(self._newest) < len(self._topics):
-            return None
-        values = {k: v for states, _ in self._newest.values() for k, v in states.items()}
-        _, instant = self._newest[self._leading]
+        known = self._newest.copy()  # another may come meanwhile
+        return self._whole(known) if len(known) == len(self._topics) else None
+
+    def _whole(
+        self, known: Mapping[str, tuple[Mapping[str, float], float]]
+    ) -> tuple[Array, float]:
+        values = {k: v for states, _ in known.values() for k, v in states.items()}
+        _, instant = known[self._leading]
         return np.array([values[name] for name in self._kind.state_names]), instant
 
     @property
@@ -116,8 +120,9 @@ class MeasuredState:
         """
         if missing := self.missing:
             raise NoState(missing[0])
+        known = self._newest.copy()  # another may come meanwhile
         for name, topic in self._topics.items():
-            _, instant = self._newest[name]
+            _, instant = known[name]
             age = now - instant
             if age > max_age:
                 raise NoState(
@@ -129,9 +134,7 @@ class MeasuredState:
                     f'the newest state on {topic} is stamped {-age:.3g} s in the future: the '
                     'clocks of its publisher and of the planner differ'
                 )
-        newest = self.newest
-        assert newest is not None  # none is missing
-        return newest
+        return self._whole(known)
 
     def ages(self, now: float) -> dict[str, float | None]:
         """Age [s] of the newest message by topic; None where there is none."""

@@ -248,7 +248,9 @@ class Parts:
 
     def __init__(self) -> None:
         self.observe, self.ignore, node = Mock(), Mock(), Mock()
-        MeasuredState(node, self, ROBOT, '', self.observe, self.ignore, lambda: 0.1)
+        self.measured = MeasuredState(
+            node, self, ROBOT, '', self.observe, self.ignore, lambda: 0.1
+        )
         self.callbacks = [call.args[2] for call in node.create_subscription.call_args_list]
 
     def instant_of(self, stamp) -> float:
@@ -305,6 +307,25 @@ def test_a_state_that_is_overtaken_is_dropped_unless_a_clock_was_set_back():
     parts.joints(slow)
     assert parts.state(slow)
     parts.ignore.assert_not_called()
+
+
+def test_a_state_that_comes_while_one_is_read_is_not_mixed_with_it():
+    """As in the thread that plans."""
+
+    class Growing(dict):
+        def values(self):
+            read = [*super().values()]
+            self['odom'] = self['odom'][0], later
+            return read
+
+    parts, begin = Parts(), Parts.time
+    parts.joints(begin)
+    parts.state(begin)
+    measured, later = parts.measured, begin * 1e-9 + 0.005
+    for read in (lambda: measured.newest, lambda: measured.fresh(begin * 1e-9, 1.0)):
+        measured._newest = Growing(measured._newest)
+        _, instant = read()
+        assert instant == begin * 1e-9
 
 
 @pytest.mark.parametrize('stamps', [(0, 0), (Parts.time, 0), (0, Parts.time + 90_000_000)])
