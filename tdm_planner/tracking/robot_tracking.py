@@ -107,7 +107,9 @@ class RobotEstimatorParameters(Validated):
         0.005, "standard deviation of the thruster's angle", unit='rad', allowed=NOISE
     )
     model_error: float = parameter(
-        0.03, "error of the model's accelerations relative to the largest", allowed=NOISE
+        0.03,
+        "error of the model's accelerations and the thruster's rate relative to the largest",
+        allowed=NOISE,
     )
 
 
@@ -161,7 +163,8 @@ class RobotTracker(TrajectoryTracker):
         noise = EstimatorNoise(
             np.array([place, place, speed, speed, angle, angle, assumed.thruster_noise]),
             assumed.model_error,
-            rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0]),
+            # The thruster may turn more slowly than told, and later.
+            rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, limits.thruster_rate]),
             gains=_ACTUATORS_SPREAD,
         )
         angles, gap, delay = [_YAW, _ALPHA], parameters.state_timeout, parameters.command_delay

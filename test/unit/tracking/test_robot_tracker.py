@@ -109,6 +109,21 @@ def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
     assert loop.tracker.estimator.predict(loop.now)[7] == pytest.approx(true_gain, abs=0.02)
 
 
+@pytest.mark.parametrize(('share', 'most'), [(1.0, 0.015), (0.95, 0.02), (0.9, 0.03)])
+def test_a_thruster_that_turns_more_slowly_than_told_is_seen_where_it_is(share, most) -> None:
+    """By its own sensor, whatever was commanded."""
+    tracker, rng = robot(np.zeros(7)).tracker, np.random.default_rng(0)
+    state, tick, errors = np.zeros(7), tracker.parameters.interval, []
+    noise = tracker.estimator.noise.measurement
+    for now in tick * np.arange(6000):
+        tracker.observe(state + noise * rng.standard_normal(7), now)
+        errors.append(tracker.estimator.predict(now)[6] - state[6])
+        rate = RATE * np.sign(np.sin(math.tau * now / 6.0))
+        tracker.estimator.history.add(now, np.array([0.0, rate, 0.0]))
+        state = state + tick * share * rate * ALPHA
+    assert np.abs(errors[400:]).max() < most
+
+
 def test_commands_make_up_for_the_actuator_gains(plan: Trajectory) -> None:
     tracker = robot(plan.states[0]).tracker
     motion = Motion(plan, 0.0, finished(tracker.prepare(plan)))
