@@ -131,7 +131,7 @@ class Picture:
     A plant in motion: `add` states to the trails, `draw` as often as it is to be shown.
 
     Namespaces are the styles of the shapes, `trail` and `name`; numbers are places in the drawing.
-    A plant with a name has its colour, and shows it. A state that cannot be drawn is left out:
+    A plant with a name has its colour, and shows it. A state that cannot be drawn is skipped:
     `warn` is called with the first reason.
     """
 
