@@ -302,8 +302,10 @@ class Adapter:
 
     def withdraw(self) -> None:
         """Latch no plan: a tracker started after the clock was set back would begin it anew."""
+        empty = JointTrajectory()
+        empty.header.stamp = self._node.get_clock().now().to_msg()
         for publisher in (*(v.trajectory for v in self.vehicles.values()), *self._others.values()):
-            publisher.publish(JointTrajectory())
+            publisher.publish(empty)
 
     def recovered(
         self, values: Values, trajectories: Mapping[str, Trajectory], stamp: int

@@ -190,10 +190,14 @@ class TrackerNode(ManagedNode):
         self.get_logger().warning(f'state ignored: {reason}', throttle_duration_sec=WARNING_PERIOD)
 
     def _on_trajectory(self, data: bytes) -> None:
-        """Receive a trajectory; it waits while the node is not active."""
+        """Receive a trajectory; it waits while the node is inactive, unless it begins at once."""
         try:
-            # What follows the header is not looked at.
-            self._intake.waiting = from_wire(data, Header).stamp, data
+            stamp = from_wire(data, Header).stamp  # what follows is not looked at
+            if not (self.active or nanoseconds_of(stamp)):
+                raise InvalidProblem(
+                    'its stamp is zero, it begins when it comes: the tracker must be active then'
+                )
+            self._intake.waiting = stamp, data
         except InvalidProblem as error:
             self._reject(str(error))
         if self.active and self._time.runs and self._intake.idle:
@@ -316,6 +320,8 @@ class TrackerNode(ManagedNode):
         if waiting or now - self._asked_at < replan.interval:
             return
         self._asked_at = now
+        if self._answer is not None:  # it would be kept for ever
+            self._planner.remove_pending_request(self._answer)
         if not self._planner.service_is_ready():
             self.get_logger().warning(
                 f'no planner serves {self._planner.srv_name}: cannot request a new plan',

@@ -33,7 +33,7 @@ from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.tracking.motion import next_step, ObservedPhase, Steps, TrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'tracker_status'
@@ -45,6 +45,7 @@ _EXECUTED: Mapping[bool | None, int] = {  # by whether the goal was reached
     True: GoalStatus.STATUS_SUCCEEDED,
     False: GoalStatus.STATUS_ABORTED,
 }
+_LAST = 2**31 * SECOND - 1  # ns; a later instant is no stamp
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 _PERIOD = 0.2  # s between attempts to ask for the parameters
 _ANSWER_WAIT = 2.0  # s that an answer may take: its client may have been met only just now
@@ -91,7 +92,7 @@ class PlanIntake:
 
 def goal_status(start: int, status: int) -> GoalStatus:
     """Return the status of the plan that starts at the instant [ns]: its id is that number."""
-    info = GoalInfo(stamp=to_stamp(start))
+    info = GoalInfo(stamp=to_stamp(min(start, _LAST)))
     info.goal_id.uuid = list(start.to_bytes(16, 'big', signed=True))
     return GoalStatus(goal_info=info, status=status)
 
@@ -302,6 +303,8 @@ class TrackerWatch:
         if now < self._due or self._class is None or not ready:
             return
         self._due = now + _ANSWER_WAIT
+        if self._asked is not None:  # it would be kept for ever
+            self._client.remove_pending_request(self._asked)
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
         self._asked.add_done_callback(self._on_answer)
 

@@ -7,6 +7,8 @@ import threading
 from unittest.mock import Mock
 
 from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
+from closed_loop import swing_up
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import GetAvailableTransitions, GetState
 import numpy as np
@@ -14,7 +16,9 @@ from pendulum_rig import measured_state
 from ros_harness import Space
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import plan_message
 from tdm_planner.nodes.reading import seconds_of
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import Problem
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2}
@@ -214,6 +218,23 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros):
     ros.settle()
     assert rig.commands[-1].effort[0] == 0.0
     assert ros.silent(rig.commands)
+
+
+def test_a_plan_that_begins_when_it_comes_is_not_kept_while_the_tracker_is_inactive(ros):
+    process = ros.start('tracker', WAITING, 'at_once')
+    manager = Manager(ros, '/at_once/tracker')
+    manager.do('configure')
+    plans = ros.publisher('/at_once/trajectory')
+    plans.publish(plan_message(PENDULUM, swing_up().solution.trajectory, Time()))
+    ros.spin_for(30.0)
+    assert 'rejected: INVALID_PROBLEM: its stamp is zero' in process.output
+    manager.do('activate')
+    states = ros.publisher('/at_once/joint_states')
+    for _ in range(20):
+        states.publish(measured_state(ros.now))
+        ros.spin_for(0.01)
+    assert 'accepted' not in process.output
+    assert manager.says('idle')
 
 
 def test_the_first_request_after_a_planner_was_set_up_anew_is_planned_along_the_active_plan(ros):

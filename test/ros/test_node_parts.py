@@ -126,6 +126,24 @@ def test_the_parameters_are_those_that_the_tracker_has_at_present(ros):
     assert ros.meet(lambda: watch.inactive)
 
 
+def test_of_requests_that_are_never_answered_the_last_is_kept(ros):
+    """As by a process that hangs: of the tracker, and of the planner."""
+    watch = TrackerWatch(ros.node, MotionClock(ros.node), 'hung/', PendulumTrackerParameters)
+    hung = ros.node.create_service(GetParameters, 'hung/tracker/get_parameters', lambda *_: None)
+    hung.send_response = lambda *_: None
+    ros.publisher('hung/tracker_status').publish(GoalStatusArray())
+    tracker = ros.start('tracker', {}, 'asks').node
+    asked = list[Request]()
+    create_plan_service(ros.node, Trigger, 'asks/plan', lambda request, _: asked.append(request))
+    assert ros.meet(tracker._planner.service_is_ready)
+    for _ in range(3):
+        tracker._ask_for_plan()
+        ros.spin_for(10.1)
+    assert len(asked) == 3
+    for client in (watch._client, tracker._planner):
+        assert len(client._pending_requests) == 1
+
+
 DEACTIVATE = Transition(id=Transition.TRANSITION_DEACTIVATE)
 REQUESTS = {
     **dict.fromkeys(('think', 'at_once'), (Trigger, {})),

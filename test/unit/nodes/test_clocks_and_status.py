@@ -224,6 +224,14 @@ def test_a_plan_that_is_superseded_is_canceled_and_one_that_is_rejected_aborted(
     assert bench.tick(Phase.STOPPED) == {9: 'ABORTED'}
 
 
+def test_a_plan_that_starts_later_than_stamps_reach_has_a_status():
+    told = tracker_plans.goal_status(2**31 * SECOND + 7, 1).goal_info
+    assert (told.stamp.sec, int.from_bytes(told.goal_id.uuid, 'big')) == (
+        2**31 - 1,
+        2**31 * SECOND + 7,
+    )
+
+
 def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest():
     bench = Bench()
     bench.accept(5)
