@@ -31,7 +31,7 @@ _DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around th
 _FARTHEST = 0.01  # s by which the estimate of the delay differs from the guess, at most
 _JITTER = 1e-3  # s, standard deviation of the delay from one command to the next
 _LEARNING = 0.1  # of the gradient of a sample's log-likelihood, that the model's error follows
-_LONGEST = 4  # windows without a change that are looked at together
+LOOKED_BACK = 4  # windows without a change that are looked at together
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -151,7 +151,7 @@ class StateEstimator:
         self._plant = plant
         self.noise = noise
         self.size = len(plant.state_names)
-        span = (_LONGEST + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
+        span = (LOOKED_BACK + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
         self.history = CommandHistory(len(plant.control_names), span)
         self.longest_gap, self._longest_step = longest_gap, longest_step
         self.angles = angles
@@ -348,8 +348,10 @@ class RepetitionWatch:
         self.stuck = not bool((np.abs(state - sample) <= far).all())
         if self.stuck:
             self._begin(stamp)
-            self._next = _LONGEST  # about upright it takes that long to tell falling from resting
-        elif self._next >= _LONGEST:
+            self._next = (
+                LOOKED_BACK  # about upright it takes that long to tell falling from resting
+            )
+        elif self._next >= LOOKED_BACK:
             self._begin(stamp)
         else:
             self._next *= 2

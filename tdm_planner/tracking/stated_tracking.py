@@ -21,7 +21,7 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.parameters import group, positive
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
-from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import EstimatorNoise, LOOKED_BACK, StateEstimator
 from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,
     mean_controls,
@@ -41,6 +41,7 @@ _SHARES = 10.0  # weight of a deviation as large as the range, against that of t
 # Ranges of states: of the largest of the same unit; of the problem's ends and earlier plans.
 _LEAST_RANGE, _SHORT = 1e-2, 0.1
 _LEAST_REACH = 1e-4  # of what the controls could change a state by
+_FRICTION = 0.1  # share of the largest controls that friction, and the model's error, may take
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
 
 
@@ -87,7 +88,8 @@ class StatedLaw:
     What is prepared of a plan: its law, and how both ends are held.
 
     `ranges` (nx,) are those of the states, in shares of which deviations count; `touched` is what
-    feedback may violate limits by in which controls have a part.
+    feedback may violate limits by in which controls have a part; `astray` (nx,) is what the model
+    may move by while friction holds the plant.
     """
 
     law: PlanLaw
@@ -95,6 +97,7 @@ class StatedLaw:
     begin: Hold | None
     end: Hold | None
     touched: Array
+    astray: Array
 
 
 class StatedTracker(TrajectoryTracker):
@@ -120,8 +123,8 @@ class StatedTracker(TrajectoryTracker):
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,); dry friction may hold a plant that the model moves."""
-        newest = self.newest
-        self.astray = GOAL_SHARE * (self._least_ranges if newest is None else newest.law.ranges)
+        if self.newest is not None:
+            self.astray = self.newest.law.astray
         super().observe(state, stamp)
 
     def prepare(self, trajectory: Trajectory) -> Steps[StatedLaw]:
@@ -142,7 +145,8 @@ class StatedTracker(TrajectoryTracker):
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.growth_rate = float(growths.max(initial=0.0))
-        return StatedLaw(law, ranges, begin, hold, touched)
+        astray = _FRICTION * self._reach(trajectory, LOOKED_BACK * self.parameters.state_timeout)
+        return StatedLaw(law, ranges, begin, hold, touched, np.nan_to_num(astray))
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """
@@ -153,12 +157,17 @@ class StatedTracker(TrajectoryTracker):
         """
         found = np.maximum(np.ptp(trajectory.states, axis=0), self._least_ranges)
         least = _LEAST_RANGE * largest_of_unit(found, self.problem.state_units)
-        jacobians = self.plant.jacobians(trajectory.states, trajectory.controls)
-        a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
-        driven, reach = b @ self._sizes(trajectory), np.zeros(found.size)
-        for _ in found:  # from controls to rates, from rates to places
-            reach = np.where(reach > 0.0, reach, a @ reach + driven)
+        reach = self._reach(trajectory, trajectory.duration)
         return np.asarray(np.maximum.reduce([found, least, _LEAST_REACH * reach + 1e-9]))
+
+    def _reach(self, trajectory: Trajectory, time: float) -> Array:
+        """Return about what the controls could change every state (nx,) by in so many s."""
+        jacobians = self.plant.jacobians(trajectory.states, trajectory.controls)
+        a, b = (time * np.abs(part).max(axis=0) for part in jacobians)
+        driven, reach = b @ self._sizes(trajectory), np.zeros(len(b))
+        for _ in reach:  # from controls to rates, from rates to places
+            reach = np.where(reach > 0.0, reach, a @ reach + driven)
+        return np.asarray(reach)
 
     def _sizes(self, trajectory: Trajectory) -> Array:
         """Return half the range of every control (nu,), along the plan if it is not limited."""

@@ -321,6 +321,8 @@ def test_a_state_that_comes_while_one_is_read_is_not_mixed_with_it():
     """As in the thread that plans."""
 
     class Growing(dict):
+        """A state comes as soon as the ones there are were read."""
+
         def values(self):
             read = [*super().values()]
             self['odom'] = self['odom'][0], later

@@ -191,15 +191,19 @@ def test_a_plant_that_dry_friction_holds_is_not_taken_for_a_stuck_sensor(off) ->
     assert rig.tracker.phase is Phase.HOLDING
 
 
-def test_a_sensor_that_is_stuck_on_the_way_is_found_before_the_plant_is_far() -> None:
-    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
-    rig = Rig(DoubleIntegrator(), plan.states[0])
+@pytest.mark.parametrize('time', [2.0, 60.0])
+@pytest.mark.parametrize('share', [0.02, 0.3, 0.8])
+def test_a_sensor_that_is_stuck_on_the_way_is_found_however_slow_the_plant(time, share) -> None:
+    cart = changed(Cart, control_limits=lambda s: {'u': (-s.limit, s.limit)})
+    cart = cart(time=time, limit=6.3 / time**2)  # hardly more than it takes
+    plan = cart.solve(deadline=10.0).trajectory
+    rig = Rig(cart, plan.states[0])
     rig.accept(plan)
-    rig.run(0.3 * plan.duration)
+    rig.run(share * plan.duration)
     stuck = rig.state
     while not (told := rig.tracker.command(rig.now)).problem:
         rig.show(stuck)
-        assert rig.now < 0.3 * plan.duration + 0.5
+        assert rig.now < share * plan.duration + 0.3
     assert (told.phase, told.problem) == (Phase.TRACKING, STUCK)
 
 
