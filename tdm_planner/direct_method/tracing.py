@@ -130,7 +130,7 @@ class Trace:
         limits, varied = self.margins(t, x, u, p), ca.vertcat(t, x, u)
         # Which limits depend on t, states and controls, (nm, 1 + nx + nu); on t or x; on u.
         self.uses = uses = np.array([_depends(limits, v) for v in ca.vertsplit(varied)]).T
-        self.of_states, self.of_controls = uses[:, : 1 + nx].any(1), uses[:, 1 + nx :].any(1)
+        self.of_states, self.of_controls = (part.any(1) for part in np.hsplit(uses, [1 + nx]))
         followed = self.invert(symbolic_of['y'], z, p)
         self.unused = [name for name, jet in jets.items() if not _depends(followed, jet).any()]
         self.unfolded = Unfolded(self.margins, values := self.values(stated.formulation))

@@ -27,17 +27,17 @@ DRIVE = changed(
 
 
 def crossing(t, x, u):
-    """In 10 cm of the way no more than .3 m/s is allowed."""
+    """Allow no more than .3 m/s in 10 cm of the way."""
     return np.where(np.abs(x[0] - 5.0) < 0.05, 0.3 - x[1], 1.0)
 
 
 def gate(t, x, u):
-    """It cannot be passed; it is 2 cm wide."""
+    """Let nothing pass; it is 2 cm wide."""
     return np.clip(np.abs(x[0] - 5.0) - 0.01, -1.0, 0.03)
 
 
 def pulse(t, x, u):
-    """For 40 ms there is next to no thrust."""
+    """Allow next to no thrust for 40 ms."""
     return np.where(np.abs(t - 2.33) < 0.02, 0.1 - np.abs(u[0]), 1.0)
 
 

@@ -210,7 +210,7 @@ def test_poses_of_a_formation_are_checked_and_kept_as_they_were_given() -> None:
 
 
 def test_a_warm_start_has_no_more_arcs_than_are_allowed() -> None:
-    starts = dict(theta=-1.0, psi=0.3, theta_dot=2.0, psi_dot=-1.0)
+    starts = {'theta': -1.0, 'psi': 0.3, 'theta_dot': 2.0, 'psi_dot': -1.0}
     for arcs in (4, 5):
         given = {f'start.{name}': value for name, value in starts.items()}
         problem = PendulumSwingUp.from_parameters(

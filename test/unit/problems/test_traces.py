@@ -47,6 +47,8 @@ class Body(Validated):
 
 @dataclass(frozen=True)
 class Heavy(Body):
+    """Of four times the inertia."""
+
     @property
     def inertia(self):
         return 4.0 * self.mass
@@ -77,6 +79,8 @@ def test_constants_of_classes_groups_and_tables_are_a_part_of_the_kind(monkeypat
 def test_few_traces_are_kept_of_a_kind_whose_numbers_cannot_be_symbols():
     @dataclass(frozen=True)
     class Walled(Cart):
+        """A root of a parameter by math."""
+
         def margins(self, t, x, u):
             return {'wall': math.sqrt(4.0 + self.start**2) - x[0]}
 
@@ -98,6 +102,8 @@ def test_a_statement_without_units_is_refused_when_it_is_prepared():
 def test_an_attribute_computed_beside_the_parameters_is_to_be_a_property():
     @dataclass(frozen=True)
     class Derived(Cart):
+        """An attribute that follows from a parameter."""
+
         def __post_init__(self):
             object.__setattr__(self, 'square', self.limit**2)
 
