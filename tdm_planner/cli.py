@@ -21,7 +21,7 @@ import webbrowser
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameter_files import read_parameters
-from tdm_planner.plan_files import check_path, plan_document, save_plan
+from tdm_planner.plan_files import check_path, plan_document, save_plan, UnusableFile
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, SHORT_NAMES
@@ -46,6 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_NO_PLAN if isinstance(error, Infeasible) else EXIT_USAGE
     except ImportError as error:
         _say(_what_is_missing(error))
+        return EXIT_USAGE
+    except OSError as error:
+        if error.filename is None:
+            raise
+        _say(f"{UnusableFile.code}: '{error.filename}' cannot be used: {error.strerror}")
         return EXIT_USAGE
     except Interrupted as interrupted:
         return EXIT_DONE if options.done else interrupted.code

@@ -45,7 +45,8 @@ _RETRY = 0.2  # s between requests while states are on their way
 _SETTLED = 0.1  # s after a reset, when the planner has received states from after it
 _SILENCE = 30.0  # s without a state, after which the demo ends
 _LATE = 'older than state_timeout'  # as trackers say it
-_OWN_FILES = ('bag', 'log', 'plan.json', 'report.html')
+_OWN_FILES = ('bag/metadata.yaml', 'bag/*.mcap', 'log/*.log', 'plan.json', 'report.html')
+_MARK = 'log/recorder.log'  # every demo begins with it; a bag, plan and report others write, too
 _OF_MESSAGES = ('plan_id', 'stamp', 'vehicles')  # what a plan's summary has, and its file has not
 
 Wait = Callable[[Callable[[], bool], float], bool]
@@ -125,17 +126,18 @@ def _prepare_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise UnusableFile(f"'{folder}' is a file, not a folder for the demo")
     make_folder(folder)
-    others = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
+    found = {path for path in folder.rglob('*') if path.is_symlink() or not path.is_dir()}
+    own = {path for names in _OWN_FILES for path in folder.glob(names)} & found
+    others = sorted(found - own if (folder / _MARK) in own else found)
     if others:
         raise UnusableFile(
-            f"the folder '{folder}' holds '{others[0]}', which no demo has written: "
-            'name another one with -o'
+            f"the folder '{folder}' holds '{others[0].relative_to(folder)}', which may not be a "
+            "demo's: name another one with -o"
         )
-    for path in (folder / name for name in _OWN_FILES):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+    for path in own:
+        path.unlink()
+    if (folder / 'bag').is_dir():
+        shutil.rmtree(folder / 'bag')  # empty: a bag is a new folder
 
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:

@@ -16,10 +16,11 @@ from unittest.mock import Mock
 from launch_stand_ins import installed
 import pytest
 from replays import faults
-from ros_harness import MODULES, SOURCE, UNHURRIED
+from ros_harness import MODULES, reserved_domain, ros_environment, SOURCE, UNHURRIED
 from tdm_planner import parameter_files, set_up, starting
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import RobotFormation
 from tdm_planner.starting import Interrupted, interruptible, uninterrupted
 
@@ -331,3 +332,49 @@ def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreig
     assert main(['demo', 'pendulum', '-o', 'out']) == 2
     assert "'out'" in capsys.readouterr().err
     assert mine.read_text() == 'mine'
+
+
+@pytest.mark.parametrize('foreign', ['', 'log/notes.txt', 'bag/ways', 'plan.json'])
+def test_a_demo_clears_what_a_demo_has_left_and_nothing_else(foreign, folder):
+    """A link stays, as other files do; so does a plan where no demo has begun."""
+    demo = pytest.importorskip('tdm_sim.demo')
+    left = ['log/recorder.log', 'bag/bag_0.mcap', 'bag/metadata.yaml', 'report.html']
+    for name in [foreign or 'plan.json', *left]:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    if foreign == 'bag/ways':
+        (folder / foreign).unlink()
+        (folder / foreign).symlink_to('/')
+    if foreign == 'plan.json':
+        (folder / 'log/recorder.log').unlink()
+    before = set(folder.rglob('*'))
+    with pytest.raises(UnusableFile, match='holds') if foreign else nullcontext():
+        demo._prepare_folder(folder)
+    assert set(folder.rglob('*')) == (before if foreign else {folder / 'log'})
+
+
+@pytest.mark.parametrize(
+    ('command', 'mode', 'told'),
+    [
+        ('demo pendulum -q -o z', 0o555, "z/log' cannot be used: Permission denied"),
+        ('demo pendulum -q -o z', 0, "z/bag' cannot be used: Permission denied"),
+        ('live pendulum --no-browser -o z', 0o555, "z/log' cannot be used: Permission denied"),
+        ('plan pendulum -o z/a.json', 0, "z/a.json' cannot be used: Permission denied"),
+        ('record -o z/b', 0, "z/b' cannot be used: Permission denied"),
+        ('report z', 0, "z/metadata.yaml' cannot be used: Permission denied"),
+    ],
+)
+def test_a_folder_that_a_user_may_not_use_gets_a_sentence(command, mode, told, folder):
+    """Also where root runs the tests, whom no mode holds up."""
+    pytest.importorskip('rclpy')
+    (folder / 'z').mkdir()
+    (folder / 'z').chmod(mode)
+    user = ['setpriv', '--bounding-set=-dac_override,-dac_read_search']
+    words = [*(user if os.geteuid() == 0 else []), sys.executable, '-m', 'tdm_planner.cli']
+    shown, places = {'capture_output': True, 'text': True}, {'PYTHONPATH': str(SOURCE)}
+    with reserved_domain() as domain:
+        environment = {**os.environ, **ros_environment(domain, folder), **places}
+        done = subprocess.run([*words, *command.split()], env=environment, timeout=120, **shown)
+    (folder / 'z').chmod(0o755)
+    assert done.returncode == 2
+    assert re.fullmatch(f"tdm: FILE: '.*{told}\n", done.stderr), done.stderr
