@@ -23,12 +23,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
+from rclpy.logging import get_logger, LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import TdmError
+from tdm_planner.exceptions import InvalidProblem, one_line, TdmError
 from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, seconds_of
@@ -53,6 +54,11 @@ _AFTER = 0.5  # s that are waited beyond what the verdict needs
 _NODES = 100  # that may speak at once
 _DECLARED = {'planner': PlannerParameters, 'tracker': TrackerParameters}  # others are plants
 _RATES = 2.0  # times more often than at real time the nodes of one plant may be called in a second
+_WRITE_INSTEAD = {  # by what rcl says of a parameter file
+    'ros__parameters': "; parameters must stand below the name of a node, '/**' for all nodes, "
+    "and below it 'ros__parameters'",
+    'same type': '; the numbers of a list must all have a decimal point, or none of them',
+}
 # Times that a busy computer takes: as many real seconds where simulated time runs faster.
 _COVER_REAL_TIME = frozenset({
     'start.delay', 'start.max_age', 'replan.delay', 'state_timeout', 'replan.interval',
@@ -315,7 +321,26 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
             Part('tracker', '', {'kind': plant}),
             Part('planner', '', {'problem': plant}),
         ]
-    return Scene(kind.from_parameters(values), space, parts, file and file.resolve())
+    problem = kind.from_parameters(values)
+    if parameters is not None:
+        _check_for_nodes(parameters)
+    return Scene(problem, space, parts, file and file.resolve())
+
+
+def _check_for_nodes(file: Path) -> None:
+    """Raise InvalidProblem for a parameter file that rcl, which nodes read it with, rejects."""
+    context, log = Context(), get_logger('rcl')
+    log.set_level(LoggingSeverity.FATAL)  # it logs the same, without what to write instead
+    try:
+        context.init(['--ros-args', '--params-file', str(file)], initialize_logging=False)
+    except RuntimeError as error:  # RCLError is of a private module
+        why = one_line(error).rpartition('Error: ')[2].partition(', at /')[0]
+        hint = next((hint for part, hint in _WRITE_INSTEAD.items() if part in why), '')
+        raise InvalidProblem(f"nodes cannot read the file '{file}': {why}{hint}") from None
+    else:
+        context.shutdown()
+    finally:
+        log.set_level(LoggingSeverity.UNSET)
 
 
 def speed_settings(

@@ -20,7 +20,6 @@ from ros_harness import MODULES, reserved_domain, ros_environment, SOURCE, UNHUR
 from tdm_planner import parameter_files, set_up, starting
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import RobotFormation
 from tdm_planner.starting import Interrupted, interruptible, uninterrupted
 
@@ -332,25 +331,6 @@ def test_a_demo_refuses_wrong_speeds_and_leaves_alone_what_is_not_its_own(foreig
     assert main(['demo', 'pendulum', '-o', 'out']) == 2
     assert "'out'" in capsys.readouterr().err
     assert mine.read_text() == 'mine'
-
-
-@pytest.mark.parametrize('foreign', ['', 'log/notes.txt', 'bag/ways', 'plan.json'])
-def test_a_demo_clears_what_a_demo_has_left_and_nothing_else(foreign, folder):
-    """A link stays, as other files do; so does a plan where no demo has begun."""
-    demo = pytest.importorskip('tdm_sim.demo')
-    left = ['log/recorder.log', 'bag/bag_0.mcap', 'bag/metadata.yaml', 'report.html']
-    for name in [foreign or 'plan.json', *left]:
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).touch()
-    if foreign == 'bag/ways':
-        (folder / foreign).unlink()
-        (folder / foreign).symlink_to('/')
-    if foreign == 'plan.json':
-        (folder / 'log/recorder.log').unlink()
-    before = set(folder.rglob('*'))
-    with pytest.raises(UnusableFile, match='holds') if foreign else nullcontext():
-        demo._prepare_folder(folder)
-    assert set(folder.rglob('*')) == (before if foreign else {folder / 'log'})
 
 
 @pytest.mark.parametrize(

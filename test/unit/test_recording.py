@@ -3,7 +3,7 @@
 
 """Recorder and demo: what a kill and a full disk leave; topics, commands, lines."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from importlib.util import find_spec
 import io
 from pathlib import Path
@@ -33,6 +33,7 @@ from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_files import config_file
+from tdm_planner.plan_files import UnusableFile
 from tdm_planner.robot_nodes import Part
 from tdm_planner.starting import Interrupted
 from tdm_sim import demo, recorder
@@ -53,6 +54,7 @@ HASH = TypeHash(version=1, value=bytes(32))
 ENDPOINT = SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type_hash=None)
 DONE = Figures(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6)
 TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
+BOTH = '/*/planner: {ros__parameters: {method: smooth}}\n/*/tracker: {ros__parameters: {a: '
 SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
 OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
           '/hall/a/odom', '/hall/abc'}  # fmt: skip
@@ -255,3 +257,42 @@ def test_a_signal_before_a_recording_has_begun_is_told_from_one_afterwards(monke
     monkeypatch.setattr(recorder, 'record', Mock(return_value=DONE))
     monkeypatch.setattr(Lines, 'line', Mock(side_effect=Interrupted(signal.SIGINT)))
     assert main(words) == 0
+
+
+@pytest.mark.parametrize('foreign', ['', 'log/notes.txt', 'bag/ways', 'plan.json'])
+def test_a_demo_clears_what_a_demo_has_left_and_nothing_else(foreign, tmp_path):
+    """A link stays, as other files do; so does a plan where no demo has begun."""
+    left = ['log/recorder.log', 'bag/bag_0.mcap', 'bag/metadata.yaml', 'report.html']
+    for name in [foreign or 'plan.json', *left]:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    if foreign == 'bag/ways':
+        (tmp_path / foreign).unlink()
+        (tmp_path / foreign).symlink_to('/')
+    if foreign == 'plan.json':
+        (tmp_path / 'log/recorder.log').unlink()
+    before = set(tmp_path.rglob('*'))
+    with pytest.raises(UnusableFile, match='holds') if foreign else nullcontext():
+        demo._prepare_folder(tmp_path)
+    assert set(tmp_path.rglob('*')) == (before if foreign else {tmp_path / 'log'})
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'),
+    [
+        ('limits:\n  torque: 0.05\n', "line 2; parameters must stand below the name of a node, '"),
+        (f'{BOTH}[1, 2.5]}}}}\n', 'at line_num 2; the numbers of a list must all have a decimal'),
+        (f'{BOTH}[[1], [2]]}}}}\n', 'cannot be key at line 2'),
+    ],
+)
+def test_a_parameter_file_that_nodes_cannot_read_is_refused_before_they_start(
+    text, told, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'p.yaml').write_text(text)
+    for command in ('demo', 'live'):
+        assert main([command, 'pendulum', '--params', 'p.yaml', '-o', 'out']) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert line.startswith("tdm: INVALID_PROBLEM: nodes cannot read the file 'p.yaml': ")
+        assert told in line
+    assert not (tmp_path / 'out').exists()
