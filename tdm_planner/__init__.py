@@ -3,8 +3,6 @@
 
 """Near-optimal trajectories in real time by Taranenko's direct method."""
 
-from importlib.metadata import version
-
 from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
@@ -14,9 +12,17 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.starting import begin
 
+
+def _version() -> str:
+    # Here, as it takes 30 ms, in which a signal would end in a traceback before `begin`.
+    from importlib.metadata import version
+
+    return version('tdm_planner')
+
+
 begin()
 
-__version__ = version('tdm_planner')
+__version__ = _version()
 
 __all__ = [
     'DeadlineExceeded',

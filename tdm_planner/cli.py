@@ -250,8 +250,11 @@ def _check(options: argparse.Namespace) -> int:
     from tdm_planner.problem_check import check_problem
 
     problem = _problem(options)
+    reasons = None
     with printing():
         reasons = check_problem(problem, Console())
+    if reasons is None:  # nobody reads the rest, but the exit status counts
+        reasons = check_problem(problem)
     for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')
     return EXIT_USAGE if reasons else EXIT_DONE

@@ -37,7 +37,7 @@ from tdm_planner.exceptions import ERRORS, InvalidProblem, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import fault_of
-from tdm_planner.parameters import flatten
+from tdm_planner.parameters import flatten, shown
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import joined, SECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -275,9 +275,19 @@ class PlanClient:
 
 
 def _message(name: str, value: Any) -> Any:
-    """Return a parameter as a message; numpy's numbers, and lists of mixed numbers, are taken."""
+    """
+    Return a parameter as a message; numpy's numbers, and lists of mixed numbers, are taken.
+
+    Raise InvalidProblem for a value that no parameter can have.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple) and any(isinstance(item, float) for item in value):
         value = [float(item) for item in value]
-    return Parameter(name, value=value).to_parameter_msg()
+    try:
+        return Parameter(name, value=value).to_parameter_msg()
+    except TypeError:
+        raise InvalidProblem(
+            f"parameter '{name}' = {shown(value)} is not allowed: must be a number, a string, "
+            'true or false, or a list of values of one of these kinds'
+        ) from None

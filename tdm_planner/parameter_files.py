@@ -176,6 +176,11 @@ def _sections(
     document: Mapping[Any, Any], path: str = ''
 ) -> Iterator[tuple[str, Mapping[Any, Any]]]:
     for key, value in document.items():
+        if key == 'ros__parameters' and path and not isinstance(value, Mapping):
+            raise InvalidProblem(
+                f"'ros__parameters' of section '{shown(path)}' of the parameter file must be a "
+                f'mapping of parameters, not {shown(value)}'
+            )
         if isinstance(value, Mapping):
             if key == 'ros__parameters' and path:
                 yield path, value

@@ -74,17 +74,24 @@ def to_csv(plan: Mapping[str, Any]) -> bytes:
 
 
 def to_npz(plan: Mapping[str, Any]) -> bytes:
-    """Return arrays `times` and one for every state and control; ``robot/`` before each name."""
-    arrays: dict[str, Any] = {}
+    """
+    Return arrays `times` and one for every state and control; ``robot/`` before each name.
+
+    Raise UnusableFile for a state or control that is called as another array.
+    """
+    arrays: dict[str, Any] = {figure: np.array(plan[figure]) for figure in VEHICLE_FIGURES}
     for name, part in vehicles(plan).items():
         prefix = f'{name}/' if name else ''
         arrays[f'{prefix}times'] = np.array(part['times'])
         arrays[f'{prefix}interpolation'] = np.array(part['interpolation'])
         for group in ('states', 'controls'):
             for column, values in part[group].items():
+                if f'{prefix}{column}' in arrays:
+                    raise UnusableFile(
+                        f"a .npz file cannot hold the {group[:-1]} '{column}', which is the name "
+                        'of another array there: write a .json file'
+                    )
                 arrays[f'{prefix}{column}'] = np.array(values)
-    for figure in VEHICLE_FIGURES:
-        arrays[figure] = np.array(plan[figure])
     data = io.BytesIO()
     np.savez_compressed(data, **arrays)
     return data.getvalue()
@@ -161,6 +168,8 @@ def load_plan(path: Path | str) -> dict[str, Any]:
             raise KeyError('problem')
         for part in parts.values():
             Trajectory.from_dict(dict(part))
+    except InvalidProblem as error:
+        raise UnusableFile(f"the file '{path}' is not a plan written by tdm: {error}") from None
     except (AttributeError, KeyError, TypeError, ValueError):
         raise UnusableFile(f"the file '{path}' is not a plan written by tdm") from None
     return plan

@@ -16,14 +16,21 @@ from tdm_planner.plan_files import UnusableFile
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Raise UnusableFile where standard output cannot be written; nothing is written any more."""
+    """
+    Raise UnusableFile where standard output cannot be written; nothing is written any more.
+
+    Where nobody reads it, as behind ``| head``, the rest of the block is left out, without a word.
+    """
     try:
         yield
-    except OSError as error:
-        if error.filename is not None:  # of a file that a statement reads
-            raise
+    except (OSError, SystemExit) as error:
+        # rich makes a SystemExit of a pipe that is closed
+        fault = error.__context__ if isinstance(error, SystemExit) else error
+        if not isinstance(fault, OSError) or fault.filename is not None:
+            raise  # of a file that a statement reads
         sys.stdout = io.StringIO()  # what is left would be tried again as the process ends
-        raise UnusableFile(f'standard output cannot be written: {error.strerror}') from None
+        if not isinstance(fault, BrokenPipeError):
+            raise UnusableFile(f'standard output cannot be written: {fault.strerror}') from None
 
 
 class Progress:

@@ -66,7 +66,7 @@ def run_live(
         title = f'tdm live {namespace}'
         page = Page(server, listener, Recordings(output, namespace), title)
         stack.callback(page.close)
-        address = f'http://{host}:{server.get_port()}'
+        address = _url(host, server.get_port())
         with printing():
             print(f'{address} (Ctrl-C ends it)', flush=True)
         if not _is_local(host):
@@ -86,9 +86,11 @@ def _meant(nodes: str, parameters: Path | None) -> tuple[str, Scene | None]:
         return nodes, None
     try:
         scene = make_scene(nodes, parameters)
-    except InvalidProblem:
+    except InvalidProblem as error:
         if not nodes_run(f'/{nodes}'):
-            raise
+            if parameters is not None:  # the fault may be theirs
+                raise
+            raise InvalidProblem(f'no nodes run in /{nodes}; {error}') from None
         return f'/{nodes}', None
     return scene.namespace, None if nodes_run(scene.namespace) else scene
 
@@ -172,6 +174,10 @@ def _server(host: str, port: int) -> viser.ViserServer:
 
     connections.on_client_connect(only_own_pages)
     return server
+
+
+def _url(host: str, port: int) -> str:
+    return f'http://{f"[{host}]" if ":" in host else host}:{port}'  # of IPv6 in brackets
 
 
 def _check_address(host: str) -> None:

@@ -153,7 +153,9 @@ def _histories(
     mission: Mission, sources: Callable[[RecordedVehicle], Sources], held: bool = False
 ) -> tuple[Panel, ...]:
     """Return panels of states or controls with their limits, and the switches of the plans."""
-    switches = tuple(sorted({at for plan in mission.plans for at in _switches(plan).tolist()}))
+    several = len(mission.vehicles) > 1  # whose switches would hide the curves
+    plans = () if several else mission.plans
+    switches = tuple(sorted({at for plan in plans for at in _switches(plan).tolist()}))
     return tuple(
         panel._replace(
             limits=mission.vehicles[0].view.bounds.get(panel.title, ()), switches=switches

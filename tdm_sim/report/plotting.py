@@ -34,6 +34,7 @@ from tdm_sim.report.charts import mission_charts, Panel
 from tdm_sim.report.mission import Mission, RecordedVehicle
 from tdm_sim.report.recorded_vehicles import planned_vehicles
 
+_ROW = 1.6  # inches of a panel, for its label
 _INSTANTS = 1000  # of ways
 _BODIES = 9  # instants at which the plants are drawn
 _COLOURS = {'limit': LIMIT, 'reach': SWITCH, 'force': STYLE_COLOURS['force']}
@@ -59,10 +60,11 @@ def plot_plan(mission: Mission) -> Figure:
     shapes = _drawn(mission.vehicles[0], np.zeros(1))
     if not shapes or points_of(shapes[0], 1).shape[-1] > 2:
         panels = [*states, *controls, *margins]
-        figure = Figure(figsize=(9, 1.6 * len(panels) + 1.0), layout='constrained')
+        figure = Figure(figsize=(9, _ROW * len(panels) + 1.0), layout='constrained')
         _histories(figure, mission, panels)
     else:
-        figure = Figure(figsize=(18, 11.5), layout='constrained')
+        rows = max(len(states), len(controls) + len(margins))
+        figure = Figure(figsize=(18, max(11.5, _ROW * rows + 1.0)), layout='constrained')
         thirds = figure.subfigures(1, 3, width_ratios=[1.3, 1, 1])
         assert isinstance(thirds, np.ndarray)
         _picture(thirds[0], mission, apart)
@@ -78,15 +80,15 @@ def _coloured(mission: Mission) -> dict[str, str]:
 
 def _histories(part: Figure | SubFigure, mission: Mission, panels: Sequence[Panel]) -> None:
     axes = part.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    several = len(mission.vehicles) > 1  # whose switching points would be too many
     for axis, panel in zip(axes, panels, strict=True):
         _draw_panel(axis, panel)
-        for instant in () if several else panel.switches:
+        for instant in panel.switches:
             axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
-    colours = _coloured(mission) if several else {}
+    colours = _coloured(mission) if len(mission.vehicles) > 1 else {}
     handles = {name: Line2D([], [], color=colour) for name, colour in colours.items()}
-    handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
-    if not several and any(panel.switches for panel in panels):
+    if any(panel.limits for panel in panels):
+        handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
+    if any(panel.switches for panel in panels):
         handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
     legend_above(axes[0], handles)
     _label_time(axes[-1])

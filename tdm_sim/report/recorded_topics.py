@@ -164,12 +164,14 @@ def _messages(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
     """Read a recording as far as it can be read; `notes` say what is lost of a damaged one."""
     for file in _files(path) if path.is_dir() else [path]:
         with TemporaryDirectory(prefix='tdm_report') as folder:
-            plain = _readable(file, Path(folder), notes)
             try:
+                plain = _readable(file, Path(folder), notes)
                 if plain.suffix == '.mcap':
                     yield from _of_mcap(plain, wanted)
                 else:
                     yield from _of_sqlite(plain, wanted, untouched=plain == file)
+            except OSError as error:
+                notes.append(f'{file.name} cannot be read: {error.strerror}.')
             except Exception as error:  # noqa: B902
                 # The libraries raise many kinds where a file ends in the middle.
                 notes.append(

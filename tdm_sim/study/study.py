@@ -113,7 +113,7 @@ def run(
                 _collect(rows, points, ((left[k], row) for k, row in results), say)
     finally:
         found = rows.table()
-        if folder is not None:
+        if folder is not None and rows.found:
             written = io.BytesIO()
             _WRITERS[ending](found, written)
             write_file(folder / f'table{ending}', written.getvalue())
@@ -175,8 +175,9 @@ class Rows:
     """
     The rows of a study, `found` by their numbers; lines of a file after one that states the study.
 
-    `path` None: in memory only. Raise UnusableFile if the file cannot be used, or states another
-    study.
+    `path` None: in memory only. The file is made with the first row: until then there is nothing
+    to go on with. Raise UnusableFile if it cannot be used, or states another study, or if there
+    is none, but other files beside it.
     """
 
     def __init__(self, path: Path | None, statement: Mapping[str, Any]) -> None:
@@ -184,15 +185,20 @@ class Rows:
         self.found: dict[int, Row] = {}
         if path is None:
             return
-        asked = json.dumps(finite(statement)).encode()
+        self._asked = json.dumps(finite(statement)).encode()
         make_folder(path.parent)
         if not path.exists():
-            write_file(path, asked)
+            if any(path.parent.iterdir()):
+                raise UnusableFile(
+                    f"the folder '{path.parent}' holds files, and no study (no {ROWS}): name "
+                    'another one'
+                )
+            return
         try:
             stated, *lines = path.read_bytes().split(b'\n')
         except OSError as error:
             raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
-        if stated != asked:
+        if stated != self._asked:
             raise UnusableFile(
                 f"the folder '{path.parent}' holds another study (see {ROWS}): name another one"
             )
@@ -206,7 +212,8 @@ class Rows:
         kept = {name: cell(value) for name, value in row.items()}
         self.found[kept['row']] = kept
         if self._path is not None:
-            write_file(self._path, b'\n' + json.dumps(kept).encode(), 'ab')
+            head = b'' if self._path.exists() else self._asked
+            write_file(self._path, head + b'\n' + json.dumps(kept).encode(), 'ab')
 
     def table(self) -> pa.Table:
         """Return all rows in their order."""

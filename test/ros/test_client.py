@@ -72,6 +72,13 @@ def test_failures_are_exceptions_with_code_and_reason(ros, space, user, own, err
     assert raised.value.code in ('INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE')
 
 
+@pytest.mark.parametrize('value', [{'a'}, [1, 'a']], ids=str)
+def test_a_value_that_no_parameter_can_have_is_named(ros, space, user, value):
+    named = pytest.raises(InvalidProblem, match=r"^parameter 'start\.psi' = .* is not allowed")
+    with PlanClient(f'/{space}', node=user) as client, named:
+        ros.do(client.plan_with, {'start': {'psi': value}})
+
+
 def test_every_code_of_the_planner_has_its_exception():
     promised = 'INVALID_PROBLEM NO_STATE INFEASIBLE DEADLINE VERIFICATION_FAILED'
     assert {error.code for error in ERRORS} == {*promised.split(), 'BUSY', 'INACTIVE', 'INTERNAL'}

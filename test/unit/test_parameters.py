@@ -130,6 +130,7 @@ def test_a_problem_takes_a_files_document() -> None:
             'mean planner',
         ),
         ({'/**': {'ros_parameters': {'robots': ['a']}}}, r"'/\*\*' .* no 'ros__parameters' below"),
+        ({'/a': {'planner': {'ros__parameters': 5}}}, "section '/a/planner' .* mapping .*, not 5"),
     ):
         with pytest.raises(InvalidProblem, match=says):
             ros_parameters(slip)

@@ -6,6 +6,7 @@
 from collections.abc import Mapping
 import csv
 from dataclasses import dataclass, replace
+import json
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -80,6 +81,21 @@ def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None
     path = tmp_path / 'plan.json'
     with pytest.raises(InvalidProblem, match='cannot be read'):
         load_plan(path)
+    document = {'problem': 'x', 'times': [0.0, 0.0], 'interpolation': 'linear'}
+    path.write_text(json.dumps({**document, 'states': {'x': [0, 1]}, 'controls': {'u': [0, 0]}}))
+    with pytest.raises(UnusableFile, match=f"'{path}' is not a plan written by tdm: .*times"):
+        load_plan(path)
+
+
+@pytest.mark.parametrize('name', ['cost', 'times', 'interpolation', 'position'])
+def test_names_that_a_format_has_otherwise_are_refused_there(name: str, tmp_path: Path) -> None:
+    """The array of a state was overwritten by a figure of the plan."""
+    plan = {'problem': 'x', 'duration': 1.0, 'cost': 2.0, 'penalty': 0.0, 'solve_time': 0.1}
+    plan |= {'evaluations': 3, 'times': [0.0, 1.0], 'interpolation': 'linear'}
+    plan |= {'states': {'position': [0.0, 1.0]}, 'controls': {name: [1.0, 1.0]}}
+    with pytest.raises(UnusableFile, match=f"cannot hold the control '{name}'"):
+        save_plan(plan, tmp_path / 'plan.npz')
+    assert not list(tmp_path.iterdir())
 
 
 def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
@@ -130,6 +146,20 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -
     assert jumps.size
     for axis in figure.axes[:5]:
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
+
+
+def test_a_legend_names_what_is_drawn_and_labels_have_room(swing_up: Any) -> None:
+    """Of a plant without limits, and with more quantities than fit on a screen."""
+    plain = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
+    vehicles = planned_vehicles(Foreign(), {'cart': plain})
+    (legend,) = filter(None, (axis.get_legend() for axis in plot_plan(Mission('', vehicles)).axes))
+    assert [text.get_text() for text in legend.get_texts()] == ['switching points']
+    original = swing_up[1].trajectory
+    states = (*original.state_names, *(f'quantity_{k}' for k in range(8)))
+    many = replace(original, states=np.tile(plain.states, 3), state_names=states, rates=None)
+    vehicles = planned_vehicles(PendulumSwingUp(), {'pendulum': many})
+    figure = plot_plan(Mission('', vehicles))
+    assert figure.get_figheight() > 1.5 * 12
 
 
 def test_the_only_distance_of_two_robots_has_no_legend(formation, recwarn):

@@ -148,6 +148,21 @@ def test_a_hang_up_is_handled_unless_it_is_ignored_as_under_nohup(given, handled
     assert python('-c', program).stdout == f'{handled}\n'
 
 
+def test_signals_are_handled_before_anything_is_imported_that_takes_long(tmp_path):
+    """A signal in the first tens of milliseconds ended in a traceback."""
+    (tmp_path / 'tdm').write_text("""
+import signal, sys
+sys.modules.pop('importlib.metadata', None)
+class Watch:
+    def find_spec(name, *_):
+        if name == 'importlib.metadata':
+            print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+sys.meta_path.insert(0, Watch)
+import tdm_planner
+""")
+    assert python(str(tmp_path / 'tdm')).stdout == 'False\n'
+
+
 OURS = {
     'tdm': ('-m tdm_planner.cli record -o bag', '/opt/bin/tdm record -o bag'),
     'node': ('-m tdm_planner.nodes.planner --ros-args', '-X dev -m tdm_sim.robot_plant',

@@ -209,6 +209,7 @@ def test_only_own_pages_may_ask(server) -> None:
     ):
         for origin in own + others:
             assert run._may_ask(origin, host) is (origin in own), (origin, host)
+    assert run._url('::1', 8080) == 'http://[::1]:8080'
     address = f'ws://127.0.0.1:{server.get_port()}'
     words = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
     with connect(address, origin='http://localhost:8080', **words) as own_page:
@@ -226,7 +227,7 @@ def test_only_own_pages_may_ask(server) -> None:
         (['pendulum'], 'starts /pendulum'),
         (['robots'], 'joins /robots'),  # where nodes run
         (['fleet'], 'joins /fleet'),
-        (['fleets'], "parameter 'problem' = 'fleets'"),
+        (['fleets'], "no nodes run in /fleets; parameter 'problem' = 'fleets'"),
         (['robots', '--params', 'a.yaml'], "'--params' is for nodes that are started"),
         (['/robots', '--params', 'a.yaml'], "'--params' is for nodes that are started"),
     ],

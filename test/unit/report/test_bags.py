@@ -344,3 +344,18 @@ def test_no_string_of_a_recording_becomes_markup(tmp_path, robots, capsys):
     texts = [*page.texts, data.replace(r'\u003c', '<').replace(r'\u003e', '>')]
     for evil in EVIL if robots else EVIL[:1]:
         assert any(form in text for text in texts for form in (evil, json.dumps(evil)[1:-1])), evil
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_file_that_may_not_be_read_is_not_called_damaged(storage, tmp_path, monkeypatch):
+    bag = missions.write(tmp_path / 'bag', pendulum_recording(), storage)
+    begin = Path.open
+
+    def denied(self, mode='r', *given, **more):
+        if mode == 'rb':
+            raise PermissionError(13, 'Permission denied', str(self))
+        return begin(self, mode, *given, **more)
+
+    monkeypatch.setattr(Path, 'open', denied)
+    with pytest.raises(UnusableFile, match=r'bag\.\w+ cannot be read: Permission denied$'):
+        read_mission(bag)

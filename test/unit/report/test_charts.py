@@ -4,6 +4,7 @@
 """Charts, animation and page of a report: what was planned and measured, complete, no markup."""
 
 import base64
+from dataclasses import replace
 import hashlib
 import itertools
 import json
@@ -73,6 +74,9 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
     assert curves(torque, 'planned')[0].held
     assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
     assert torque.switches == pytest.approx([0.8])
+    one = pendulum_mission()
+    (torque,) = panels(replace(one, vehicles=one.vehicles * 2), 'controls')
+    assert torque.switches == ()  # of several they would hide the curves
     at = curves(torque, 'planned')[0].times[:-1]
     assert (np.diff(at) > 1e-9).all()
     assert np.abs(at - 0.8).min() < 1e-12

@@ -253,10 +253,18 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, cut: int) -> None:
     assert Rows(path, {'any': 1}).table().equals(whole)
     with pytest.raises(UnusableFile, match='holds another study'):
         Rows(path, {'any': 2})
-    path.unlink()
+    path.rename(path.with_name('thesis.tex'))
+    with pytest.raises(UnusableFile, match='holds files, and no study'):
+        Rows(path, {'any': 1})
     path.mkdir()
     with pytest.raises(UnusableFile, match='cannot be read: Is a directory'):
         Rows(path, {'any': 1})
+
+
+def test_a_study_that_never_began_leaves_its_folder_to_another(tmp_path: Path) -> None:
+    for k in (1, 2):
+        assert not Rows(tmp_path / ROWS, {'any': k}).found
+    assert not (tmp_path / ROWS).exists()
 
 
 def rows_of(axes: list[Axis]) -> list[dict]:
