@@ -299,15 +299,11 @@ def test_a_parameter_file_that_nodes_cannot_read_is_refused_before_they_start(
     assert not (tmp_path / 'out').exists()
 
 
-@pytest.fixture
-def unread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standard output is a pipe that nobody reads, as behind `| head`."""
+def test_output_that_nobody_reads_does_not_end_a_command(tmp_path, monkeypatch, capsys):
+    """As behind `| head`."""
     reader, writer = os.pipe()
     os.close(reader)
     monkeypatch.setattr(sys, 'stdout', os.fdopen(writer, 'w'))
-
-
-def test_output_that_nobody_reads_does_not_end_a_command(unread, tmp_path, capsys):
     assert main(['check', 'double_integrator:DoubleIntegrator']) == 0
     file = tmp_path / 'plan.json'
     assert main(['plan', 'double_integrator:DoubleIntegrator', '-o', str(file)]) == 0
