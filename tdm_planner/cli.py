@@ -253,7 +253,7 @@ def _check(options: argparse.Namespace) -> int:
     reasons = None
     with printing():
         reasons = check_problem(problem, Console())
-    if reasons is None:  # nobody reads the rest, but the exit status counts
+    if reasons is None:  # the rest is not read, but the exit status counts
         reasons = check_problem(problem)
     for reason in reasons:
         _say(f'INVALID_PROBLEM: {reason}')

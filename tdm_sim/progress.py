@@ -19,7 +19,7 @@ def printing() -> Iterator[None]:
     """
     Raise UnusableFile where standard output cannot be written; nothing is written any more.
 
-    Where nobody reads it, as behind ``| head``, the rest of the block is left out, without a word.
+    Where it is not read any more, as behind ``| head``, the rest of the block is skipped silently.
     """
     try:
         yield
