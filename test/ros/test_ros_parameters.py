@@ -13,7 +13,7 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
-from ros_harness import ros_arguments
+from ros_harness import ros_arguments, SOURCE
 from stepped_ros import NodeHere, Stepped
 from tdm_planner import parameters as declared
 from tdm_planner.exceptions import InvalidProblem
@@ -162,6 +162,8 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(ros,
 
 # Which sections of a file a node takes: `ros_parameters` and rcl are of one opinion.
 
+FILES = sorted((SOURCE / 'config').rglob('*.yaml'))
+
 
 def section(value: int) -> dict:
     return {'ros__parameters': {'a': {'b': value}}}
@@ -171,7 +173,7 @@ DOCUMENTS = [
     *({name: section(1)} for name in (
         'planner', '/planner', '/**/planner', '/pendulum/planner', 'pendulum/planner',
         '/other/planner', '/*/planner', '/*/*/planner', '/pendulum/*', '/pendulum/**',
-        '/pendulum/planner/**', '/**/pendulum/**/planner', '/**', '**', '/*',
+        '/pendulum/planner/**', '/**/pendulum/**/planner', '/**', '**', '/*', '/**/*',
     )),
     {'/other/planner': section(1), '/pendulum/planner': section(2)},
     {'/pendulum/planner': section(1), '/**/planner': section(2)},
@@ -185,10 +187,10 @@ DOCUMENTS = [
 ]  # fmt: skip
 
 
-def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping:
+def taken_by_rcl(ros: Stepped, file: Path, namespace: str, *words: str) -> Mapping:
     options = {'automatically_declare_parameters_from_overrides': True,
                'start_parameter_services': False, 'enable_rosout': False, 'namespace': namespace,
-               'cli_args': ['--ros-args', '--params-file', str(file)]}  # fmt: skip
+               'cli_args': ['--ros-args', '--params-file', str(file), *words]}  # fmt: skip
     node = Node('planner', context=ros._context, **options)
     found = node.get_parameters_by_prefix('')
     node.destroy_node()
@@ -203,6 +205,15 @@ def test_sections_are_matched_as_rcl_does(document, ros, tmp_path):
         read = parse_yaml(file.read_text())
         taken = ros_parameters(read, 'planner', namespace, required=False)
         assert taken == taken_by_rcl(ros, file, namespace), namespace
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
+def test_arguments_win_over_the_files_of_the_package(file, ros):
+    """Below `/**`, where rcl puts arguments as well, the sections of nodes would win."""
+    stated = ros_parameters(parse_yaml(file.read_text()), 'planner', '/lab/rig')
+    assert stated == taken_by_rcl(ros, file, '/lab/rig')
+    words = [word for name in stated for word in ('-p', f'{name}:=1')]
+    assert taken_by_rcl(ros, file, '/lab/rig', *words) == dict.fromkeys(stated, 1)
 
 
 def test_who_has_no_section_is_told_the_full_names():
