@@ -22,7 +22,8 @@ from tdm_planner.trajectory import ReplayedMotion, Trajectory
 
 MOST_INSTANTS = 200_000  # of a check, beside those of its replay
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
-_AT_BREAKS = 64  # intervals where a limit has a kink or jump: a gate is passed in no time
+# Parts of an interval in which a limit has a kink or jump, and of those: a gate is passed at once.
+_AT_BREAKS, _TURNS = 64, 2
 _PARTS, _DIVISIONS = 4, 12  # into which, and how often, an interval that may hide more is divided
 _BEND = 2.0  # times the last change of a margin's slope: how much it may change next
 _USUAL = 1e-3, 1e-6  # of a state's range, and at least: what motions may differ by
@@ -120,9 +121,10 @@ def resolved(
     times = np.union1d(_divided(knots, _PER_STEP), knots)
     states, most = replayed.states(times), times.size + MOST_INSTANTS
     if breaks is not None:
-        positive = breaks(times, states, trajectory.controls_at(times)) > 0.0
-        crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
-        times, states = _denser(replayed, times, crossed, _AT_BREAKS)
+        for _ in range(_TURNS):
+            positive = breaks(times, states, trajectory.controls_at(times)) > 0.0
+            crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
+            times, states = _denser(replayed, times, crossed, _AT_BREAKS)
     for _ in range(_DIVISIONS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > most:

@@ -20,9 +20,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from tdm_planner.arrays import Array, largest_of_unit
+from tdm_planner.arrays import Array, largest_of_unit, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation_program import CollocationProgram
+from tdm_planner.direct_method.formulation import Duration
 from tdm_planner.direct_method.graphs import Call, IpoptStop
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
@@ -145,8 +146,8 @@ class Ends:
     """
     What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
 
-    `unkept` names the conditions that fix neither a state nor a control: collocation cannot keep
-    them. `regular` where `invert` gives numbers at both ends.
+    `unkept` names the conditions that fix neither a state nor a control, or none that others do
+    not fix: collocation cannot keep them. `regular` where `invert` gives numbers at both ends.
     """
 
     states: Array
@@ -184,15 +185,28 @@ class Ends:
             first, last = np.split(found, [len(stated.state_names)])
             states.append(first)
             controls.append(last)
+            changes = list[Array]()  # of what is given, by conditions that fix it
             for name, output in stated.outputs().items():
                 for order in output.conditions(where):
                     moved = {key: list(jet) for key, jet in y.items()}
                     if order <= output.derivatives:
                         moved[name][order] = moved[name][order] + 0.1
-                    now = _inverted(stated, moved, z)[:, same]
-                    if np.array_equal(now, both[:, same], equal_nan=True):
+                    change = np.nan_to_num(_inverted(stated, moved, z) - both)[0, same]
+                    changes.append(change / (np.abs(change).max(initial=0.0) or 1.0))
+                    if np.linalg.matrix_rank(changes) < len(changes):
+                        changes.pop()
                         unkept.append(f"'{name}' of order {order} at the {where}")
         return cls(np.array(states), np.array(controls), tuple(unkept), regular)
+
+    def opens(self, uses: Mask, duration: Duration) -> Mask:
+        """
+        Return which limits depend on what is free at the start, and at the end, (2, nm).
+
+        `uses` tells which depend on t, states and controls, (nm, 1 + nx + nu).
+        """
+        times = np.array([[0.0], [0.0 if duration.fixed else np.nan]])
+        given = np.hstack([times, self.states, self.controls])
+        return np.array([(uses & np.isnan(values)).any(axis=1) for values in given])
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:

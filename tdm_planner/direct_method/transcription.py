@@ -33,6 +33,7 @@ from tdm_planner.direct_method.arc_basis import (
 )
 from tdm_planner.direct_method.bases import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import (
@@ -102,8 +103,9 @@ class Transcription(NonlinearProgram):
         names, reserve = self.trace.margin_names, reserve or {}
         self._kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
         self._kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
-        self._kept[0, ~self.trace.of_controls] = 0.0
-        self._kept[-1, ~self.trace.of_controls] = 0.0
+        if self._kept.any():  # nothing can be kept where all is given
+            ends = Ends.of(self._stated)
+            self._kept[[0, -1]] *= ends.opens(self.trace.uses, self._stated.duration())
 
     @cached_property
     def _weights(self) -> Array:

@@ -297,14 +297,14 @@ class Problem(ABC):
             If no plan was found; its subclass says why (deadline, verification).
 
         """
-        with _computed():
+        with computed():
             self.prepare()
         self._check_warm_start(warm_start)
         allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
         count = max(1, round(allowed * self.evaluations_per_second))
         budget = Budget(allowed, count if counted else None)
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
-        with _computed():
+        with computed():
             plan, remark = self.standing_plan(), ''
             if plan is None:
                 search = self.search(budget, rng, warm_start)
@@ -329,7 +329,7 @@ class Problem(ABC):
             If they do not pass the check of this problem, or it cannot assess them.
 
         """
-        with _computed():
+        with computed():
             plan = self.assess(trajectories)
         if not plan.verification.ok:
             raise VerificationFailed('; '.join(plan.verification.reasons))
@@ -375,7 +375,7 @@ def _after_a_check(own: Callable[..., None]) -> Callable[..., None]:
 
 
 @contextmanager
-def _computed() -> Iterator[None]:
+def computed() -> Iterator[None]:
     """
     Say in one sentence that numbers left the range in which they can be computed.
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.integrate import trapezoid
 from tdm_planner.arrays import Array, exponentials, largest_of_unit, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import CollocatedMotion, Ends
@@ -22,6 +23,7 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
+from tdm_planner.verification import resolved
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 # Violation of a limit that is allowed: clip(1e-5, 1e-6 size, 1e-4 size) + 1e-14, in its unit.
@@ -31,6 +33,7 @@ _PACE = 1e-2  # share of the duration that counts as much as what is left to a c
 END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _FAR = 0.5  # units of room that controls may use up while the duration stays
 _FOLLOWED = 1e9  # by which deviations may grow where a replay is sure to follow a motion
+_INSIDE = 64  # parts of an interval in which the rates have a kink or jump
 _LEAST, _TINY = 1e-5, 1e-12  # share of a control that is left where nothing is; at least
 
 
@@ -221,6 +224,34 @@ class DirectPlant:
         """Return what changes its sign where a limit has a kink or jumps, at N instants (N, k)."""
         found = self.trace.once('breaks', lambda: breaks_of(self.trace.margins))
         return Call(found, len(states))(times[:, None], states, controls, self.numbers)[0]
+
+    def cost_of(self, plan: Trajectory, replayed: ReplayedMotion) -> float:
+        """Return J of a plan as it was replayed."""
+        knots = np.union1d(plan.times, replayed.steps)
+        times = np.insert(knots, np.arange(1, knots.size), 0.5 * (knots[1:] + knots[:-1]))
+        states, controls = replayed.states(times), plan.controls_at(times)
+        return self.trace.cost_through(self.numbers, times, states, controls)
+
+    def mistaken(self, plan: Trajectory, replayed: ReplayedMotion, tolerance: Array) -> str:
+        """Tell why a replay by the traced rates may not be the motion of the plant, or ''."""
+        if not self.agrees(plan.states, plan.controls):
+            return 'derivative gives other rates when it is traced than with numpy'
+        found = self.trace.once('rates_break', lambda: breaks_of(self.trace.rates))
+        if not found.size1_out(0):
+            return ''
+        times, states = resolved(replayed, plan, ())
+        controls = plan.controls_at(times)
+        positive = Call(found, len(times))(states, controls, self.numbers)[0] > 0.0
+        crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
+        steps, at = np.diff(times)[crossed, None], np.linspace(0.0, 1.0, _INSIDE + 1)
+        within = (times[crossed, None] + steps * at).ravel()
+        rates = self.rates(replayed.states(within), plan.controls_at(within))
+        flown = steps * trapezoid(rates.reshape(-1, at.size, states.shape[1]), at, axis=1)
+        missed = np.abs(np.diff(states, axis=0)[crossed] - flown)
+        if (missed.sum(axis=0) <= tolerance).all():
+            return ''
+        when = times[crossed[np.argmax((missed / tolerance).max(axis=1))]]
+        return f'derivative changes at t = {when:.3f} s within a step of the replay'
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""

@@ -48,7 +48,7 @@ from tdm_planner.problems.direct.refinement import prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
 from tdm_planner.problems.planner_parameters import SolverParameters
-from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.problem import computed, Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -138,10 +138,11 @@ class DirectProblem(Formulation, Problem):
         """Trace the statement and make the programs, so that the first plan does not wait."""
         check_statement(self)
         stated = CheckedFormulation(self)
-        trace = Trace.of(stated)
-        NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)
-        if self._refined:
-            prepare_refinement(trace)
+        with computed():
+            trace = Trace.of(stated)
+            NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)
+            if self._refined:
+                prepare_refinement(trace)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits that `margins` and `control_limits` state."""

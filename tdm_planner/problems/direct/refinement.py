@@ -97,6 +97,7 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = Ends.of(plant.stated)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
+        self._open = self.ends.opens(plant.trace.uses, plant.stated.duration())
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
@@ -134,7 +135,7 @@ class Refinement:
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
-        kept[[0, -1]] = self._reserve * self.trace.of_controls
+        kept[[0, -1]] = self._reserve * self._open
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._plant.durations, kept, until
         kinked = settings is WARM and program.has_kinks

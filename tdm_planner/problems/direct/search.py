@@ -358,19 +358,18 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        cost = self._trace.cost_through(self._plant.numbers, *motion)
-        return self.checked(motion.times, motion.states, motion.controls, cost, xi)
+        return self.checked(motion.times, motion.states, motion.controls, None, xi)
 
     def checked(
         self,
         times: Array,
         states: Array,
         controls: Array,
-        cost: float,
+        cost: float | None,
         parameters: Array,
         interpolation: Interpolation = 'linear',
     ) -> Solution | None:
-        """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
+        """Return a plan, J by its replay if not given, and its check; None if it is not finite."""
         try:
             if not np.isfinite(states).all():
                 raise NotFinite('its replay is not finite everywhere')
@@ -378,13 +377,15 @@ class DirectSearch(Search[Candidate]):
                 self._problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
             self._rejected_plan = trajectory
-            until = self.budget.with_grace()
+            replayed = self._plant.replay(trajectory, self.budget.with_grace())
+            cost = self._plant.cost_of(trajectory, replayed) if cost is None else cost
+            tolerance = self._refinement.tolerance(states)
             check = verify(
                 self._plant,
                 trajectory,
-                self._plant.replay(trajectory, until),
+                replayed,
                 self._refinement.goal(states),
-                self._refinement.tolerance(states),
+                tolerance,
                 constraints_of(self._stated, trajectory, self._plant.limit_tolerances(trajectory)),
                 start=self._refinement.ends.states[0],
                 breaks=self._plant.breaks,
@@ -392,8 +393,7 @@ class DirectSearch(Search[Candidate]):
         except (NotFinite, DeadlineExceeded) as error:
             self.rejected = self.rejected or str(error)  # what an earlier one violates tells more
             return None
-        if check.ok and not self._plant.agrees(states, controls):
-            reason = 'derivative gives other rates when it is traced than with numpy'
+        if check.ok and (reason := self._plant.mistaken(trajectory, replayed, tolerance)):
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
         return Solution({self._problem.name: trajectory}, check, cost, parameters, penalty)

@@ -208,16 +208,17 @@ def left_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
     `uses` tells which limits depend on t, states and controls, (nm, 1 + nx + nu).
     """
     duration = stated.duration()
-    found: list[list[float | None]] = []
-    for side in range(2):
-        time = np.nan if side and not duration.fixed else side * duration.guess
-        given = np.concatenate([[time], ends.states[side], ends.controls[side]])
-        t, x, u = np.split(np.nan_to_num(given[None]), [1, 1 + ends.states.shape[1]], axis=1)
-        with np.errstate(all='ignore'):
-            values = np.array([v[0] for v in stated.margins(t[:, 0], x, u).values()], dtype=float)
-        fixed = np.isfinite(values) & ~(uses & np.isnan(given)).any(axis=1)
-        found.append([v if f else None for v, f in zip(values.tolist(), fixed, strict=True)])
-    return dict(zip(stated.limit_names, zip(*found, strict=True), strict=True))
+    given = np.nan_to_num(ends.states), np.nan_to_num(ends.controls)
+    with np.errstate(all='ignore'):
+        margins = stated.margins(np.array([0.0, duration.guess]), *given)
+    free = ends.opens(uses, duration).T
+    return {
+        name: (
+            None if at_start or not np.isfinite(values[0]) else float(values[0]),
+            None if at_end or not np.isfinite(values[1]) else float(values[1]),
+        )
+        for (name, values), (at_start, at_end) in zip(margins.items(), free, strict=True)
+    }
 
 
 def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:

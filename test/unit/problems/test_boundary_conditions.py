@@ -9,6 +9,7 @@ from stated import Cart, changed, Quickest
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.exceptions import Infeasible
 
 GRAVITY = 9.81  # m/s^2
 
@@ -89,3 +90,40 @@ def test_what_is_free_is_free_in_any_unit(mass):
     )
     assert np.isnan(Ends.of(CheckedFormulation(bead())).controls).all()
     assert bead().solve(counted=True).cost == pytest.approx(1.5, rel=1e-3)
+
+
+def test_boundary_values_of_which_only_the_sum_is_fixed_are_kept():
+    beam = changed(
+        Cart,
+        states={'sum': 'm', 'moment': 'm', 'share': ''},
+        controls={'a': 'm/s', 'b': 'm/s', 'c': '1/s'},
+        outputs=lambda s: {
+            'a': Output((0.0,), (1.0,), free=3, derivatives=1),
+            'b': Output((0.0,), (0.5,), free=3, derivatives=1),
+            'c': Output((1.0,), (), free=3, derivatives=1),
+        },
+        invert=lambda s, y, z: (
+            (y['a'][0] + y['b'][0], (y['a'][0] - y['b'][0]) * y['c'][0], y['c'][0]),
+            (
+                y['a'][1] + y['b'][1],
+                (y['a'][1] - y['b'][1]) * y['c'][0] + (y['a'][0] - y['b'][0]) * y['c'][1],
+                y['c'][1],
+            ),
+        ),
+        derivative=lambda s, x, u: (u[0], u[1], u[2]),
+        margins=lambda s, t, x, u: {'share': x[2] - 0.2},
+        running_cost=lambda s, t, x, u: u[0] ** 2 + u[1] ** 2 + u[2] ** 2,
+    )
+    total, moment, share = beam().solve(counted=True).trajectory.states[-1]
+    assert 0.5 * (total + moment / share) == pytest.approx(1.0, abs=1e-6)
+    assert 0.5 * (total - moment / share) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_numbers_beyond_all_range_are_one_sentence_when_a_problem_is_prepared():
+    far = changed(
+        Cart,
+        outputs=lambda s: {'x': Output((0.0, 0.0), (1.0, 0.0), free=3, derivatives=60)},
+        duration=lambda s: Duration(1e6),
+    )
+    with pytest.raises(Infeasible, match='too many orders of magnitude apart'):
+        far().prepare()

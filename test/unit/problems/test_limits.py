@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson, solve_ivp
 from stated import Cart, changed, noted, Quickest
-from tdm_planner.direct_method import Duration, Output
+from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -108,3 +109,76 @@ def test_a_control_beyond_its_limit_is_told_in_its_unit():
     plan = heavy.solve(counted=True).trajectory
     with pytest.raises(Infeasible, match=r'force, lowest is violated by 0\.5 x 1000 N at t ='):
         heavy.recovered({heavy.name: replace(plan, controls=1.5 * plan.controls)})
+
+
+@pytest.mark.parametrize('refine', [True, False])
+def test_a_reserve_is_kept_to_an_end_that_is_free(refine):
+    dash = changed(
+        DRIVE,
+        reserve={'speed': 0.2},
+        outputs=lambda s: {'x': Output((0.0, 0.0), (3.0,), free=6)},
+        control_limits=lambda s: {'u': (-20.0, 20.0)},
+        margins=lambda s, t, x, u: {'speed': 1.0 - x[1]},
+        guess=4.0,
+    )()
+    solver = replace(dash.solver, refine=refine)
+    plan = replace(dash, solver=solver).solve(counted=True).trajectory
+    assert plan.state('v').max() == pytest.approx(0.8, abs=2e-3)
+    assert plan.state('v')[-1] < 0.8 + 1e-4
+
+
+@pytest.mark.parametrize(('half', 'force'), [(0.02, 2.0), (0.005, 8.0), (0.002, 10.0)])
+def test_a_narrow_part_of_the_way_with_other_rates_is_not_stepped_over(half, force):
+    """What a plan says of its end is where its controls lead, or there is no plan."""
+
+    def rough(x):
+        return np.where(np.abs(x - 1.03) < half, force, 0.0)
+
+    patch = changed(
+        DRIVE,
+        outputs=lambda s: {'x': Output((0.0, 0.0), (2.0, 0.0), free=6)},
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + rough(y['x'][0]),)),
+        derivative=lambda s, x, u: (x[1], u[0] - rough(x[0])),
+        margins=lambda s, t, x, u: {'slow': 1.0 - x[1] ** 2},
+        guess=4.0,
+    )()
+    try:
+        plan = patch.solve(counted=True).trajectory
+    except VerificationFailed:
+        assert half < 0.02
+        return
+    flown = solve_ivp(
+        lambda t, x: patch.derivative(x, plan.controls_at(t)),
+        (0.0, plan.duration),
+        plan.states[0],
+        max_step=1e-3,
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    assert flown.y[:, -1] == pytest.approx([2.0, 0.0], abs=2e-3)
+
+
+def test_what_a_plan_of_the_direct_method_costs_is_what_its_replay_costs():
+    """A state that decides the cost of the end is integrated at nodes, across a jump at x = 1."""
+    problem = changed(
+        DRIVE,
+        states={'x': 'm', 'v': 'm/s', 'y': 'm'},
+        outputs=lambda s: {'x': Output((0.0, 0.0), (2.0, 0.0), free=6)},
+        integrated=lambda s: {'y': Integrated(0.0)},
+        duration=lambda s: Duration(4.0, fixed=True),
+        invert=lambda s, y, z: ((*y['x'][:2], z['y']), y['x'][2:]),
+        derivative=lambda s, x, u: (
+            x[1],
+            u[0],
+            np.abs(np.sin(2.0 * x[0])) * x[1] - np.sign(x[0] - 1.0) * x[2],
+        ),
+        control_limits=lambda s: {'u': (-4.0, 4.0)},
+        running_cost=lambda s, t, x, u: u[0] ** 2,
+        final_cost=lambda s, t, x: 1e6 * (x[2] - 0.3) ** 2,
+    )()
+    plan = replace(problem, solver=replace(problem.solver, refine=False)).solve(counted=True)
+    times = np.linspace(0.0, plan.duration, 40_001)
+    flown = DirectPlant(problem).replay(plan.trajectory).states(times).T
+    controls = plan.trajectory.controls_at(times).T
+    j = simpson(problem.running_cost(times, flown, controls), x=times)
+    assert plan.cost == pytest.approx(j + problem.final_cost(4.0, flown[:, -1]), rel=1e-4)
