@@ -179,8 +179,12 @@ class Ends:
                 free = state.scale * rng.normal(size=n)
                 z[name] = free if value is None else np.full(n, float(value))
             both = _inverted(stated, y, z)
+            # What all components may be, to tell a small one from a zero with rounding errors.
+            free_y = {name: [rng.normal(size=n) for _ in jet] for name, jet in y.items()}
+            anything = _inverted(stated, free_y, {name: rng.normal(size=n) for name in z})
+            sizes = np.fmax(np.abs(both).max(axis=0), np.nanmedian(np.abs(anything), axis=0))
             regular = regular and bool(np.isfinite(both).all())
-            same = np.ptp(both, axis=0) <= _ROUNDING * np.abs(both).max(axis=0)
+            same = np.ptp(both, axis=0) <= _ROUNDING * sizes
             found = np.where(same, both[0], np.nan)
             first, last = np.split(found, [len(stated.state_names)])
             states.append(first)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
+import re
 import traceback
 from typing import Any
 
@@ -76,7 +77,9 @@ def _usage(function: str, error: Exception, source: str) -> str:
         return ''
     if isinstance(error, TypeError) and not source:
         return f'{one_line(error)}: it is called as {function}({", ".join(ARGUMENTS[function])})'
-    if isinstance(error, KeyError) and (f'y[{error}]' in source or f'z[{error}]' in source):
+    key = re.escape(str(error.args[0])) if isinstance(error, KeyError) else ''
+    owner = re.search(rf"""(\w*)\W*\[['"]{key}['"]\]""", source)  # of another table
+    if key and function == 'invert' and (owner is None or owner[1] in ('y', 'z')):
         return f'{error} is in neither outputs() nor integrated()'
     unlike = isinstance(error, IndexError) or 'values to unpack' in str(error)
     if unlike and function == 'invert':

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import copy
 import dataclasses
+from hashlib import sha256
 import inspect
-import sys
 import threading
 from typing import Any, ClassVar, TypeVar
 
@@ -35,7 +35,7 @@ T = TypeVar('T')
 _SAMPLES = 7
 _TRACES_KEPT, _ALIKE_KEPT = 64, 3  # kinds of problems; others of a kind, by their numbers
 _TRACE_ROUNDING = 1e-9, 1e-11  # by which what is traced may differ from numpy: share, at least
-_DATA = int, float, str, tuple, list, dict, np.ndarray  # attributes that functions may use
+_DATA = int, float, str, tuple, list, dict, np.ndarray, np.generic  # attributes functions may use
 _ALONE = 'it must depend on its arguments at the same node alone'
 _LOCK = threading.Lock()
 
@@ -89,7 +89,7 @@ class Trace:
     `invert` (y, z, p) -> x, u with y the outputs' derivatives by time one after the other;
     `rates` (x, u, p) -> (nx,), `margins` and `running` (t, x, u, p), `final`, `start_conditions`
     and `end_conditions` (t, x, p); p are the `values` of the problem's `symbolic` numbers.
-    `unused` names outputs that `invert` does not depend on.
+    `unused` names outputs without a part in `invert`; `uses` tells which limits use t, x, u.
 
     What cannot be traced, or traces to other numbers, raises InvalidProblem, naming function and
     line.
@@ -128,7 +128,6 @@ class Trace:
         self.invert, self.rates, self.margins, self.running, *ends = self.functions.values()
         self.final, self.start_conditions, self.end_conditions = ends
         limits, varied = self.margins(t, x, u, p), ca.vertcat(t, x, u)
-        # Which limits depend on t, states and controls, (nm, 1 + nx + nu); on t or x; on u.
         self.uses = uses = np.array([_depends(limits, v) for v in ca.vertsplit(varied)]).T
         self.of_states, self.of_controls = (part.any(1) for part in np.hsplit(uses, [1 + nx]))
         followed = self.invert(symbolic_of['y'], z, p)
@@ -202,8 +201,7 @@ class Trace:
 
     def values(self, formulation: Formulation) -> Array:
         """Return the numbers that are arguments of the traced functions, (p,)."""
-        found = numbers(formulation)
-        return np.concatenate([np.zeros(0), *(found[name] for name in self.symbolic)])
+        return np.concatenate([np.zeros(0), *map(numbers(formulation).get, self.symbolic)])
 
 
 def numbers(formulation: Any) -> dict[str, Array]:
@@ -277,8 +275,14 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
         if isinstance(value := getattr(kind, name), _DATA) and not name.startswith('__')
     ]
     parts = (outputs, list(stated.integrated()), stated.limit_names, sizes, rest, own)
-    with np.printoptions(threshold=sys.maxsize, floatmode='unique'):
-        return *kinds, repr(parts)
+    return *kinds, repr(_told(parts))
+
+
+def _told(value: Any) -> Any:
+    """Return a value as `repr` tells it: of arrays all, in little."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, sha256(value.tobytes()).hexdigest()
+    return [_told(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def _make(stated: CheckedFormulation, expected: Mapping[str, Any], names: list[str]) -> Trace:
@@ -340,15 +344,12 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
 def _boxed(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _boxed(part) for name, part in value.items()}
-    return [_boxed(part) for part in value] if isinstance(value, list) else _array([value])
+    return [_boxed(part) for part in value] if isinstance(value, list) else _together([value])
 
 
 def _together(value: Any) -> Any:
-    return _array(value) if isinstance(value, list) else value
-
-
-def _array(values: list[Any]) -> Any:
-    return np.fromiter(values, dtype=object, count=len(values))
+    listed = isinstance(value, list)
+    return np.fromiter(value, dtype=object, count=len(value)) if listed else value
 
 
 def _column(values: Sequence[Any]) -> Any:
@@ -394,7 +395,6 @@ def _suspect(formulation: Any, function: str) -> str:
         return HINT
     words = {w: h for w, h in HINTS.items() if w not in ('if ', ' and ', ' or ')}
     for number, line in enumerate(lines):
-        hint = next((hint for word, hint in words.items() if word in line), None)
-        if hint:
+        if hint := next((hint for word, hint in words.items() if word in line), None):
             return f'line {first + number}, `{line.strip()}`: {hint}'
     return _ALONE

@@ -303,7 +303,8 @@ class Adapter:
     def withdraw(self) -> None:
         """Latch no plan: a tracker started after the clock was set back would begin it anew."""
         empty = JointTrajectory()
-        empty.header.stamp = self._node.get_clock().now().to_msg()
+        # A stamp of zero means that it begins when it comes.
+        empty.header.stamp = to_stamp(max(1, self._node.get_clock().now().nanoseconds))
         for publisher in (*(v.trajectory for v in self.vehicles.values()), *self._others.values()):
             publisher.publish(empty)
 

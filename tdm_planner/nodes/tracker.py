@@ -34,7 +34,14 @@ from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking.motion import Action, Command, Phase, Steps, TrajectoryRejected
+from tdm_planner.tracking.motion import (
+    Action,
+    CLOCK_TOLERANCE,
+    Command,
+    Phase,
+    Steps,
+    TrajectoryRejected,
+)
 from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_planner.tracking.tracker import BREAKDOWN, TrajectoryTracker
 from tdm_planner.trajectory import NANOSECOND
@@ -44,6 +51,7 @@ DRAIN_TIME = 0.1  # s for the command that switches the actuators off to arrive
 FIRST_STATE = 5.0  # s from activation until a first state must have come: discovery takes three
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
+_EXAMINING = 0.3  # of the time, for plans
 _WAITING = 'waiting for the first state'
 
 _KIND = ParameterSpec(
@@ -87,7 +95,7 @@ class TrackerNode(ManagedNode):
         parameters = self.tracker.parameters
         self._planner = self.create_client(Trigger, parameters.planner_service)
         self._status = TrackerStatus(self)
-        self._intake = PlanIntake(self._look_at)
+        self._intake = self._new_intake()
         self._planners = PublisherCount(
             self,
             'trajectory',
@@ -115,7 +123,7 @@ class TrackerNode(ManagedNode):
         self._latest_rejected = False
         self._awaits_until = time.monotonic() + FIRST_STATE
         clock, parameters = pacing_clock(self), self.tracker.parameters
-        self._rate = RateWatch(parameters.rate, clock)
+        self._rate, self._ticked = RateWatch(parameters.rate, clock), -np.inf
         self._timer = self.create_timer(parameters.interval, self._on_tick, clock=clock)
         self._status.begin()
         newest = self._measured.newest
@@ -127,10 +135,13 @@ class TrackerNode(ManagedNode):
     def deactivate(self) -> None:
         """Switch the actuators off by a last command, and drop the active plan."""
         self.destroy_timer(self._timer)
-        self._intake = PlanIntake(self._look_at)
+        self._intake = self._new_intake()
         self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
         time.sleep(DRAIN_TIME)
+
+    def _new_intake(self) -> PlanIntake:
+        return PlanIntake(self._look_at, _EXAMINING * self.tracker.parameters.interval)
 
     def cleanup(self) -> None:
         """Forget what was received."""
@@ -200,30 +211,35 @@ class TrackerNode(ManagedNode):
             self._intake.waiting = stamp, data
         except InvalidProblem as error:
             self._reject(str(error))
-        if self.active and self._time.runs and self._intake.idle:
-            self._intake.step()
+        if self.active and self._time.runs:
+            self._intake.go_on()
 
-    def _look_at(self, stamp: Time, data: bytes) -> Steps[None]:
-        """Accept or reject a plan; ignore the active one, which a restarted planner repeats."""
+    def _look_at(self, stamp: Time, data: bytes) -> Steps[bool]:
+        """
+        Accept a plan, and return whether; ignore the active one, repeated by a restarted planner.
+
+        What is wrong with a plan that is rejected is told.
+        """
         begins = nanoseconds_of(stamp) or int(self.get_clock().now().nanoseconds)
+        accepted = False
         try:
             message = from_wire(data, JointTrajectory)
             if not message.points:  # the planner has dropped its plan
-                return
+                return False
             trajectory = read_plan(self.type.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._time.instant_of(stamp) + float(trajectory.times[0])
             if self._status.follows(trajectory, begins, self.tracker):
-                return
+                return False
             self._check_latest(start)
             yield from self.tracker.accepting(trajectory, start, now)
         except Exception as error:  # noqa: B902
             self._reject(self._sentence_of(error))
             self._status.rejected(begins, self.tracker)
         else:
+            accepted, self._latest_rejected = True, False
             self._accepted += 1
-            self._latest_rejected = False
             self._status.accepted(trajectory, begins, data)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
@@ -232,6 +248,7 @@ class TrackerNode(ManagedNode):
             if told := self.tracker.warning:
                 self.get_logger().warning(told, throttle_duration_sec=WARNING_PERIOD)
         self._diagnostics.update()
+        return accepted
 
     def _reject(self, reason: str) -> None:
         """Report why a trajectory is rejected."""
@@ -263,8 +280,11 @@ class TrackerNode(ManagedNode):
 
     def _on_tick(self) -> None:
         self._rate.tick()
+        last, self._ticked = self._ticked, self._time.now()
+        if self._ticked < last - CLOCK_TOLERANCE:  # a plan that is examined is of another time
+            self._intake = self._new_intake()
         if self._time.runs:
-            self._intake.step()
+            self._intake.tick()
         now, stamp = self._time.now(), self.get_clock().now().to_msg()
         try:
             command = self.tracker.command(now)
@@ -322,6 +342,7 @@ class TrackerNode(ManagedNode):
         self._asked_at = now
         if self._answer is not None:  # it would be kept for ever
             self._planner.remove_pending_request(self._answer)
+            self._answer = None
         if not self._planner.service_is_ready():
             self.get_logger().warning(
                 f'no planner serves {self._planner.srv_name}: cannot request a new plan',

@@ -55,34 +55,44 @@ _UNDER_WAY = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
 
 class PlanIntake:
     """
-    Has the newest plan received, the one `waiting`, examined by `look_at`, a step at every tick.
+    Has the newest plan received, the one `waiting`, examined by `look_at`, in steps.
 
-    A plan is the stamp and the serialised form of its message: deserialising costs milliseconds.
-    One that is superseded before the examination of the last has ended is not deserialised.
+    Between two ticks it takes `most` s of work, and what the step at that time takes. A plan is
+    the stamp and the serialised form of its message: deserialising costs milliseconds. One that is
+    superseded before the examination of the last has ended is not deserialised.
     """
 
-    def __init__(self, look_at: Callable[[Any, bytes], Steps[None]]) -> None:
-        self._look_at = look_at
-        self._steps: Steps[None] | None = None
+    def __init__(self, look_at: Callable[[Any, bytes], Steps[bool]], most: float) -> None:
+        self._look_at, self._most, self._left = look_at, most, most
+        self._steps: Steps[bool] | None = None
         self._examined: tuple[Any, bytes] | None = None
+        self._spent = 0.0  # s on the plan that is examined
         self.waiting: tuple[Any, bytes] | None = None
-        self.idle = True  # since the last tick: a plan need not wait for the next
-        self.took = 0.0  # s of work on the plan that is or was examined
+        self.took = 0.0  # s of work on the last plan that was accepted
 
-    def step(self) -> None:
-        """Go on with the examination, or begin the next."""
-        began = time.perf_counter()
-        if self._steps is None and self.waiting is not None:
-            self._examined, self.waiting, self.took = self.waiting, None, 0.0
-            self._steps = self._look_at(*self._examined)
-        self.idle = self._steps is None
-        if self._steps is None:
-            return
-        try:
-            next_step(self._steps)
-        except StopIteration:
-            self._steps = None
-        self.took += time.perf_counter() - began
+    def tick(self) -> None:
+        """Go on; there is as much time as before."""
+        self._left = self._most
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Go on with the examination, or begin the next, while there is time until the tick."""
+        while self._left > 0.0:
+            began = time.perf_counter()
+            if self._steps is None and self.waiting is not None:
+                self._examined, self.waiting, self._spent = self.waiting, None, 0.0
+                self._steps = self._look_at(*self._examined)
+            if self._steps is None:
+                return
+            accepted = False
+            try:
+                next_step(self._steps)
+            except StopIteration as end:
+                self._steps, accepted = None, end.value
+            took = time.perf_counter() - began
+            self._left, self._spent = self._left - took, self._spent + took
+            if accepted:
+                self.took = self._spent
 
     def begin_anew(self) -> None:
         """Examine the plan under examination from its beginning: by another tracker."""

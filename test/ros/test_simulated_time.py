@@ -3,6 +3,10 @@
 
 """A plant that drives `/clock` and nodes that follow it; nodes before and after time begins."""
 
+from functools import partial
+import itertools
+import math
+from types import SimpleNamespace
 from typing import Any
 
 from closed_loop import swing_up
@@ -13,11 +17,12 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import BEGIN, Stepped
-from tdm_planner.nodes import planning
+from tdm_planner.nodes import planning, tracker_plans
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
@@ -265,3 +270,22 @@ def test_planner_and_tracker_agree_by_how_much_time_may_be_set_back(ros, back, s
     simulation.at(100.11 - back)
     for node in (planner, tracker):
         assert ('was set back' in node.output) is not stays
+
+
+def test_a_plan_that_is_examined_when_time_is_set_back_is_dropped(ros, monkeypatch):
+    """Its gains are computed between commands: it is a plan of the time before."""
+    counter = partial(next, itertools.count(0.0, 1.0))  # s that a step takes: one a tick
+    stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
+    monkeypatch.setattr(tracker_plans, 'time', stand_in)
+    tracker = ros.start('tracker', {'limits.torque': 0.09, 'state_timeout': 1.0}, 'long', OWN)
+    simulation, plans = Simulation(ros, 'long'), ros.publisher('/long/trajectory')
+    simulation.at(100.0)
+    times, rest = np.array([0.0, 20.0]), np.tile([math.pi, 0.0, 0.0, 0.0], (2, 1))
+    plan = Trajectory.of(swing_up().problem.plant, times, rest, np.zeros((2, 1)))
+    plans.publish(plan_message(PENDULUM, plan, to_stamp(BEGIN + 101 * 10**9)))
+    for seconds in (100.02, 100.04, 50.0):
+        simulation.at(seconds)
+    for k in range(1, 100):
+        simulation.at(50.0 + 0.02 * k)
+    assert 'accepted' not in tracker.output
+    assert ros.says('/long/tracker: tracking', 'idle')

@@ -28,7 +28,7 @@ planned for by ``tdm plan`` and by the planner node.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, MISSING, replace
 from functools import cache
 from inspect import isfunction, unwrap
 import re
@@ -100,7 +100,9 @@ class DirectProblem(Formulation, Problem):
         """Raise InvalidProblem if the class cannot be used, or has a method that is misspelt."""
         super().check_class()
         (solver,) = (item for item in fields(cast(Any, cls)) if item.name == 'solver')
-        if not issubclass(cast(type, solver.default_factory), SolverParameters):
+        made = solver.default is MISSING
+        usual = cast(Any, solver.default_factory)() if made else solver.default
+        if not isinstance(usual, SolverParameters):
             raise InvalidProblem(
                 f"{cls.__name__} has a parameter 'solver' that is no group of SolverParameters: "
                 'derive its class from that one'

@@ -92,7 +92,7 @@ class DirectSearch(Search[Candidate]):
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
-        self._rejected_plan: Trajectory | None = None  # unless its check passes
+        self._last_checked: Trajectory | None = None  # plan
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._origin = np.inf  # and J before it was repaired
@@ -135,8 +135,8 @@ class DirectSearch(Search[Candidate]):
         """Return what was found and why it does not do, or how near the search came."""
         if self.rejected:
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
-            if self._rejected_plan is not None:
-                reason += self._plant.instability(self._rejected_plan)
+            if self._last_checked is not None:
+                reason += self._plant.instability(self._last_checked)
         elif self._minima.nearest_miss:
             reason = self._minima.nearest_miss
         elif self._until_check.spent:
@@ -155,7 +155,8 @@ class DirectSearch(Search[Candidate]):
         best, why = self._best, ''
         if isinstance(best, Minimum) and self._asked:
             if unkept := self._refinement.ends.unkept:
-                why = f' ({unkept[0]} fixes no state: state it in end_conditions instead)'
+                where = 'start' if unkept[0].endswith('start') else 'end'
+                why = f' ({unkept[0]} fixes no state: state it in {where}_conditions instead)'
             elif broken := self._refinement.breakdowns:
                 why = f' (rates had no value in {broken} attempts: limit the states)'
             return f', not refined by collocation{why}: J is some per cent too high, or far more'
@@ -376,7 +377,7 @@ class DirectSearch(Search[Candidate]):
             trajectory = Trajectory.of(
                 self._problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
-            self._rejected_plan = trajectory
+            self._last_checked = trajectory
             replayed = self._plant.replay(trajectory, self.budget.with_grace())
             cost = self._plant.cost_of(trajectory, replayed) if cost is None else cost
             tolerance = self._refinement.tolerance(states)

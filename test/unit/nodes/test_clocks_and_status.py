@@ -33,18 +33,18 @@ def test_of_plans_received_during_an_examination_the_newest_is_examined_next():
             steps.append((data, step))
             yield
 
-    intake = tracker_plans.PlanIntake(look_at)
+    intake = tracker_plans.PlanIntake(look_at, 1e-9)
     for plan in (b'first', b'second', b'third'):
         intake.waiting = to_stamp(0), plan
-        intake.step()
+        intake.tick()
     for _ in range(3):
-        intake.step()
+        intake.tick()
     intake.begin_anew()  # by another tracker; with no plan that came meanwhile
-    intake.step()
+    intake.tick()
     intake.waiting = to_stamp(0), b'fourth'
     intake.begin_anew()
     for _ in range(9):
-        intake.step()
+        intake.tick()
     told = [(plan, step) for plan in (b'first', b'third') for step in range(3)]
     assert steps == [*told[:5], (b'third', 0), *((b'fourth', step) for step in range(3))]
 

@@ -127,3 +127,30 @@ def test_numbers_beyond_all_range_are_one_sentence_when_a_problem_is_prepared():
     )
     with pytest.raises(Infeasible, match='too many orders of magnitude apart'):
         far().prepare()
+
+
+def test_what_is_zero_but_for_rounding_is_fixed():
+    """A velocity across is that of a start along y, r' cos(pi / 2), in Cartesian components."""
+    polar = changed(
+        Cart,
+        states={'x': 'm', 'y': 'm', 'vx': 'm/s', 'vy': 'm/s'},
+        controls={'ax': 'm/s^2', 'ay': 'm/s^2'},
+        outputs=lambda s: {
+            'r': Output((1.0,), (2.0, 0.0), free=3),
+            'phi': Output((np.pi / 2, 0.0), (0.0, 0.0), free=3),
+        },
+        invert=lambda s, y, z: turned(y['r'], y['phi']),
+        derivative=lambda s, x, u: (x[2], x[3], u[0], u[1]),
+    )
+    ends = Ends.of(CheckedFormulation(polar()))
+    assert ends.states[0] == pytest.approx([0.0, 1.0, 0.0, np.nan], abs=1e-9, nan_ok=True)
+    assert ends.unkept == ()
+
+
+def turned(r, phi):
+    """Return states and controls by the jets of polar coordinates."""
+    c, s = np.cos(phi[0]), np.sin(phi[0])
+    along, across = r[1], r[0] * phi[1]
+    pull, push = r[2] - r[0] * phi[1] ** 2, r[0] * phi[2] + 2.0 * r[1] * phi[1]
+    states = r[0] * c, r[0] * s, along * c - across * s, along * s + across * c
+    return states, (pull * c - push * s, pull * s + push * c)

@@ -49,6 +49,7 @@ def test_a_limit_that_holds_in_a_small_part_of_the_way_is_kept_or_the_plan_fails
         plan = problem.solve(counted=True).trajectory
     except VerificationFailed as failed:
         assert 'limit is violated by' in str(failed)
+        assert limit is gate
         return
     assert limit is not gate
     plant = DirectPlant(problem)

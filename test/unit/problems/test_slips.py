@@ -3,7 +3,7 @@
 
 """Slips in the class of a problem, and starts and ends that contradict it: one sentence each."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import re
 import sys
 
@@ -14,7 +14,7 @@ from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problem_check import check_problem
-from tdm_planner.problems import DirectProblem
+from tdm_planner.problems import DirectProblem, SolverParameters
 from tdm_planner.problems.registry import load_problem
 
 
@@ -316,7 +316,18 @@ def test_the_group_solver_is_one_of_the_solver_s_parameters():
     class Solved(Cart):
         solver: Own = group(Own)
 
-    assert "'solver' that is no group of SolverParameters: derive" in refused(Solved)
+    @dataclass(frozen=True)
+    class Counted(Cart):
+        solver: int = 3
+
+    for wrong in (Solved, Counted):
+        assert "'solver' that is no group of SolverParameters: derive" in refused(wrong)
+
+    @dataclass(frozen=True)
+    class Made(Cart):
+        solver: SolverParameters = field(default_factory=lambda: SolverParameters(deadline=1.0))
+
+    assert Made().solve(counted=True).cost == pytest.approx(1.5, rel=1e-3)
 
 
 def test_a_plan_with_other_controls_is_no_start_and_no_plan_of_a_problem():
@@ -333,5 +344,9 @@ def test_a_plan_with_other_controls_is_no_start_and_no_plan_of_a_problem():
 def test_a_key_that_a_statement_s_own_table_lacks_is_not_taken_for_an_output():
     tabled = changed(Cart, invert=lambda s, y, z: (y['x'][:2], y['x'][2:] * {'gain': 1}['gian']))
     assert refused(tabled().solve).endswith(": 'gian'")
-    other = changed(Cart, invert=lambda s, y, z: (y['y'][:2], y['x'][2:]))
-    assert refused(other().solve).endswith("'y' is in neither outputs() nor integrated()")
+    for other in (
+        lambda s, y, z: (y['y'][:2], y['x'][2:]),
+        lambda s, y, z: (y[s.missing][:2], y['x'][2:]),
+    ):
+        told = refused(changed(Cart, invert=other, missing='y')().solve)
+        assert told.endswith("'y' is in neither outputs() nor integrated()")

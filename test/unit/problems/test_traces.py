@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from stated import Car, Cart, refused
-from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.tracing import _kind, numbers, Trace
 from tdm_planner.parameters import group, parameter, positive, Validated
 
 
@@ -74,6 +75,16 @@ def test_constants_of_classes_groups_and_tables_are_a_part_of_the_kind(monkeypat
     assert Weighed(table=table).solve(counted=True).cost == pytest.approx(3.0, rel=1e-3)
     monkeypatch.setattr(Weighed, 'SHARE', 3.0)
     assert Weighed().solve(counted=True).cost == pytest.approx(4.5, rel=1e-3)
+
+
+def test_a_large_table_costs_a_request_next_to_nothing():
+    # As text it took seconds; a time is not asserted, but what is compared.
+    table = np.random.default_rng(0).normal(size=100_000)
+    stated = CheckedFormulation(Weighed(table=table))
+    key = _kind(stated, numbers(stated.formulation))
+    assert len(key[-1]) < 20_000
+    table[70_000] += 1e-12
+    assert _kind(stated, numbers(stated.formulation)) != key
 
 
 def test_few_traces_are_kept_of_a_kind_whose_numbers_cannot_be_symbols():
