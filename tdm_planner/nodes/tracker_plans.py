@@ -151,9 +151,9 @@ class TrackerStatus:
     def follows(self, trajectory: Trajectory, start: int, tracker: TrajectoryTracker) -> bool:
         """Whether the very plan that starts at the instant `start` [ns] is active already."""
         # Not by when its motion began: the time of day may have been set since.
-        active = [m for m in (tracker.current, tracker.pending) if m and m.is_of(trajectory)]
-        starts = {id(plan.trajectory): plan.start for plan in self._plans}
-        return any(starts.get(id(motion.trajectory)) == start for motion in active)
+        motions = (m for m in (tracker.current, tracker.pending) if m and m.is_of(trajectory))
+        active = {id(motion.trajectory) for motion in motions}
+        return any(plan.start == start and id(plan.trajectory) in active for plan in self._plans)
 
     def rejected(self, start: int, tracker: TrajectoryTracker) -> None:
         """Add a plan that the tracker has rejected."""

@@ -31,7 +31,7 @@ _DELAY_SPREAD = 5e-3  # s, standard deviation of the delay of commands around th
 _FARTHEST = 0.01  # s by which the estimate of the delay differs from the guess, at most
 _JITTER = 1e-3  # s, standard deviation of the delay from one command to the next
 _LEARNING = 0.1  # of the gradient of a sample's log-likelihood, that the model's error follows
-LOOKED_BACK = 4  # windows without a change that are looked at together
+MOST_WINDOWS = 4  # without a change, that are looked at together
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -151,7 +151,7 @@ class StateEstimator:
         self._plant = plant
         self.noise = noise
         self.size = len(plant.state_names)
-        span = (LOOKED_BACK + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
+        span = (MOST_WINDOWS + 1) * longest_gap + delay + _FARTHEST  # that is looked back on
         self.history = CommandHistory(len(plant.control_names), span)
         self.longest_gap, self._longest_step = longest_gap, longest_step
         self.angles = angles
@@ -301,10 +301,10 @@ class RepetitionWatch:
 
     Samples that stay the same to the last bit for a window, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
-    the noise, and beyond what the model may be `astray`, the sensor is `stuck`, until it shows
-    another number or the plant should rest. The last commands may be on their way still: they are
-    ignored. A window is the longest gap between samples that the estimator predicts over; what
-    happens in a longer one is not judged.
+    the noise, and beyond `rest_slack`, by which the model may move while the plant rests, the
+    sensor is `stuck`, until it shows another number or the plant should rest. The last commands
+    may be on their way still: they are ignored. A window is the longest gap between samples that
+    the estimator predicts over; what happens in a longer one is not judged.
     """
 
     def __init__(self, estimator: StateEstimator) -> None:
@@ -314,7 +314,7 @@ class RepetitionWatch:
         self._next = 1
         self.stuck = False
 
-    def observe(self, state: Array, stamp: float, astray: Array | float = 0.0) -> None:
+    def observe(self, state: Array, stamp: float, rest_slack: Array | float = 0.0) -> None:
         """Take a sample (nx,) of the instant `stamp` [s], later than that of the one before."""
         sample, before, self._last = self._sample, self._last, stamp
         window = self._estimator.longest_gap
@@ -324,7 +324,7 @@ class RepetitionWatch:
         elif stamp - before > window:
             self._begin(stamp)
         elif stamp - self._since >= self._next * window:
-            self._judge(sample, stamp, astray)
+            self._judge(sample, stamp, rest_slack)
 
     def of(self, estimator: StateEstimator) -> RepetitionWatch:
         """Return a watch by another estimator that knows what this one has seen."""
@@ -335,7 +335,7 @@ class RepetitionWatch:
     def _begin(self, stamp: float) -> None:
         self._since, self._next = stamp, 1
 
-    def _judge(self, sample: Array, stamp: float, astray: Array | float) -> None:
+    def _judge(self, sample: Array, stamp: float, rest_slack: Array | float) -> None:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
         state, driven = sample, self.stuck
@@ -344,14 +344,13 @@ class RepetitionWatch:
             driven = driven or bool(control.any())
             if driven:  # a plant without commands may rest where the model does not
                 state = estimator.move(state, control, duration)
-        far = np.maximum(_UNMISTAKABLE * estimator.measurement, astray)
+        far = np.maximum(_UNMISTAKABLE * estimator.measurement, rest_slack)
         self.stuck = not bool((np.abs(state - sample) <= far).all())
         if self.stuck:
             self._begin(stamp)
-            self._next = (
-                LOOKED_BACK  # about upright it takes that long to tell falling from resting
-            )
-        elif self._next >= LOOKED_BACK:
+            # About upright it takes that long to tell falling from resting.
+            self._next = MOST_WINDOWS
+        elif self._next >= MOST_WINDOWS:
             self._begin(stamp)
         else:
             self._next *= 2

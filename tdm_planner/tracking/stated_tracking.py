@@ -21,7 +21,7 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.parameters import group, positive
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
-from tdm_planner.tracking.estimator import EstimatorNoise, LOOKED_BACK, StateEstimator
+from tdm_planner.tracking.estimator import EstimatorNoise, MOST_WINDOWS, StateEstimator
 from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,
     mean_controls,
@@ -88,8 +88,8 @@ class StatedLaw:
     What is prepared of a plan: its law, and how both ends are held.
 
     `ranges` (nx,) are those of the states, in shares of which deviations count; `touched` is what
-    feedback may violate limits by in which controls have a part; `astray` (nx,) is what the model
-    may move by while friction holds the plant.
+    feedback may violate limits by in which controls have a part; `rest_slack` (nx,) is by how much
+    the model may move while friction holds the plant.
     """
 
     law: PlanLaw
@@ -97,7 +97,7 @@ class StatedLaw:
     begin: Hold | None
     end: Hold | None
     touched: Array
-    astray: Array
+    rest_slack: Array
 
 
 class StatedTracker(TrajectoryTracker):
@@ -124,7 +124,7 @@ class StatedTracker(TrajectoryTracker):
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,); dry friction may hold a plant that the model moves."""
         if self.newest is not None:
-            self.astray = self.newest.law.astray
+            self.rest_slack = self.newest.law.rest_slack
         super().observe(state, stamp)
 
     def prepare(self, trajectory: Trajectory) -> Steps[StatedLaw]:
@@ -145,8 +145,8 @@ class StatedTracker(TrajectoryTracker):
         a, _ = plant.jacobians(trajectory.states, trajectory.controls)
         growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
         self.growth_rate = float(growths.max(initial=0.0))
-        astray = _FRICTION * self._reach(trajectory, LOOKED_BACK * self.parameters.state_timeout)
-        return StatedLaw(law, ranges, begin, hold, touched, np.nan_to_num(astray))
+        slack = _FRICTION * self._reach(trajectory, MOST_WINDOWS * self.parameters.state_timeout)
+        return StatedLaw(law, ranges, begin, hold, touched, np.nan_to_num(slack))
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """

@@ -64,7 +64,7 @@ class TrajectoryTracker(ABC):
 
     settling: float
     limits: Mapping[str, tuple[float, float]]  # of controls, and of states, by name
-    astray: Array | float = 0.0  # (nx,) that the model may move by while the plant rests
+    rest_slack: Array | float = 0.0  # (nx,) by which the model may move while the plant rests
 
     def __init__(
         self, parameters: TrackerParameters, plant: Named, estimator: StateEstimator
@@ -144,7 +144,7 @@ class TrajectoryTracker(ABC):
         state = np.append(state, np.ones(self.estimator.size - state.size))
         try:
             with np.errstate(all='ignore'):
-                self._repetition.observe(state, stamp, self.astray)
+                self._repetition.observe(state, stamp, self.rest_slack)
                 self.estimator.observe(state, stamp)
         except BREAKDOWN as error:
             self.estimator.reset()
