@@ -179,10 +179,11 @@ class Ends:
                 free = state.scale * rng.normal(size=n)
                 z[name] = free if value is None else np.full(n, float(value))
             both = _inverted(stated, y, z)
-            # What all components may be, to tell a small one from a zero with rounding errors.
-            free_y = {name: [rng.normal(size=n) for _ in jet] for name, jet in y.items()}
-            anything = _inverted(stated, free_y, {name: rng.normal(size=n) for name in z})
-            sizes = np.fmax(np.abs(both).max(axis=0), np.nanmedian(np.abs(anything), axis=0))
+            # What is about there, to tell a small component from a zero with rounding errors.
+            near_y = {name: [_about(rng, jet) for jet in jets] for name, jets in y.items()}
+            near = _inverted(stated, near_y, {name: _about(rng, z[name]) for name in z})
+            usual = np.median(np.abs(np.nan_to_num(near)), axis=0)
+            sizes = np.fmax(np.abs(both).max(axis=0), usual)
             regular = regular and bool(np.isfinite(both).all())
             same = np.ptp(both, axis=0) <= _ROUNDING * sizes
             found = np.where(same, both[0], np.nan)
@@ -211,6 +212,11 @@ class Ends:
         times = np.array([[0.0], [0.0 if duration.fixed else np.nan]])
         given = np.hstack([times, self.states, self.controls])
         return np.array([(uses & np.isnan(values)).any(axis=1) for values in given])
+
+
+def _about(rng: np.random.Generator, values: Array) -> Array:
+    """Return random values as large as the given ones; about 1 in place of 0."""
+    return np.asarray(np.where(values == 0.0, 1.0, values) * rng.normal(1.0, 1.0, values.size))
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
