@@ -122,15 +122,20 @@ def resolved(
     states, most = replayed.states(times), times.size + MOST_INSTANTS
     if breaks is not None:
         for _ in range(_TURNS):
-            positive = breaks(times, states, trajectory.controls_at(times)) > 0.0
-            crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
-            times, states = _denser(replayed, times, crossed, _AT_BREAKS)
+            found = crossed(breaks(times, states, trajectory.controls_at(times)))
+            times, states = _denser(replayed, times, found, _AT_BREAKS)
     for _ in range(_DIVISIONS):
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > most:
             break
         times, states = _denser(replayed, times, hidden, _PARTS)
     return times, states
+
+
+def crossed(breaks: Array) -> Integers:
+    """Return the intervals in which one of the values (n, k) changes its sign."""
+    positive = breaks > 0.0
+    return np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
 
 
 def _denser(

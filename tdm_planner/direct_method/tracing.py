@@ -161,8 +161,8 @@ class Trace:
             for trace in cls._made.get(key, []):
                 p = trace.values(stated.formulation)
                 same = all(np.array_equal(found[n], v) for n, v in trace.fixed.items())
-                kept = trace._controls_bend(p) <= trace.kept_between
-                if same and trace.unfolded.decides_alike(p) and kept.all():
+                alike = same and trace.unfolded.decides_alike(p)
+                if alike and (trace._controls_bend(p) <= trace.kept_between).all():
                     return trace
             trace = _make(stated, _expected(stated), list(found))
             if len(cls._made) >= _TRACES_KEPT:

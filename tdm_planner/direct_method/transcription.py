@@ -103,7 +103,7 @@ class Transcription(NonlinearProgram):
         names, reserve = self.trace.margin_names, reserve or {}
         self._kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
         self._kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
-        if self._kept.any():  # nothing can be kept where all is given
+        if self._kept[0].any():  # nothing can be kept where all is given
             ends = Ends.of(self._stated)
             self._kept[[0, -1]] *= ends.opens(self.trace.uses, self._stated.duration())
 

@@ -34,14 +34,7 @@ from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking.motion import (
-    Action,
-    CLOCK_TOLERANCE,
-    Command,
-    Phase,
-    Steps,
-    TrajectoryRejected,
-)
+from tdm_planner.tracking.motion import Action, Command, Phase, Steps, TrajectoryRejected
 from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_planner.tracking.tracker import BREAKDOWN, TrajectoryTracker
 from tdm_planner.trajectory import NANOSECOND
@@ -123,7 +116,7 @@ class TrackerNode(ManagedNode):
         self._latest_rejected = False
         self._awaits_until = time.monotonic() + FIRST_STATE
         clock, parameters = pacing_clock(self), self.tracker.parameters
-        self._rate, self._ticked = RateWatch(parameters.rate, clock), -np.inf
+        self._rate = RateWatch(parameters.rate, clock)
         self._timer = self.create_timer(parameters.interval, self._on_tick, clock=clock)
         self._status.begin()
         newest = self._measured.newest
@@ -280,8 +273,7 @@ class TrackerNode(ManagedNode):
 
     def _on_tick(self) -> None:
         self._rate.tick()
-        last, self._ticked = self._ticked, self._time.now()
-        if self._ticked < last - CLOCK_TOLERANCE:  # a plan that is examined is of another time
+        if self.tracker.is_set_back(self._time.now()):  # what is examined is of another time
             self._intake = self._new_intake()
         if self._time.runs:
             self._intake.tick()

@@ -316,8 +316,12 @@ class TrajectoryTracker(ABC):
         timeout = self.parameters.state_timeout
         return f'the newest state is older than state_timeout = {timeout:g} s'
 
+    def is_set_back(self, now: float) -> bool:
+        """Whether the clock, now at `now` [s], was set back since the last command."""
+        return now < self._time - CLOCK_TOLERANCE
+
     def _follow_clock(self, now: float) -> None:
-        if now < self._time - CLOCK_TOLERANCE:
+        if self.is_set_back(now):
             self.estimator.reset()
             self.estimator.history.clear()
             self._notice = '', -math.inf

@@ -23,7 +23,7 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import ReplayedMotion, Trajectory
-from tdm_planner.verification import resolved
+from tdm_planner.verification import crossed, resolved
 
 _REST = 1e-9  # by which kinks of the rates are rounded for their slopes
 # Violation of a limit that is allowed: clip(1e-5, 1e-6 size, 1e-4 size) + 1e-14, in its unit.
@@ -241,16 +241,15 @@ class DirectPlant:
             return ''
         times, states = resolved(replayed, plan, ())
         controls = plan.controls_at(times)
-        positive = Call(found, len(times))(states, controls, self.numbers)[0] > 0.0
-        crossed = np.flatnonzero((positive[1:] != positive[:-1]).any(axis=1))
-        steps, at = np.diff(times)[crossed, None], np.linspace(0.0, 1.0, _INSIDE + 1)
-        within = (times[crossed, None] + steps * at).ravel()
+        places = crossed(Call(found, len(times))(states, controls, self.numbers)[0])
+        steps, at = np.diff(times)[places, None], np.linspace(0.0, 1.0, _INSIDE + 1)
+        within = (times[places, None] + steps * at).ravel()
         rates = self.rates(replayed.states(within), plan.controls_at(within))
         flown = steps * trapezoid(rates.reshape(-1, at.size, states.shape[1]), at, axis=1)
-        missed = np.abs(np.diff(states, axis=0)[crossed] - flown)
+        missed = np.abs(np.diff(states, axis=0)[places] - flown)
         if (missed.sum(axis=0) <= tolerance).all():
             return ''
-        when = times[crossed[np.argmax((missed / tolerance).max(axis=1))]]
+        when = times[places[np.argmax((missed / tolerance).max(axis=1))]]
         return f'derivative changes at t = {when:.3f} s within a step of the replay'
 
     def agrees(self, states: Array, controls: Array) -> bool:

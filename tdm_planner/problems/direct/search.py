@@ -92,7 +92,7 @@ class DirectSearch(Search[Candidate]):
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
-        self._last_checked: Trajectory | None = None  # plan
+        self._last_checked: Trajectory | None = None
         self._best: Candidate | None = None  # what the cheapest plan is made of,
         self._least, self._enough = np.inf, -np.inf  # its J, and that which ends the search
         self._origin = np.inf  # and J before it was repaired

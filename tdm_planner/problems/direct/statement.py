@@ -211,13 +211,10 @@ def left_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
     given = np.nan_to_num(ends.states), np.nan_to_num(ends.controls)
     with np.errstate(all='ignore'):
         margins = stated.margins(np.array([0.0, duration.guess]), *given)
-    free = ends.opens(uses, duration).T
+    left = np.array(list(margins.values()), dtype=object).reshape(-1, 2)
+    left[ends.opens(uses, duration).T | ~np.isfinite(left.astype(float))] = None
     return {
-        name: (
-            None if at_start or not np.isfinite(values[0]) else float(values[0]),
-            None if at_end or not np.isfinite(values[1]) else float(values[1]),
-        )
-        for (name, values), (at_start, at_end) in zip(margins.items(), free, strict=True)
+        name: (first, last) for name, (first, last) in zip(margins, left.tolist(), strict=True)
     }
 
 
