@@ -16,7 +16,8 @@ from tdm_planner.plants.rotary_pendulum import Coefficients
 # Real, or complex where derivatives are taken by complex step.
 Values = NDArray[Any]
 
-inlined(stated.mechanics)
+for part in (stated.mechanics, stated.accelerations_by):
+    inlined(part)
 accelerations = inlined(stated.accelerations)
 
 

@@ -17,6 +17,7 @@ import re
 import shlex
 import shutil
 import signal
+import textwrap
 from xml.etree import ElementTree
 
 from brachistochrone import Brachistochrone, cycloid_time
@@ -50,7 +51,7 @@ def blocks(page: Path, language: str) -> list[str]:
     """Return the code blocks in a language, which may stand in lists."""
     text = page.read_text(encoding='utf-8')
     found = re.findall(rf'^( *)```{language}\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
-    return [block for _, block in found]
+    return [textwrap.dedent(block) for _, block in found]
 
 
 def typed(page: Path) -> list[list[str]]:
@@ -202,7 +203,7 @@ def test_round_the_obstacle():
     assert best * (1 - 1e-4) < quicker.cost < plain.cost
     assert quicker.cost < 1.005 * best
     refined = planned(replace(problem, solver=REFINED))
-    assert best * (1 - 1e-4) < refined.cost < 1.0005 * best
+    assert best * (1 - 1e-4) < refined.cost < 1.001 * best  # as the page says: .1 %
 
 
 def test_landing_against_collocation():
