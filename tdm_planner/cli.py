@@ -24,7 +24,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan, UnusableFile
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.registry import load_problem, SHORT_NAMES
+from tdm_planner.problems.registry import check_file_is_for, load_problem, SHORT_NAMES
 from tdm_planner.starting import ignore_signals, Interrupted, interruptible, NO_ROS, started_as
 from tdm_sim.progress import printing, Progress
 
@@ -212,7 +212,13 @@ def _number(least: int, most: int) -> Callable[[str], int]:
 
 def _problem(options: argparse.Namespace) -> Problem:
     problem_class = load_problem(options.problem)
-    return problem_class.from_parameters(read_parameters(options.params, options.set))
+    return problem_class.from_parameters(_parameters(options))
+
+
+def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    values = read_parameters(options.params, options.set)
+    check_file_is_for(options.problem, values, options.params)
+    return values
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -339,7 +345,7 @@ def _study(options: argparse.Namespace) -> int:
             options.problem,
             [parse_axis(text) for text in options.over],
             options.output,
-            parameters=read_parameters(options.params, options.set),
+            parameters=_parameters(options),
             closed_loop=ClosedLoop(**given) if options.closed_loop else None,
             scheduler=options.scheduler,
             processes=options.processes,

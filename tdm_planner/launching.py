@@ -27,7 +27,7 @@ from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
 from tdm_planner.parameter_files import config_file, read_parameters
-from tdm_planner.problems.registry import SHORT_NAMES
+from tdm_planner.problems.registry import check_file_is_for
 from tdm_planner.starting import executable_of
 import yaml
 
@@ -60,14 +60,9 @@ class Launch:
         if why := fault_of(f'/{self.namespace}', validate_namespace):
             raise InvalidProblem(f"namespace = '{self['namespace']}': {why}")
         self.planning = read_parameters(Path(self.file), namespace=self.namespace)
-        named = self.planning.get('problem', problem)
         # By name: `ros2 launch` runs in an interpreter that need not have what problems import.
-        if named != problem and named in SHORT_NAMES.values():
-            raise InvalidProblem(
-                f"params_file = '{self.file}' is for problem = '{named}': this launch file takes "
-                f"one for '{problem}'"
-            )
-        self._problem = {'problem': named}
+        check_file_is_for(problem, self.planning, self.file, 'launch file')
+        self._problem = {'problem': self.planning.get('problem', problem)}
         self._log_level = ['--log-level', self['log_level']]
         self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
 

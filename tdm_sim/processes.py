@@ -39,7 +39,7 @@ from tdm_planner.parameters import specifications
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
-from tdm_planner.problems.registry import load_problem, SHORT_NAMES
+from tdm_planner.problems.registry import check_file_is_for, load_problem, SHORT_NAMES
 from tdm_planner.robot_nodes import Part, robot_nodes
 from tdm_planner.starting import NODES, PARENT, uninterrupted
 from tdm_planner.tracking.motion import TrackerParameters
@@ -310,6 +310,7 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     space = f'/{plant if built_in else kind.name}'
     file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
     values = read_parameters(file, namespace=space if built_in else None, required=built_in)
+    check_file_is_for(SHORT_NAMES.get(plant, plant), values, file)
     if plant == 'robots':
         planner, *others = robot_nodes(values)
         parts = [*others, planner]

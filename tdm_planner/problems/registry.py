@@ -13,11 +13,14 @@ A package registers a problem under the entry-point group `tdm_planner.problems`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 import os
+from pathlib import Path
 import re
 import sys
+from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem, place_of
 from tdm_planner.parameters import suggestion
@@ -58,6 +61,18 @@ def load_problem(name: str) -> type[Problem]:
             f'or a stated problem such as my_module:MyProblem{hint and f" ({hint})"}'
         )
     return _load(name, known[name])
+
+
+def check_file_is_for(
+    problem: str, values: Mapping[str, Any], file: Path | str | None, reader: str = 'command'
+) -> None:
+    """Raise InvalidProblem if `values` of a file are for the other problem of the package."""
+    named = values.get('problem', problem)
+    if named != problem and {str(named), problem} <= {*SHORT_NAMES.values()}:
+        raise InvalidProblem(
+            f"the parameter file '{file}' is for problem = '{named}': this {reader} takes one for "
+            f"'{problem}'"
+        )
 
 
 def _load(name: str, address: str) -> type[Problem]:

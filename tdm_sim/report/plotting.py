@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import io
 from pathlib import Path
+import textwrap
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ from tdm_sim.report.charts import mission_charts, Panel
 from tdm_sim.report.mission import Mission, RecordedVehicle
 from tdm_sim.report.recorded_vehicles import planned_vehicles
 
-_ROW = 1.6  # inches of a panel, for its label
+_ROW, _LETTERS = 1.6, 17  # height of a panel [inches], and how much of a label stands along it
 _INSTANTS = 1000  # of ways
 _BODIES = 9  # instants at which the plants are drawn
 _COLOURS = {'limit': LIMIT, 'reach': SWITCH, 'force': STYLE_COLOURS['force']}
@@ -101,7 +102,10 @@ def _draw_panel(axis: Axes, panel: Panel) -> None:
         line.set_drawstyle('steps-post' if curve.held else 'default')
     for level in panel.limits:
         axis.axhline(level, color=LIMIT, lw=1, ls='--')
-    axis.set_ylabel(f'{panel.title} [{panel.unit}]' if panel.unit else panel.title)
+    unit = f' [{panel.unit}]' if panel.unit else ''
+    lines = [part for line in panel.title.split('\n') for part in textwrap.wrap(line, _LETTERS)]
+    fits = len(lines[-1] + unit) <= _LETTERS
+    axis.set_ylabel('\n'.join(lines) + (unit if fits else f'\n{unit.strip()}'))
     axis.grid(alpha=0.25)
 
 

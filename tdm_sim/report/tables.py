@@ -18,7 +18,7 @@ MINUS = '\N{MINUS SIGN}'
 _HEADINGS: dict[Kind, str] = {
     'duration': 'Duration',
     'cost': 'Cost',
-    'landing': 'Landing',
+    'landing': 'At the planned end',
     'margin': 'Worst margins',
     'distance': 'Distances',
     'planner': 'Planner',

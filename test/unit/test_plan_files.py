@@ -6,6 +6,7 @@
 from collections.abc import Mapping
 import csv
 from dataclasses import dataclass, replace
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -148,7 +149,9 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Any) -
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
 
 
-def test_a_legend_names_what_is_drawn_and_labels_have_room(swing_up: Any) -> None:
+def test_a_legend_names_what_is_drawn_and_labels_have_room(
+    swing_up: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of a plant without limits, and with more quantities than fit on a screen."""
     plain = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
     vehicles = planned_vehicles(Foreign(), {'cart': plain})
@@ -160,6 +163,12 @@ def test_a_legend_names_what_is_drawn_and_labels_have_room(swing_up: Any) -> Non
     vehicles = planned_vehicles(PendulumSwingUp(), {'pendulum': many})
     figure = plot_plan(Mission('', vehicles))
     assert figure.get_figheight() > 1.5 * 12
+    limit = Constraint('force of the left motor, highest', lambda *_: np.ones(1), unit='x 25 N')
+    monkeypatch.setattr(PendulumSwingUp, 'constraints_on', lambda *_: (limit,) * 2)
+    figure = plot_plan(Mission('', planned_vehicles(PendulumSwingUp(), {'pendulum': original})))
+    figure.canvas.draw()
+    boxes = [axis.yaxis.label.get_window_extent() for axis in figure.axes]
+    assert all(above.y0 > below.y1 for above, below in itertools.pairwise(boxes))
 
 
 def test_the_only_distance_of_two_robots_has_no_legend(formation, recwarn):

@@ -248,12 +248,14 @@ def test_a_plan_as_users_ask_for_it_is_written_and_drawn_and_reaches_the_goal(fo
                 ('--set start.psi=2.5', 2, 'start.psi', '2.5', '[-2, 2]'),
                 ('--params absent.yaml', 2, 'absent.yaml', 'cannot be read'),
                 ('--params ../wrong.json', 2, 'not YAML'),
+                ('--params ../other.yaml', 2, 'other.yaml', 'robot_formation', 'pendulum_swing_up'),
                 ('--set limits.torque=1e-4 --set solver.deadline=.3', 3),
                 ('-o plan.txt', 2, 'plan.txt', '.json, .csv, .npz'),
                 ('-o missing/plan.json', 2, 'missing'),
                 ('--plot plan.bmp', 2, 'plan.bmp'),
             )
         ),
+        ('demo pendulum --params ../other.yaml -o run', 2, ['is for problem', 'takes one for']),
         ('report absent', 2, ["'absent'"]),
         ('report .', 2, ["'.'", 'no recording']),
         ('report ../wrong.json', 2, ['wrong.json', 'not JSON']),
@@ -274,6 +276,7 @@ def test_mistakes_get_a_sentence_and_a_code(command, code, words, folder, monkey
     if command.startswith('study'):
         pytest.importorskip('distributed')
     (folder / 'wrong.json').write_text('a: [1, 2\nb: }')
+    (folder / 'other.yaml').write_text('/**: {ros__parameters: {problem: robot_formation}}')
     (folder / 'plan.json').write_text('{"problem": "x", "times": [0, 1], "states": {}}')
     (folder / 'folder').mkdir()
     monkeypatch.chdir(folder / 'folder')

@@ -297,9 +297,8 @@ def limits_of(
     found = []
     for name, least in zip(names, np.broadcast_to(tolerances, len(names)).tolist(), strict=True):
         size, unit = stated.size_of(name)
-        found.append(
-            Constraint(name, partial(margin, name), least, f'x {size:g} {unit}' if unit else '')
-        )
+        scaled = unit if size == 1.0 or not unit else f'x {size:g} {unit}'
+        found.append(Constraint(name, partial(margin, name), least, scaled))
     return tuple(found)
 
 

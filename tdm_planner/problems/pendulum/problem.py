@@ -189,7 +189,7 @@ class PendulumSwingUp(Problem):
         speeds = np.sign(motion.state('theta_dot')[1:-1])
         swings = 1 + np.count_nonzero(np.diff(speeds[speeds != 0.0]))
         return (
-            f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
+            f'upright at theta = 2 pi * {turns} after {motion.duration:.3f} s, '
             f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
             f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
             f'{swings} swing{"" if swings == 1 else "s"}'
