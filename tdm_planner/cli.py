@@ -22,7 +22,7 @@ from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan, UnusableFile
-from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.compilation import report_compilation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import check_file_is_for, load_problem, SHORT_NAMES
 from tdm_planner.starting import ignore_signals, Interrupted, interruptible, NO_ROS, started_as
@@ -223,16 +223,16 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 def _plan(options: argparse.Namespace) -> int:
     from tdm_planner.plant_views import view_of
-    from tdm_planner.problems.direct.problem import misspelt
+    from tdm_planner.problems.direct.problem import misspelled_attributes
 
     check_path(options.output)
     if options.plot is not None:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
     problem = _problem(options)
-    for doubt in misspelt(type(problem)).values():
+    for doubt in misspelled_attributes(type(problem)).values():
         _say(doubt)
     with Progress(options.quiet) as progress:
-        tell_of_compilation(progress.line)
+        report_compilation(progress.line)
         progress.phase('preparing')
         problem.prepare()
         view_of(problem).check_drawing()

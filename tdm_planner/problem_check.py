@@ -17,15 +17,15 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
-from tdm_planner.problems.direct.problem import DirectProblem, misspelt
+from tdm_planner.problems.direct.problem import DirectProblem, misspelled_attributes
 from tdm_planner.problems.direct.statement import (
     check_costs,
     check_statement,
     check_use,
-    impossible_ends,
-    left_at_ends,
+    margins_at_ends,
     rates_of,
     short_of_reserve,
+    violations_at_ends,
 )
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
@@ -56,7 +56,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
     ends = Ends.of(stated)
-    limits = left_at_ends(stated, ends, plant.trace.uses)
+    limits = margins_at_ends(stated, ends, plant.trace.uses)
     check_costs(plant.trace, program.motion(xi), plant.numbers)
 
     reasons = _compare_rates(program, xi, console)
@@ -83,7 +83,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         console.print(table)
     if free := [name for name, values in limits.items() if values == (None, None)]:
         console.print(f'limits whose margin is fixed at neither end: {"; ".join(free)}')
-    for doubt in misspelt(type(problem)).values():
+    for doubt in misspelled_attributes(type(problem)).values():
         console.print(f'[bold red]{doubt}')
     if program.trace.fixed:
         console.print(
@@ -106,7 +106,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
         console.print(f'[bold red]{doubt}')
-    reasons += impossible_ends(stated, ends, limits)
+    reasons += violations_at_ends(stated, ends, limits)
     return reasons + short_of_reserve(stated, limits, 'start')
 
 

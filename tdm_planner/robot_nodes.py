@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from tdm_planner.problems.formation.parameters import (
     DEFAULT_ROBOTS,
     formation_specifications,
-    resized,
+    with_number_of_robots,
 )
 
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
@@ -42,12 +42,12 @@ def robot_nodes(
 
     Those name the `robots`. Simulated robots begin at `<robot>.start`, and drift from there if it
     has velocities. `namespace` is the planner's; the trackers ask for new plans there. With a
-    `number` that many robots take part, see `resized`.
+    `number` that many robots take part, see `with_number_of_robots`.
 
     Raise InvalidProblem if the names cannot be used, a start is not allowed, or there is no room
     for so many.
     """
-    changed = {} if number is None else resized(values, number)
+    changed = {} if number is None else with_number_of_robots(values, number)
     values = {**values, **changed}
     specifications = formation_specifications(values)
     tracking = {'kind': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}

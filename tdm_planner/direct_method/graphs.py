@@ -156,7 +156,7 @@ class Unfolded:
     the branches of a minimum, and of a maximum that is subtracted. Where the greater branch
     would do, or the slope with respect to the kink is not constant, the kink stays. Ipopt needs
     several times the iterations where it stands, and often does not converge. It was decided by
-    the `numbers` p; `decides_alike` tells for which others it holds.
+    the `numbers` p; `takes_same_branches` tells for which others it holds.
     """
 
     def __init__(self, margins: Any, numbers: Array) -> None:
@@ -197,7 +197,7 @@ class Unfolded:
     def _decided(self, numbers: Array) -> Array:
         return np.asarray(np.sign(np.array(self._slopes(numbers)).ravel()))
 
-    def decides_alike(self, numbers: Array) -> bool:
+    def takes_same_branches(self, numbers: Array) -> bool:
         """Whether the limits unfold in the same way for other numbers p."""
         return bool(np.array_equal(self._decided(numbers), self._signs))
 

@@ -105,7 +105,7 @@ class Trace:
         self.units = stated.formulation.state_units, stated.formulation.control_units
         self._made_of_it: dict[Any, Any] = {}
         symbols = {name: ca.SX.sym(name, found[name].size) for name in symbolic}
-        twin = CheckedFormulation(twin_of(stated.formulation, symbols))
+        twin = CheckedFormulation(symbolic_copy(stated.formulation, symbols))
         vars(twin)['control_limits'] = stated.control_limits  # which of them are finite
         p = ca.vertcat(*symbols.values()) if symbols else ca.SX(0, 1)
         outputs, integrated = stated.outputs(), stated.integrated()
@@ -161,7 +161,7 @@ class Trace:
             for trace in cls._made.get(key, []):
                 p = trace.values(stated.formulation)
                 same = all(np.array_equal(found[n], v) for n, v in trace.fixed.items())
-                alike = same and trace.unfolded.decides_alike(p)
+                alike = same and trace.unfolded.takes_same_branches(p)
                 if alike and (trace._controls_bend(p) <= trace.kept_between).all():
                     return trace
             trace = _make(stated, _expected(stated), list(found))
@@ -241,7 +241,7 @@ def _fields(formulation: Any) -> dict[str, Any]:
     return {name: getattr(formulation, name) for name in names if name != 'solver'}
 
 
-def twin_of(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
+def symbolic_copy(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
     """Return a copy with symbols for some of its numbers, not validated."""
     twin, fields = copy.copy(formulation), _fields(formulation)
     if not dataclasses.is_dataclass(formulation):
@@ -254,7 +254,7 @@ def twin_of(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> A
             parts = ca.vertsplit(symbols[path])
             found = parts[0] if isinstance(value, float) else type(value)(parts)
         elif dataclasses.is_dataclass(value):
-            found = twin_of(value, symbols, f'{path}.')
+            found = symbolic_copy(value, symbols, f'{path}.')
         object.__setattr__(twin, name, found)
     return twin
 

@@ -28,7 +28,7 @@ from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import Recovery
 from tdm_planner.parameters import specifications
-from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.compilation import report_compilation
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
@@ -120,7 +120,7 @@ class Planner(ManagedNode):
 
     def _on_first(self) -> None:
         self.destroy_timer(self._first)
-        tell_of_compilation(self.get_logger().info)
+        report_compilation(self.get_logger().info)
         self._queue.prepare(self._prepare, lambda _: self._diagnostics.update())
 
     def _prepare(self) -> None:

@@ -120,7 +120,7 @@ def create_plan_service(
     itself, and `send_response` is replaced: it hands that to `handler` instead of sending it.
     """
 
-    def asked(message: Any, header: Any) -> None:
+    def receive(message: Any, header: Any) -> None:
         def answer(outcome: str | Failure) -> None:
             success = not isinstance(outcome, Failure)
             text = outcome.to_json() if isinstance(outcome, Failure) else outcome
@@ -136,4 +136,4 @@ def create_plan_service(
     service: Any = node.create_service(
         service_type, name, lambda request, _: request, qos_profile=SERVICE
     )
-    send, service.send_response = service.send_response, asked
+    send, service.send_response = service.send_response, receive

@@ -49,7 +49,7 @@ class _Compilations(event.Listener):
         """Say nothing."""
 
 
-def tell_of_compilation(tell: Callable[[str], object]) -> None:
+def report_compilation(tell: Callable[[str], object]) -> None:
     """Have `tell` called with a sentence, once, as soon as this process must compile a kernel."""
     register: Any = event.register  # typed in some versions only
     register('numba:compile', _Compilations(tell))
@@ -74,7 +74,7 @@ def inlined(function: _Function) -> _Function:
     return made
 
 
-def shared_out(work: Callable[[int], int], pieces: Sequence[int]) -> int:
+def sum_in_threads(work: Callable[[int], int], pieces: Sequence[int]) -> int:
     """
     Sum what `work` returns for each of the pieces, which all cores take in turn.
 

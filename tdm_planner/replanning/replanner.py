@@ -57,7 +57,7 @@ def decide(outlook: Outlook, changed: bool, cost: float, improvement: float) -> 
     return False, 'the active plan does'
 
 
-def same_question(problem: Problem, other: Problem) -> bool:
+def is_same_task(problem: Problem, other: Problem) -> bool:
     """Whether two problems differ in nothing but their start and how they are solved."""
     return type(problem) is type(other) and _asked(problem) == _asked(other)
 
@@ -167,7 +167,7 @@ class Replanner:
         outlook = self.execution.outlook(predicted, at)
         if failure:
             outlook = replace(outlook, failure=failure, settled=False)
-        changed = not same_question(problem, plan.problem)
+        changed = not is_same_task(problem, plan.problem)
         necessary = changed or bool(outlook.failure)
         if not (necessary or self._may_improve(outlook, now)):
             return Review(None, 'the active plan does')

@@ -37,7 +37,7 @@ from tdm_planner.tracking.motion import (
     CLOCK_TOLERANCE,
     Command,
     finished,
-    most_off,
+    largest_state_error,
     Motion,
     Phase,
     Steps,
@@ -184,7 +184,7 @@ class TrajectoryTracker(ABC):
         except TrajectoryMissed as missed:
             lately = start <= now < start + trajectory.duration + _LATELY
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
-                self.give_up(str(missed))
+                self.abort(str(missed))
             raise
         self.pending = Motion(trajectory, start, (yield from self._prepared(trajectory)))
         if self.current is None:
@@ -248,7 +248,9 @@ class TrajectoryTracker(ABC):
         away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
         if away <= allowed:
             return ''
-        off = most_off(self.plant, error, [self.deviation(motion, e) for e in np.diag(error)])
+        off = largest_state_error(
+            self.plant, error, [self.deviation(motion, e) for e in np.diag(error)]
+        )
         told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
         return f'{told} = {allowed:g}: {off}'
 
@@ -351,7 +353,7 @@ class TrajectoryTracker(ABC):
                 )
                 far = far or self.reason * self.parameters.replan.on_deviation
         if far:
-            self.give_up(far)
+            self.abort(far)
         return None if far else action
 
     def _take_over(self, time: float, state: Array) -> None:
@@ -364,7 +366,7 @@ class TrajectoryTracker(ABC):
             self._compare(motion, state, time)
         except TrajectoryRejected as refusal:
             if self.current is None:
-                self.give_up(str(refusal))
+                self.abort(str(refusal))
             else:
                 self._notice = f'kept the active trajectory: {refusal}', time
             return
@@ -387,7 +389,7 @@ class TrajectoryTracker(ABC):
         if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
             self.stop(self.reason)
 
-    def give_up(self, reason: str) -> None:
+    def abort(self, reason: str) -> None:
         """Give the motion up; where a new plan is to be asked for, bring the plant to rest."""
         self.stop(reason)
         if self.parameters.replan.on_deviation:

@@ -45,7 +45,7 @@ _THIN = 0.2  # along y, as a share of its size, of what moves in the plane of x 
 PATH: Final = rgb(WAY)  # of the only vehicle
 
 
-class Look(NamedTuple):
+class DrawingStyle(NamedTuple):
     """
     How a group of shapes is drawn: the colour of its bodies, and its opacity.
 
@@ -56,8 +56,8 @@ class Look(NamedTuple):
     opacity: float = 1.0
 
 
-GHOST: Final = Look(PATH, 0.35)
-GOAL: Final = Look(_PAINT['goal'], 0.45)
+GHOST: Final = DrawingStyle(PATH, 0.35)
+GOAL: Final = DrawingStyle(_PAINT['goal'], 0.45)
 
 
 class Solids(NamedTuple):
@@ -84,7 +84,7 @@ class Picture(NamedTuple):
 
 
 def picture(
-    groups: Iterable[tuple[Sequence[Shape], Look]],
+    groups: Iterable[tuple[Sequence[Shape], DrawingStyle]],
     width: float,
     paths: Iterable[tuple[Array, Colour]] = (),
 ) -> Picture:

@@ -10,7 +10,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
-from tdm_sim.live.geometry import GHOST, GOAL, Look, PATH, picture, view_on
+from tdm_sim.live.geometry import DrawingStyle, GHOST, GOAL, PATH, picture, view_on
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, ROLES, SIMULATION
 from tdm_sim.live.operations import Operations, Recordings
 from tdm_sim.live.panel import Panel, Slider, slider_of
@@ -145,14 +145,14 @@ class Page:
         self._show_surroundings()
 
     def _show_surroundings(self) -> None:
-        still = [(self._rig.view.surroundings, Look())]
+        still = [(self._rig.view.surroundings, DrawingStyle())]
         self._scene.layers['still'].show(picture(still, self._width))
 
     def _show_motion(self) -> None:
         rig = self._rig
         plants, ghosts = [], []
         for name, (state, control, instant) in rig.motions.items():
-            plants.append((rig.view.shapes(state, control), Look(rig.colour(name))))
+            plants.append((rig.view.shapes(state, control), DrawingStyle(rig.colour(name))))
             plan, now = rig.planned(name), instant * NANOSECOND
             if plan is not None and now < plan.end:
                 ghosts.append((rig.view.shapes(plan.reference(now)), GHOST))

@@ -45,7 +45,7 @@ class Curve(NamedTuple):
     series: str = ''
     held: bool = False
 
-    def thinned(self, most: int) -> Curve:
+    def decimated(self, most: int) -> Curve:
         """
         Return at most about `most` points, for drawing.
 
@@ -209,7 +209,7 @@ def chart_json(
         # measured curves lie broad and pale below planned ones
         for curve in sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind)):
             how = {'colour': curve.colour % len(COLOURS), 'held': curve.held}
-            thin = curve.thinned(most)
+            thin = curve.decimated(most)
             traces.append(_trace(axis, curve.kind, thin.times, thin.values, curve.series, **how))
         if panel.limits:
             ends = np.tile([*span, np.nan], len(panel.limits))

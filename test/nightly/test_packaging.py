@@ -128,10 +128,10 @@ def test_wheel_holds_every_module_and_file_and_declares_what_it_offers(copy):
 
 PROGRAM = """
 import numpy as np
-from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.compilation import report_compilation
 from tdm_planner.plants.robot_replay import replayed
 
-tell_of_compilation(print)
+report_compilation(print)
 for _ in range(2):
     replayed(np.arange(2.0), np.zeros((2, 3)), np.zeros(7), True, 1.0, 1.0, np.zeros(1))
 """

@@ -198,7 +198,7 @@ class Guesses:
         return np.asarray(away)
 
 
-def suffice(solved: Sequence[CollocatedMotion], tried: int, obstacles: bool) -> bool:
+def enough_solutions(solved: Sequence[CollocatedMotion], tried: int, obstacles: bool) -> bool:
     """
     Whether solutions from so many guesses `tried` do: most are alike in cost, or they are enough.
 

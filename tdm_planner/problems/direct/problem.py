@@ -107,7 +107,7 @@ class DirectProblem(Formulation, Problem):
                 f"{cls.__name__} has a parameter 'solver' that is no group of SolverParameters: "
                 'derive its class from that one'
             )
-        for name, doubt in misspelt(cls, MISSPELT).items():
+        for name, doubt in misspelled_attributes(cls, MISSPELT).items():
             if isfunction(getattr(cls, name)):  # attributes may be for others
                 raise InvalidProblem(f'{cls.__name__}.{doubt}')
 
@@ -184,7 +184,7 @@ class DirectProblem(Formulation, Problem):
 
 
 @cache
-def misspelt(problem: type[Problem], likeness: float = 0.6) -> dict[str, str]:
+def misspelled_attributes(problem: type[Problem], likeness: float = 0.6) -> dict[str, str]:
     """Say of attributes of a statement, by name, that they are like those the library uses."""
     if not issubclass(problem, DirectProblem):
         return {}

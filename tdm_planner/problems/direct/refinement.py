@@ -220,7 +220,7 @@ class Refinement:
             more, along = 2 * motion.intervals, flown.departs / motion.intervals
             far = flown.gap > max(_NEARER * before[0], _ELSEWHERE)
             diverged |= far and along <= _LATER * before[1]
-            refines = self.affords(more) and not (diverged or unsolved)
+            refines = self.has_time_for(more) and not (diverged or unsolved)
             near = abs(flown.cost - motion.cost) <= _COST_AGREES * motion.size
             landed = flown.gap <= _END_REACHED and (near or not refines)
             kept = bool((flown.least >= -_TOUCHED).all())
@@ -314,7 +314,7 @@ class Refinement:
         least = self._plant.limits(*self.spread(motion, _BETWEEN * motion.intervals).halves)
         return bool((least.min(axis=0) < -_SHALLOWER * self._leapt).any())
 
-    def affords(self, intervals: int, solutions: int = 1) -> bool:
+    def has_time_for(self, intervals: int, solutions: int = 1) -> bool:
         """Whether there is time for so many solutions on so many intervals, and a check."""
         work = _SOLVING * solutions * self._solved
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds

@@ -27,7 +27,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
-from tdm_planner.problems.direct.guesses import Guesses, suffice, TRIED
+from tdm_planner.problems.direct.guesses import enough_solutions, Guesses, TRIED
 from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FINE, FINEST, FIRST, Refinement
@@ -194,7 +194,7 @@ class DirectSearch(Search[Candidate]):
                 reserve = reserve + [_EXCESS * violated.get(name, 0.0) for name in names]
                 continue
             reserve, before, more = np.zeros(len(names)), np.inf, 2 * found.intervals
-            found = refinement.finer(found, more) if refinement.affords(more) else None
+            found = refinement.finer(found, more) if refinement.has_time_for(more) else None
 
     def _refined(self) -> Iterator[CollocatedMotion]:
         """Yield solutions: of a warm start, else the first that is found, then the cheapest."""
@@ -218,7 +218,7 @@ class DirectSearch(Search[Candidate]):
             if motion:
                 solved.append(motion)
             late, blocked = self.budget.past(_STARTS_SHARE), bool(self._plant.obstacles.any())
-            if until.spent or (solved and (late or suffice(solved, tried, blocked))):
+            if until.spent or (solved and (late or enough_solutions(solved, tried, blocked))):
                 break
             if tried == TRIED:
                 solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
@@ -270,7 +270,7 @@ class DirectSearch(Search[Candidate]):
         last = COARSE if self._best is None and self.budget.past(_LATE) else most
         intervals = COARSE if motion.intervals < COARSE else 2 * motion.intervals
         failed = False
-        while intervals <= last and self._refinement.affords(intervals, solutions):
+        while intervals <= last and self._refinement.has_time_for(intervals, solutions):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
                 failed = not self.budget.spent

@@ -201,7 +201,7 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             )
 
 
-def left_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
+def margins_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
     """
     Return what is left to every limit at both ends, None where that depends on what is free.
 
@@ -218,8 +218,8 @@ def left_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
     }
 
 
-def impossible_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
-    """Say what no motion can keep at its ends; `left` by `left_at_ends`."""
+def violations_at_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
+    """Say what no motion can keep at its ends; `left` by `margins_at_ends`."""
     return [*_begun_elsewhere(stated, ends), *_violated_at_ends(stated, left)]
 
 
@@ -264,15 +264,15 @@ def _begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
 
 
 def check_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
-    """Return what `left_at_ends` does; InvalidProblem for what no motion can keep there."""
-    left = left_at_ends(stated, ends, uses)
-    for reason in impossible_ends(stated, ends, left):
+    """Return what `margins_at_ends` does; InvalidProblem for what no motion can keep there."""
+    left = margins_at_ends(stated, ends, uses)
+    for reason in violations_at_ends(stated, ends, left):
         raise InvalidProblem(reason)
     return left
 
 
 def short_of_reserve(stated: CheckedFormulation, left: Left, where: str) -> list[str]:
-    """Say of which limits start or end leave less than the reserve; `left` by `left_at_ends`."""
+    """Say of which limits an end leaves less than the reserve; `left` by `margins_at_ends`."""
     side = ('start', 'end').index(where)
     return [
         f"the {where} leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"

@@ -297,7 +297,7 @@ def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[floa
     ]
 
 
-def resized(values: Mapping[str, Any], number: int) -> dict[str, Any]:
+def with_number_of_robots(values: Mapping[str, Any], number: int) -> dict[str, Any]:
     """
     Return the parameters by dotted name that make a formation one of `number` robots.
 

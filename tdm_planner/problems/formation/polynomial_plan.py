@@ -83,10 +83,10 @@ def trajectory(
     goal = np.array([task.goal[robot, 0], 0.0, task.goal[robot, 1], 0.0])
     shapes, effects = _corrections(times, wanted, task.thrust)
 
-    def shot(sizes: Array) -> Shot:
+    def shot(sizes: Array) -> CorrectedMotion:
         added = np.stack([shapes @ sizes[:2], shapes @ sizes[2:]], axis=1)
         motion = fly(wanted + added)
-        return Shot(sizes, motion, (motion.states[-1, [0, 2, 1, 3]] - goal) / _AIM)
+        return CorrectedMotion(sizes, motion, (motion.states[-1, [0, 2, 1, 3]] - goal) / _AIM)
 
     return _shoot(shot, effects, budget, enough).flown
 
@@ -141,7 +141,7 @@ def _turned(task: FormationTask, robot: int, times: Array, wanted: Array) -> tup
     return yaw, torque
 
 
-class Shot(NamedTuple):
+class CorrectedMotion(NamedTuple):
     """Sizes of the corrections (4,), the flight they lead to, its errors in units of `_AIM`."""
 
     sizes: Array
@@ -154,7 +154,9 @@ class Shot(NamedTuple):
         return float(np.abs(self.error).max())
 
 
-def _shoot(fly: Callable[[Array], Shot], effects: Array, budget: Budget, enough: float) -> Shot:
+def _shoot(
+    fly: Callable[[Array], CorrectedMotion], effects: Array, budget: Budget, enough: float
+) -> CorrectedMotion:
     """
     Correct until the end is hit within `enough`, or the nearest shot where none is.
 

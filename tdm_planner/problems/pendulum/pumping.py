@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.compilation import compiled, inlined, shared_out, sine_and_cosine
+from tdm_planner.plants.compilation import compiled, inlined, sine_and_cosine, sum_in_threads
 from tdm_planner.plants.pendulum_kernels import (
     HELD,
     LANES,
@@ -90,7 +90,7 @@ class PumpingConstants(NamedTuple):
     longest: float
 
 
-class Laws(NamedTuple):
+class PumpingLaws(NamedTuple):
     """
     Numbers (n,) of the variants.
 
@@ -187,7 +187,7 @@ def simulate_variants(
     k: Coefficients,
     start: Array,
     pumping: PumpingConstants,
-    laws: Laws,
+    laws: PumpingLaws,
     durations: Array,
     torques: Array,
     arcs: Integers,
@@ -278,7 +278,7 @@ def simulate_variants(
                     x[m * LANES + i] = 0.0
 
 
-def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool) -> Laws:
+def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool) -> PumpingLaws:
     """Return variants of the law at random, `damped` for a disk that the pendulum swings."""
     crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle_limit
 
@@ -300,7 +300,7 @@ def _laws(task: SwingUpTask, rng: np.random.Generator, count: int, damped: bool)
         lead = mostly(0.5 - 0.4 * quick, lead, late)
     momentum = spread(0.02, 0.5) * min(max(1.5 * crossing, 1.0), 5.0)
     less = spread(0.3 / max(crossing, 2.0), 1.0)
-    return Laws(
+    return PumpingLaws(
         first=np.where(np.arange(count) % 2, 1.0, -1.0),
         share=mostly(0.7 + 0.2 * quick, 1.0, mostly(0.3, less, in_a_swing)),
         on_place=spread(0.003, 0.6) * (1.0 if narrow else max(crossing / 0.15, 0.2)),
@@ -339,7 +339,7 @@ def pumped_candidates(
     return to_polish(landed), tried
 
 
-def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list[Candidate]:
+def _swings(task: SwingUpTask, variants: PumpingLaws, most: int, until: Budget) -> list[Candidate]:
     """Return the promising variants, the best first, with a tail to land by."""
     w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
     durations, torques = np.zeros((_VARIANTS, room)), np.zeros((_VARIANTS, room))
@@ -351,15 +351,16 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, until: Budget) -> list
 
     def work(first: int) -> int:
         rows = slice(first, first + LANES)
+        laws = PumpingLaws(*(each[rows] for each in variants))
         return simulate_variants(
-            task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
+            task.plant.coefficients, task.start, common, laws,
             durations[rows], torques[rows], arcs[rows], distances[rows],
         )  # fmt: skip
 
     for first in range(0, _VARIANTS, _BATCH):
         if until.spent:
             break
-        steps = shared_out(work, range(first, first + _BATCH, LANES))
+        steps = sum_in_threads(work, range(first, first + _BATCH, LANES))
         until.evaluations += math.ceil(steps / _EVALUATION)
     total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
     promise = np.where(distances < _NEAR, w0 * total + weight * np.sqrt(distances), np.inf)

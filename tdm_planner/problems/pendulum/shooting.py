@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tdm_planner.arrays import Array, Integers
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.compilation import compiled, shared_out
+from tdm_planner.plants.compilation import compiled, sum_in_threads
 from tdm_planner.plants.pendulum_kernels import (
     LANES,
     PSI,
@@ -342,7 +342,7 @@ def shoot(
         some = starts[rows], batch.rows(rows), costs[rows]
         return shoot_arcs(plant.coefficients, *some, *scales, steps, effort)
 
-    until.evaluations += shared_out(work, range(0, batch.arcs.size, size))
+    until.evaluations += sum_in_threads(work, range(0, batch.arcs.size, size))
     return costs
 
 
@@ -358,5 +358,5 @@ def roll_to_ends(
         ends[rows], peaks[rows] = roll_ends(k, start, *batch.rows(rows), share, limit)
         return 0
 
-    shared_out(work, range(0, count, LANES))
+    sum_in_threads(work, range(0, count, LANES))
     return ends, peaks

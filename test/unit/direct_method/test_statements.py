@@ -330,8 +330,8 @@ def test_numbers_that_turn_a_fold_round_unfold_anew() -> None:
     margins = ca.Function('margins', [t, x, u, p], [x + p * (1.0 - ca.fabs(u))])
     found = Unfolded(margins, np.array([2.0]))
     assert found.limit.tolist() == [0, 0]
-    assert found.decides_alike(np.array([0.1]))
-    assert not found.decides_alike(np.array([-2.0]))
+    assert found.takes_same_branches(np.array([0.1]))
+    assert not found.takes_same_branches(np.array([-2.0]))
     assert Unfolded(margins, np.array([-2.0])).limit.tolist() == [0]
 
 

@@ -22,7 +22,7 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from tdm_sim.live import operations, run
-from tdm_sim.live.geometry import along, Look, picture, view_on
+from tdm_sim.live.geometry import along, DrawingStyle, picture, view_on
 from tdm_sim.live.listener import SIMULATION
 from tdm_sim.live.operations import Recordings, TaskThread
 from tdm_sim.live.panel import shown_range, slider_of
@@ -146,7 +146,7 @@ def test_what_a_shape_becomes() -> None:
         Box((1.0, 2.0, 3.0), (1.0, 2.0, 4.0), math.pi / 2),
         Line(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), 'limit'),
     ]
-    found = picture([(shapes, Look())], 0.1)
+    found = picture([(shapes, DrawingStyle())], 0.1)
     assert {kind for kind, _ in found.solids} == {'cylinder', 'ball', 'box'}
     tube = found.solids['cylinder', 1.0]
     assert tube.places[0] == pytest.approx([1.5, 2.0, 0.0])

@@ -18,7 +18,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem,
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation import verification
-from tdm_planner.problems.formation.parameters import resized
+from tdm_planner.problems.formation.parameters import with_number_of_robots
 from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check
@@ -88,7 +88,7 @@ VARIANTS = {
     'speed': ({'end_accelerations': 'given', 'speed_factor_order': 2}, 21),
     '9': ({'polynomial_order': 9}, 39),
     '11': ({'polynomial_order': 11, 'end_accelerations': 'given'}, 39),
-    'five': (resized({}, 5), None),
+    'five': (with_number_of_robots({}, 5), None),
     'swap': (SWAP, None),
     'still': (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), None),
     'turning': (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
@@ -316,10 +316,10 @@ def test_penalty_is_equation_29_mended():
 
 
 def test_added_robots_get_names_that_are_free():
-    names = resized({'robots': ['robot2', 'left']}, 5)['robots']
+    names = with_number_of_robots({'robots': ['robot2', 'left']}, 5)['robots']
     assert names == ['robot2', 'left', 'robot1', 'robot3', 'robot4']
     # Robots without a start are measured, and no hindrance.
-    made = resized({'robots': ['left'], 'formation.left': [0.0, 0.0, 0.0]}, 2)
+    made = with_number_of_robots({'robots': ['left'], 'formation.left': [0.0, 0.0, 0.0]}, 2)
     assert 'left.start.x' not in made
     assert made['formation.robot1'][:2] != [0.0, 0.0]
 
@@ -337,7 +337,7 @@ def test_places_are_clear_of_each_other_and_of_the_arena(number, length, width, 
     values |= {'robots': ['first'], 'formation.anchor': [1.7, 2.0, yaw]}
     values |= pose('first', (0.5, 3.0, 0.0), (0.3, 0.0, 0.0))
     try:
-        values |= resized(values, number)
+        values |= with_number_of_robots(values, number)
     except InvalidProblem as error:
         assert 'room in the arena' in str(error)
         return

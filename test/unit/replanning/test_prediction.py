@@ -64,7 +64,7 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, phase, 
     elif phase is ObservedPhase.RECOVERING:
         replan = replace(tracker.parameters.replan, on_deviation=True)
         tracker.parameters = replace(tracker.parameters, replan=replan)
-        tracker.give_up('test')
+        tracker.abort('test')
     execution = SwingUpExecution(swing, tracker.parameters if tuned and known else None)
     predicted = execution.predict(now, loop.time + 0.2)[PENDULUM_NAME]
     missed = np.abs(predicted.state - states_then(loop, loop.time + 0.1975)[PENDULUM_NAME])

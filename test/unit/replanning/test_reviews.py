@@ -169,8 +169,8 @@ def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: T
     assert (review.plan, review.necessary) == (None, False)
     solver = DirectSolverParameters(deadline=1.0, seed=3)
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
-    assert reviewing.same_question(plan.problem, other)
-    assert not reviewing.same_question(plan.problem, replace(CART, limit=2.0))
+    assert reviewing.is_same_task(plan.problem, other)
+    assert not reviewing.is_same_task(plan.problem, replace(CART, limit=2.0))
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:

@@ -127,7 +127,7 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, most: int, seed: int) -> 
     rng = np.random.default_rng(seed)
     values = rng.normal(size=n)
     values[rng.random(n) < 0.1] = np.nan
-    kept = Curve('measured', np.arange(float(n)), values, 0).thinned(most).times.astype(int)
+    kept = Curve('measured', np.arange(float(n)), values, 0).decimated(most).times.astype(int)
     assert (np.diff(kept) > 0).all()
     assert kept.size <= most
     if n:

@@ -269,7 +269,7 @@ def test_what_was_told_before_the_clock_was_set_back_is_not_told_for_ever(monkey
 
 def test_a_recovery_ends_when_it_is_not_wanted_any_more() -> None:
     swinging = seeing(np.array([math.pi - 1.0, 0.0, 4.0, 0.0]), replan__on_deviation=True)
-    swinging.give_up('it was pushed')
+    swinging.abort('it was pushed')
     assert swinging.command(0.005).phase is Phase.RECOVERING
     changed = pendulum_tracker(replan__on_deviation=False)
     changed.adopt(swinging)
