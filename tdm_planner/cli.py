@@ -4,9 +4,9 @@
 """
 The ``tdm`` command: check, plan and study without ROS, run the demo, a live page, record, report.
 
-Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo failed or
-missed its goal, or a recording is incomplete; 2 wrong usage or invalid problem; 3 no plan; 129,
-130, 143 anything else that SIGHUP, SIGINT or SIGTERM ended.
+Exit status: 0 done; 1 a demo failed or missed its goal, or a recording is incomplete; 2 wrong
+usage or invalid problem; 3 no plan; 129, 130, 143 ended by SIGHUP, SIGINT or SIGTERM. Recordings
+and live pages end by such a signal, with 0.
 """
 
 from __future__ import annotations
@@ -79,7 +79,9 @@ def _say(text: str) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='tdm', description=__doc__.strip().split('\n')[0])
+    parser = argparse.ArgumentParser(
+        prog='tdm', description=__doc__.strip().split('\n')[0].replace('`', '')
+    )
     file, quiet, view = (argparse.ArgumentParser(add_help=False) for _ in range(3))
     file.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     problem = argparse.ArgumentParser(add_help=False, parents=[file])
@@ -97,14 +99,16 @@ def _parser() -> argparse.ArgumentParser:
         help='parameters; may be given several times',
     )
     quiet.add_argument(
-        '-q', '--quiet', action='store_true', help='print nothing but errors and a verdict'
+        '-q', '--quiet', action='store_true', help="print only errors and a demo's verdict"
     )
     view.add_argument('--view', action='store_true', help='show the page in the browser')
     parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 
     def add(run: Callable[[argparse.Namespace], int], text: str, *parents: Any) -> Any:
-        made = commands.add_parser(run.__name__.strip('_'), parents=parents, help=text)
+        made = commands.add_parser(
+            run.__name__.strip('_'), parents=parents, help=text, description=text
+        )
         made.set_defaults(run=run)
         return made
 
@@ -114,9 +118,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     plan.add_argument('--plot', type=Path, metavar='FILE', help='.png, .pdf or .svg')
 
-    add(_check, 'compare the equations and limits of a problem', problem)
+    add(_check, 'check the equations of a stated problem, and its limits at both ends', problem)
 
-    text = 'real nodes, a plan by service, a recording, a verdict'
+    text = (
+        'run planner, tracker and plant as nodes, record them, judge whether the goal was reached'
+    )
     demo = add(_demo, text, file, view, quiet)
     demo.add_argument('plant', help='pendulum, robots, a stated problem: module:Class or its name')
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
@@ -125,17 +131,17 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=1.0,
         metavar='FACTOR',
-        help='of simulated time, relative to real time: 4 is four times as fast',
+        help='speed of simulated time relative to real time; default: 1',
     )
 
-    live = add(_live, 'a page in the browser on nodes, and hands on them', file)
+    live = add(_live, 'show nodes in the browser; drag goals, push plants, set parameters', file)
     live.add_argument(
         'nodes',
         nargs='?',
         default='/',
         metavar='NAMESPACE | PLANT',
-        help='nodes that run in this namespace are joined, / by default; of pendulum, robots or '
-        'a stated problem they are started if none run',
+        help='namespace of the nodes to show, default /; or pendulum, robots, a stated problem: '
+        'its nodes are started unless they run already',
     )
     live.add_argument(
         '-o',
@@ -149,16 +155,21 @@ def _parser() -> argparse.ArgumentParser:
         '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
     )
     live.add_argument(
-        '--port', type=_number(0, 65535), default=8080, help='or the next one that is free'
+        '--port',
+        type=_number(0, 65535),
+        default=8080,
+        help='port to serve on, or the next one that is free; default: 8080',
     )
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
 
     record = add(_record, 'record topics to a rosbag2', quiet)
-    record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
+    record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all')
     record.add_argument('-o', '--output', type=Path, required=True, metavar='BAG')
     record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
     record.add_argument(
-        '--namespace', metavar='NAME', help='all topics in it, and those that nodes share'
+        '--namespace',
+        metavar='NAME',
+        help='record the topics of this namespace, and shared ones such as /clock and /tf',
     )
 
     report = add(_report, 'one HTML page on a recording or a plan', view, quiet)
@@ -167,10 +178,10 @@ def _parser() -> argparse.ArgumentParser:
         '-o', '--output', type=Path, default=Path('report.html'), metavar='FILE.html'
     )
     report.add_argument(
-        '--namespace', metavar='NAME', help="the planner's, where a recording has several"
+        '--namespace', metavar='NAME', help='of the planner, where a recording has several'
     )
     report.add_argument(
-        '--problem', metavar='module:Class', help='of a plan for a problem that is not installed'
+        '--problem', metavar='module:Class', help='class of the problem if it is not installed'
     )
 
     study = add(_study, 'plan many times, over ranges of parameters', problem, view, quiet)
@@ -183,17 +194,24 @@ def _parser() -> argparse.ArgumentParser:
         'several times, for all combinations',
     )
     study.add_argument('-o', '--output', type=Path, required=True, metavar='DIR')
-    study.add_argument('--closed-loop', action='store_true', help='fly every plan, too')
     study.add_argument(
-        '--mismatch', type=float, metavar='SHARE', help='largest relative error of the plant flown'
+        '--closed-loop', action='store_true', help='simulate every plan with feedback'
     )
-    study.add_argument('--seeds', type=int, metavar='N', help='flights of every plan, default 1')
-    study.add_argument('--scheduler', metavar='HOST:PORT', help='of a Dask cluster')
+    study.add_argument(
+        '--mismatch',
+        type=float,
+        metavar='SHARE',
+        help="largest relative error of the simulated plant's constants",
+    )
+    study.add_argument(
+        '--seeds', type=int, metavar='N', help='simulations of every plan; default: 1'
+    )
+    study.add_argument('--scheduler', metavar='HOST:PORT', help='Dask scheduler to use')
     study.add_argument(
         '--processes',
         type=_number(1, 1000),
         metavar='N',
-        help='on this machine; default: one a core',
+        help='processes on this machine; default: one a core',
     )
     study.add_argument('--csv', action='store_true', help='write table.csv, not table.parquet')
     return parser

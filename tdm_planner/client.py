@@ -80,9 +80,9 @@ class PlanClient:
     """
     Asks the planner in `namespace` for plans and waits for them; to be used by one thread.
 
-    Without a `node` the client has one of its own, which it serves while it waits: it may be used
-    anywhere, in callbacks too, and is to be closed (``with``). A `node` that an executor serves
-    must be served by another thread than the one that waits here.
+    Without a `node` the client makes one and spins it while it waits: it may be used anywhere, in
+    callbacks too, and must be closed (``with``). If an executor spins `node`, wait for plans in
+    another thread than that executor's.
 
     Raise InvalidProblem if `namespace` cannot be one.
     """

@@ -86,7 +86,8 @@ class ReplanParameters(Validated):
     )
     improvement: float = parameter(
         0.1,
-        'share of the cost still to come that a new plan must save to replace one that would do',
+        'a plan that still works is replaced only if the new one saves more than this share of '
+        'the cost still to come',
         allowed=Range(0.0, 1.0),
     )
     deviation: float = positive(

@@ -233,7 +233,7 @@ def beyond_limits(trajectory: Trajectory, limits: Mapping[str, tuple[float, floa
     return told + ', '.join(found) if found else ''
 
 
-def largest_state_error(plant: Named, error: Array, parts: Sequence[float]) -> str:
+def worst_state(plant: Named, error: Array, parts: Sequence[float]) -> str:
     """Tell by how much the state is off whose part in the deviation is the largest."""
     k = int(np.argmax(parts))
     return f'{plant.state_names[k]} is off by {error[k]:.3g} {plant.state_units[k]}'.rstrip()

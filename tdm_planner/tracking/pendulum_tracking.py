@@ -106,7 +106,7 @@ class PendulumEstimatorParameters(Validated):
     )
     model_error: float = parameter(
         0.1,
-        "largest relative error of the model's accelerations; how large it is, is found out",
+        "largest relative error of the model's accelerations; the tracker finds the present one",
         allowed=NOISE,
     )
 

@@ -37,13 +37,13 @@ from tdm_planner.tracking.motion import (
     CLOCK_TOLERANCE,
     Command,
     finished,
-    largest_state_error,
     Motion,
     Phase,
     Steps,
     TrackerParameters,
     TrajectoryMissed,
     TrajectoryRejected,
+    worst_state,
 )
 from tdm_planner.trajectory import Trajectory
 
@@ -248,9 +248,7 @@ class TrajectoryTracker(ABC):
         away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
         if away <= allowed:
             return ''
-        off = largest_state_error(
-            self.plant, error, [self.deviation(motion, e) for e in np.diag(error)]
-        )
+        off = worst_state(self.plant, error, [self.deviation(motion, e) for e in np.diag(error)])
         told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
         return f'{told} = {allowed:g}: {off}'
 

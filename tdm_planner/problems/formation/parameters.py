@@ -158,8 +158,8 @@ class RobotStart(Validated):
     torque: float = parameter(0.0, 'torque at the start', unit='N m', allowed=SIGNED)
     arrived: float = parameter(
         0.0,
-        'time for which a robot that stays has been at its goal: the next one keeps its interval '
-        'to that arrival',
+        'time since the arrival of a robot that is at its goal already; the arrival_interval to '
+        'the next one counts from then',
         unit='s',
         allowed=NON_NEGATIVE,
     )

@@ -85,7 +85,7 @@ class PendulumSwingUp(Problem):
     )
     switching_arcs: int = parameter(
         4096,
-        'most arcs of constant torque in a plan; how many it takes is found out',
+        'largest number of arcs of constant torque in a plan; the search finds how many it takes',
         allowed=Range(4, 4096),
     )
     solver: SolverParameters = group(SolverParameters)
