@@ -242,6 +242,8 @@ class DirectPlant:
         times, states = resolved(replayed, plan, ())
         controls = plan.controls_at(times)
         places = crossed(Call(found, len(times))(states, controls, self.numbers)[0])
+        if not places.size:
+            return ''
         steps, at = np.diff(times)[places, None], np.linspace(0.0, 1.0, _INSIDE + 1)
         within = (times[places, None] + steps * at).ravel()
         rates = self.rates(replayed.states(within), plan.controls_at(within))

@@ -159,6 +159,18 @@ def test_a_narrow_part_of_the_way_with_other_rates_is_not_stepped_over(half, for
     assert flown.y[:, -1] == pytest.approx([2.0, 0.0], abs=2e-3)
 
 
+def test_rates_may_have_a_kink_that_a_plan_does_not_meet():
+    """A boat that never goes backwards has drag whose kink lies at rest."""
+    boat = changed(
+        DRIVE,
+        outputs=lambda s: {'x': Output((0.0, 0.5), (10.0, 0.5), free=3)},
+        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + 0.1 * y['x'][1] * np.abs(y['x'][1]),)),
+        derivative=lambda s, x, u: (x[1], u[0] - 0.1 * x[1] * np.abs(x[1])),
+        margins=lambda s, t, x, u: {'ahead': x[1] - 0.1},
+    )()
+    assert boat.solve(counted=True).verification.ok
+
+
 def test_what_a_plan_of_the_direct_method_costs_is_what_its_replay_costs():
     """A state that decides the cost of the end is integrated at nodes, across a jump at x = 1."""
     problem = changed(
