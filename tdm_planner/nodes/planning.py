@@ -178,7 +178,7 @@ def make_plan(
                 told = f'begins {delay:g} s ahead, as there is no plan for start.delay'
                 solution = replace(solution, summary=f'{solution.summary}; {told}')
             # Solving may have left too little time.
-            if not measured or adapter.may_start_later(now):
+            if not measured or adapter.may_start_later(now, start):
                 start = max(start, clock.now() + _PREPARING * delay)
             return TimedPlan(problem, solution, start)
         except (DeadlineExceeded, VerificationFailed, NoState):  # a sooner start mends none

@@ -11,6 +11,7 @@ plans, and how it is drawn.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 import math
 from typing import Any, ClassVar
@@ -25,13 +26,14 @@ from tdm_planner.drawing import (
     RobotDrawing,
     Shape,
 )
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import build, specifications
 from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.pendulum_replay import roll_states
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.formation.parameters import Arena, place_in_arena
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
@@ -54,6 +56,7 @@ from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Values = Mapping[str, Any]
+Past = tuple[Array, float] | None  # an earlier state (nx,), and how long ago it was measured [s]
 
 _OF_THE_NODE = specifications(PlannerParameters).keys()
 _PREDICTABLE = 2000  # rad of swinging at the natural frequency
@@ -65,13 +68,13 @@ class PlannedPlant:
 
     Its state is measured with the joints of a stated problem, or with the numbers X of the
     parameters `start.X` for joints. A problem without such parameters has nothing to measure.
-    Until a plan begins, the tracker holds it where it can. How fast feedback removes deviations is
-    not known.
+    Until a plan begins, the tracker holds it where it can, or it moves on without control. How fast
+    feedback removes deviations is not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
     is not of this package. `tracking_bounds` are the largest deviations (nx,) of a plant that
     follows its plan, None if they depend on that. `rests_before_start` says whether the plant
-    stays at rest until the plan starts.
+    may stay at rest until the plan starts.
     """
 
     vehicle: ClassVar[str] = PLANT_NAME
@@ -90,12 +93,35 @@ class PlannedPlant:
             return np.asarray(values['replan.deviation'] * ranges_of(plan))
         return self.tracking_bounds
 
-    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
+    def predict_without_plan(
+        self, state: Array, duration: float, values: Values, past: Past = None
+    ) -> Array:
         """
-        Predict the state (nx,) `duration` s ahead without a plan: the plant rests, by default.
+        Predict the state (nx,) `duration` s ahead without a plan.
+
+        A stated plant may be held where it is, or move on without control: what it has done since
+        an earlier state, so many s ago, decides. Any other rests.
 
         Raise InvalidProblem if it cannot be predicted.
         """
+        stated, names = self._problem, self.kind.state_names
+        known = issubclass(stated, DirectProblem) and names == tuple(stated.state_names)
+        if past is None or not known or min(past[1], duration) <= 0.0:
+            return state
+        before, ago = past
+        plant = DirectPlant(stated.from_parameters(values))
+
+        def moved(begin: Array, seconds: float) -> Array:
+            times, both = np.array([0.0, seconds]), np.stack([begin, begin])
+            nothing = np.zeros((2, len(plant.control_names)))
+            free = plant.replay(Trajectory.of(plant, times, both, nothing))
+            return free.states(times)[-1]
+
+        with suppress(NotFinite):
+            off, changed = np.abs(moved(before, ago) - state), np.abs(before - state)
+            share = off / np.maximum(off + changed, 1e-300)
+            if (share - 0.5)[off + changed > 0.0].sum() < 0.0:
+                return moved(state, duration)
         return state
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
@@ -132,7 +158,9 @@ class PlannedPendulum(PlannedPlant):
     tracking_bounds = np.array([0.5, 0.7, 6.0, 8.0])
     rests_before_start = False
 
-    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
+    def predict_without_plan(
+        self, state: Array, duration: float, values: Values, past: Past = None
+    ) -> Array:
         """Predict the state (4,) `duration` s ahead without torque; negative: back."""
         plant = build(RotaryPendulum, values, 'plant.')
         swung = abs(duration) * plant.natural_frequency
@@ -167,7 +195,9 @@ class PlannedRobots(PlannedPlant):
     rests_before_start = False
     several = True
 
-    def predict_without_plan(self, state: Array, duration: float, values: Values) -> Array:
+    def predict_without_plan(
+        self, state: Array, duration: float, values: Values, past: Past = None
+    ) -> Array:
         """Predict the state (7,) `duration` s ahead without thrust or torque."""
         _, _, u, v, _, omega, _ = state
         return state + duration * np.array([u, v, 0.0, 0.0, omega, 0.0, 0.0])

@@ -219,6 +219,27 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
     assert np.abs(loop.states[-1].position).max() < 0.1
 
 
+@pytest.mark.parametrize('held', [False, True])
+def test_a_plan_begins_where_a_plant_that_is_not_held_has_gone_by_then(ros, held):
+    space = Space(ros, f'drifting{held}')
+    space.start('plant', {'problem': f'{__name__}:Rail', 'initial.v': 2.0, 'held': held})
+    space.start('tracker', {'kind': f'{__name__}:Rail'})
+    space.start('planner', {'problem': f'{__name__}:Rail'})
+    states, plans = space.hear('joint_states'), space.hear('trajectory')
+    statuses = space.hear('tracker_status', GoalStatusArray)
+    assert ros.spin_until(lambda: len(states) > 40)
+    places, at = [state.position[0] for state in states[-2:]], ros.now
+    space.plan()
+    x, v = plans[-1].points[0].positions[0], plans[-1].points[0].velocities[0]
+    ahead = (nanoseconds_of(plans[-1].header.stamp) - at) * 1e-9
+    assert (x - places[-1], v) == pytest.approx((0.0 if held else 2.0 * ahead, 2.0), abs=0.02)
+    followed = GoalStatus.STATUS_EXECUTING
+    assert ros.spin_until(
+        lambda: any(g.status == followed for array in statuses for g in array.status_list)
+    )
+    assert held == (places[0] == places[1])
+
+
 def test_a_held_plant_that_is_reset_is_held_until_the_next_plan(ros):
     loop = Loop(ros, 'moon_lander:MoonLander')
     start = list(loop.plans[-1].points[0].positions)
