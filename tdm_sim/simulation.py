@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import NotFinite
-from tdm_planner.parameters import build, specifications, to_mapping
+from tdm_planner.parameters import build, Range, specifications, to_mapping
 from tdm_planner.plants.base import integrate, Plant, SIMULATION_STEP
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
@@ -229,17 +229,22 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
     Return a copy of a plant with every physical constant off by a random relative error.
 
     The errors are independent and uniform in +-`mismatch`; the same seed gives the same plant.
-    Constants are the numbers declared as parameters of the plant's dataclass, groups included. An
-    error has the other sign where it would lead out of what is allowed for its parameter.
+    Constants are the numbers declared as parameters of the plant's dataclass, in groups and lists,
+    too. An error has the other sign where it would lead out of what is allowed for its parameter.
 
     Raise InvalidProblem if the disturbed constants do not make a plant (a mismatch of 1 or more
     may do that).
     """
     generator = np.random.default_rng(seed)
     constants, declared = to_mapping(plant), specifications(type(plant))
-    for name, value in constants.items():
-        if isinstance(value, float):
-            error = mismatch * generator.uniform(-1.0, 1.0)
-            inside = value * (1.0 + error) in declared[name].range
-            constants[name] = value * (1.0 + (error if inside else -error))
-    return build(type(plant), constants)
+
+    def disturbed(value: Any, allowed: Range) -> Any:
+        if isinstance(value, list):
+            return [disturbed(item, allowed) for item in value]
+        if not isinstance(value, float):
+            return value
+        error = mismatch * generator.uniform(-1.0, 1.0)
+        return value * (1.0 + (error if value * (1.0 + error) in allowed else -error))
+
+    found = {n: disturbed(value, declared[n].range) for n, value in constants.items()}
+    return build(type(plant), found)

@@ -37,6 +37,7 @@ class Filled(Validated):
     """A plant with a constant that is a share."""
 
     level: float = parameter(0.5, 'share that is filled', allowed=Range(0.0, 1.0))
+    inflows: list[float] = parameter([2.0, 1.0], 'of its pipes', allowed=Range(0.0, 2.0))
 
 
 def simulation(setup: PlantSetup = SETUP, **changes) -> SimulatedPlant:
@@ -186,8 +187,12 @@ def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, 
         assert all(abs(disturbed[n] - value) <= most * value for n, value in nominal.items())
         assert mismatched(plant, mismatch, seed) == made
         assert mismatched(plant, 0.0, seed) == plant
-    full = mismatched(Filled(1.0), mismatch, seed).level
-    assert 1.0 - most <= full <= 1.0
+    full = mismatched(Filled(1.0), mismatch, seed)
+    assert 1.0 - most <= full.level <= 1.0
+    first, second = full.inflows
+    assert 0.0 <= 2.0 - first <= 2.0 * most
+    assert abs(second - 1.0) <= most
+    assert mismatch < 1e-3 or first != 2.0 * second
     gains, again = (
         simulated.robot_actuators(RobotLimits(), mismatch, seed)['gains'] for _ in range(2)
     )
