@@ -168,7 +168,8 @@ def kind_of(problem: Formulation) -> PlantKind:
     """
     Return the plant of a stated problem: its `joints`, the other states and controls by name.
 
-    Raise InvalidProblem if `joints` names what is not a state, or gives a joint no pair.
+    Raise InvalidProblem if `joints` names what is not a state, gives a joint no pair, or the name of
+    another state.
     """
     given: Any = problem.joints()
     if not isinstance(given, Mapping) or any(np.shape(pair) != (2,) for pair in given.values()):
@@ -177,7 +178,13 @@ def kind_of(problem: Formulation) -> PlantKind:
             "{'arm': ('angle', 'rate')}"
         )
     joints = [(name, *pair) for name, pair in given.items()]
+    alone = {*problem.state_names}.difference(*given.values())
     for name, *pair in joints:
+        if name in alone:
+            raise InvalidProblem(
+                f"joints gives the name '{name}' of a state that is in none of its pairs to other "
+                'states: give the joint another name'
+            )
         for state in pair:
             if state not in problem.state_names:
                 raise InvalidProblem(
