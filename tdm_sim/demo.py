@@ -29,7 +29,7 @@ from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
 from tdm_sim.progress import printing, Progress
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.mission import Mission
+from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.page import write_report
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import figures
@@ -101,13 +101,18 @@ def run_demo(
     with printing():
         Console(highlight=False).print(table.title if quiet else table)
     progress.line(f'recorded to {output}/bag, report in {output}/report.html')
-    unjudged = ('too little was recorded to judge it',)
-    told = unjudged if judged is None else (*judged.reasons, judged.undecided)
+    told = _unjudged(mission) if judged is None else (*judged.reasons, judged.undecided)
     done = judged is not None and judged.reached and not unclean
     advice = '' if done else _advice(mission, scene.speed)
     for reason in filter(None, (*told, *unclean, advice)):
         print(f'tdm demo: {reason}', file=sys.stderr)
     return done
+
+
+def _unjudged(mission: Mission) -> tuple[str, ...]:
+    """Say what there is no verdict for: what is missing, and the last error of a node."""
+    errors = [f'{e.source}: {e.text}' for e in mission.events if e.level >= Severity.ERROR]
+    return 'too little was recorded to judge it', *mission.missing, *errors[-1:]
 
 
 def _advice(mission: Mission, speed: float) -> str:

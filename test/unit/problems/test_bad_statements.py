@@ -108,7 +108,7 @@ FOR_OTHERS = [  # what only a tracker or a picture would meet
         ['drawing of Changed raises TypeError: one shape is returned, expected a sequence'],
     ),
     ({'joints': lambda s: {'arm': ('x',)}}, ['joints must give every joint by name the']),
-    ({'joints': lambda s: {'y': ('x', 'vx')}}, ["joints gives the name 'y' of a state that is in"]),
+    ({'joints': lambda s: {'y': ('x', 'vx')}}, ["joints gives the name 'y' of a state that is"]),
 ]
 
 
