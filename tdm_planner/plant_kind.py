@@ -168,8 +168,8 @@ def kind_of(problem: Formulation) -> PlantKind:
     """
     Return the plant of a stated problem: its `joints`, the other states and controls by name.
 
-    Raise InvalidProblem if `joints` names what is not a state, gives a joint no pair, or the name of
-    another state.
+    Raise InvalidProblem if `joints` names what is not a state, gives a joint no pair, or the name
+    of another state.
     """
     given: Any = problem.joints()
     if not isinstance(given, Mapping) or any(np.shape(pair) != (2,) for pair in given.values()):

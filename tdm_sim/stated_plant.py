@@ -93,9 +93,11 @@ def _stated_model(problem: type[DirectProblem], node: PlantNode) -> PlantModel:
     def setup(given: Any) -> PlantSetup:
         made = problem_of(problem, given)
         plant = DirectPlant(mismatched(made, given.mismatch, given.mismatch_seed))
-        begin = np.nan_to_num(Ends.of(CheckedFormulation(made)).states[0])
+        begin, start = Ends.of(CheckedFormulation(made)).states[0], getattr(made, 'start', None)
         for number, name in enumerate(kind.state_names):
             initial = getattr(given.initial, name, None)
+            if initial is None and np.isnan(begin[number]):  # conditions may ask for it
+                initial = getattr(start, name, None) or 0.0
             begin[number] = begin[number] if initial is None else initial
         noise = np.array([getattr(given.noise, name, 0.0) for name in kind.state_names])
         return PlantSetup(plant, begin, plant.control_range, noise, held=given.held)

@@ -68,8 +68,8 @@ class PlannedPlant:
 
     Its state is measured with the joints of a stated problem, or with the numbers X of the
     parameters `start.X` for joints. A problem without such parameters has nothing to measure.
-    Until a plan begins, the tracker holds it where it can, or it moves on without control. How fast
-    feedback removes deviations is not known.
+    Until a plan begins, the tracker holds it where it can, or it moves on without control. How
+    fast feedback removes deviations is not known.
 
     `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
     is not of this package. `tracking_bounds` are the largest deviations (nx,) of a plant that

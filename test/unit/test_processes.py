@@ -390,7 +390,7 @@ def test_a_demo_without_a_verdict_says_why_there_is_none():
     from tdm_sim.report.mission import Event, Mission, Severity
 
     told = 'stopped: the state is 0.5 away from the trajectory at its start'
-    events = Event(0.1, Severity.ERROR, '/rig/tracker', told), Event(0.2, Severity.OK, '/rig', 'on')
+    events = Event(0.1, Severity.ERROR, '/rig/tracker', told), Event(0.2, Severity.OK, 'rig', '')
     mission = Mission('rig', (), events=events, missing=('There is no plan of rig.',))
     expected = 'too little was recorded', 'There is no plan of rig.', f'/rig/tracker: {told}'
     for line, part in zip(_unjudged(mission), expected, strict=True):
