@@ -260,6 +260,8 @@ class StatedTracker(TrajectoryTracker):
         assert isinstance(other, StatedTracker)
         self._least_ranges = np.maximum(self._least_ranges, other._least_ranges)
         super().adopt(other)
+        if self.newest is other.newest:  # nothing was computed anew
+            self.growth_rate = other.growth_rate
 
     def _check_start(self, motion: Motion, now: float) -> None:
         """

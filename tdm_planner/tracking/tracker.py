@@ -47,9 +47,8 @@ from tdm_planner.tracking.motion import (
 )
 from tdm_planner.trajectory import Trajectory
 
-_CALM_SLACK = 3.0
 BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their range
-_LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
+_CALM_SLACK, _LOOK_AHEAD = 3.0, 100  # steps, at most, to predict a coming start in
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 
@@ -372,13 +371,15 @@ class TrajectoryTracker(ABC):
 
     def adopt(self, other: TrajectoryTracker) -> None:
         """
-        Go on from where another tracker of the same plant is; gains are computed anew.
+        Go on from where another tracker of the same plant is; gains that change are computed anew.
 
         Raise TrajectoryRejected if there are none for an active trajectory.
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
+        mine = self.parameters
+        kept = replace(other.parameters, tolerance=mine.tolerance, replan=mine.replan) == mine
         self.current, self.pending = (
-            None if m is None else replace(m, law=finished(self._prepared(m.trajectory)))
+            m if m is None or kept else replace(m, law=finished(self._prepared(m.trajectory)))
             for m in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes

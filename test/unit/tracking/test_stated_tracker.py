@@ -150,6 +150,21 @@ def test_ranges_stay_those_of_the_plans_that_were_flown() -> None:
         rig.tracker = other
 
 
+def test_gains_are_computed_anew_only_where_they_change() -> None:
+    """Of a plan of a minute it takes longer than a plant waits for a command."""
+    plan = DoubleIntegrator().solve(deadline=10.0).trajectory
+    rig = Rig(DoubleIntegrator(), plan.states[0])
+    rig.accept(plan)
+    rig.run(0.5)
+    law, given = rig.tracker.current.law, rig.tracker.parameters
+    tolerance = replace(given.tolerance, path=0.4)
+    for changed_to, kept in (({'tolerance': tolerance}, True), ({'state_timeout': 0.2}, False)):
+        other = StatedTracker(DoubleIntegrator(), replace(given, **changed_to))
+        other.adopt(rig.tracker)
+        assert (other.current.law is law) == kept
+        assert other.growth_rate == rig.tracker.growth_rate
+
+
 def test_a_plant_that_was_held_fast_seems_stuck_until_the_next_plan() -> None:
     lander = MoonLander()
     plan = lander.solve(deadline=10.0).trajectory
