@@ -109,13 +109,14 @@ class PlannedPlant:
         if past is None or not known or min(past[1], duration) <= 0.0:
             return state
         before, ago = past
-        plant = DirectPlant(stated.from_parameters(values))
+        problem: Any = stated.from_parameters(values)
+        plant = DirectPlant(problem)
 
         def moved(begin: Array, seconds: float) -> Array:
             times, both = np.array([0.0, seconds]), np.stack([begin, begin])
             nothing = np.zeros((2, len(plant.control_names)))
             free = plant.replay(Trajectory.of(plant, times, both, nothing))
-            return free.states(times)[-1]
+            return np.asarray(free.states(times)[-1])
 
         with suppress(NotFinite):
             off, changed = np.abs(moved(before, ago) - state), np.abs(before - state)
