@@ -344,18 +344,28 @@ def _linear(t: Array, times: Array, values: Array) -> Array:
 
 
 def joined(trajectories: Mapping[str, Trajectory]) -> Trajectory:
-    """Return the only trajectory; of several all, on common instants as ``name.state``."""
+    """
+    Return the only trajectory; of several all, on common instants as ``name.state``.
+
+    Controls of a vehicle that has arrived are zero. Unless all are held, a jump takes 1 ns.
+    """
     if len(trajectories) == 1:
         return next(iter(trajectories.values()))
-    parts = trajectories.items()
-    times = np.unique(np.concatenate([t.times for t in trajectories.values()]))
-    samples = [t.sample(times) for t in trajectories.values()]
-    kinds = {t.interpolation for t in trajectories.values()}
+    parts, instants = trajectories.items(), [t.times for t in trajectories.values()]
+    held = [t.interpolation == 'zero_order_hold' for t in trajectories.values()]
+    if not all(held):
+        for t, jumps in zip(trajectories.values(), held, strict=True):
+            instants.append(t.times[[*t.switches, -1]] + (-NANOSECOND if jumps else NANOSECOND))
+    times = np.unique(to_nanoseconds(np.concatenate(instants)))
+    times = times[times <= max(t.times[-1] for t in trajectories.values())]
+    states, controls = zip(*(t.sample(times) for t in trajectories.values()), strict=True)
+    for t, jumps, control in zip(trajectories.values(), held, controls, strict=True):
+        control[times >= t.times[-1] if jumps else times > t.times[-1]] = 0.0
     return Trajectory(
         times=times,
-        states=np.concatenate([s.state for s in samples], axis=1),
-        controls=np.concatenate([s.control for s in samples], axis=1),
+        states=np.concatenate(states, axis=1),
+        controls=np.concatenate(controls, axis=1),
         state_names=tuple(f'{name}.{s}' for name, t in parts for s in t.state_names),
         control_names=tuple(f'{name}.{c}' for name, t in parts for c in t.control_names),
-        interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
+        interpolation='zero_order_hold' if all(held) else 'linear',
     )

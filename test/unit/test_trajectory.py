@@ -13,7 +13,7 @@ from replays import by_scipy
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.trajectory import ReplayedMotion, Trajectory
+from tdm_planner.trajectory import joined, ReplayedMotion, Trajectory
 from tdm_planner.verification import _least_between, Constraint, resolved, verify
 
 
@@ -232,3 +232,21 @@ def test_where_controls_jump():
         (replace(BANG_BANG, interpolation='cubic'), [], [0, 1, 2]),
     ):
         assert (plan.switches.tolist(), [*plan.control_pieces.x]) == (switches, pieces)
+
+
+@pytest.mark.parametrize('first', ['zero_order_hold', 'linear'])
+@pytest.mark.parametrize('last', ['zero_order_hold', 'linear'])
+def test_a_vehicle_that_has_arrived_is_driven_no_more(first, last):
+    parts = {
+        'early': make((0.0, 1.0, 2.5), first, (1.0, -1.0, 0.5)),
+        'late': make((0.0, 1.5, 3.0, 4.0), last, (1.0, -1.0, 0.5, 0.25)),
+    }
+    whole = joined(parts)
+    assert whole.duration == 4.0
+    for name, part in parts.items():
+        then = np.array([0.7, 2.0, part.duration - 1e-6, 4.0])
+        column = whole.control_names.index(f'{name}.u')
+        driven = whole.control_integral(then)[:, column]
+        # A jump between linear pieces takes 1 ns.
+        np.testing.assert_allclose(driven, part.control_integral(then)[:, 0], atol=1e-9)
+        np.testing.assert_array_equal(whole.states[-1].reshape(2, 2)[column], part.states[-1])
