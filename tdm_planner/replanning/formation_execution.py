@@ -40,6 +40,7 @@ _GRID = 0.1  # s between the instants at which distances are looked at
 _BRAKING = 0.7  # of the largest thrust, that brakes a drift
 _RETURN = 3.0  # s, time constant with which the feedback brings a robot back
 _RESERVE = 0.25  # of arena.tracking_margin that must be left of the distances
+_NOISE = 1e-3  # m of a distance that mean nothing
 # A robot so near to its goal, and so slow, is kept there by its tracker: m, m/s, rad, rad/s.
 _AT_GOAL = np.array([0.03, 0.015, 0.05, 0.02])
 # A robot late on its way that is so near to its plan is brought back on it by its tracker.
@@ -123,14 +124,15 @@ class FormationExecution(Execution):
             return Outlook(failure=f"'{lost[0]}' does not follow the active plan any more")
         end = max(self.plan.end, at + _GRID)
         times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
-        places = {}
+        planned, places = {}, {}
         for name, robot in predicted.items():
             away = self._deviation(name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
             if peak > _TRACKED * self._trackers[name].parameters.tolerance.path:
                 return Outlook(failure=f"'{name}' would come {peak:.2g} m off the active plan")
-            places[name] = self._motions[name].sample(times).state[:, :2] + away
-        failure = self._nearness(places)
+            planned[name] = self._motions[name].sample(times).state[:, :2]
+            places[name] = planned[name] + away
+        failure = self._nearness(places, planned)
         settled = not failure and all(
             _near(self._motions[name].trajectory.states[-1], robot.state, _AT_GOAL)
             for name, robot in predicted.items()
@@ -153,21 +155,25 @@ class FormationExecution(Execution):
         back = np.exp(-np.maximum(since - turn - braking, 0.0) / _RETURN)
         return np.asarray((offset + drift * path[:, None]) * back[:, None])
 
-    def _nearness(self, places: Mapping[str, Array]) -> str:
-        arena = self._problem.arena
-        reserve = _RESERVE * arena.tracking_margin
-        for name, place in places.items():
-            edge = np.minimum(place, np.array([arena.length, arena.width]) - place).min()
-            if edge < arena.minimum_separation / 2:
+    def _nearness(self, places: Mapping[str, Array], planned: Mapping[str, Array]) -> str:
+        """Return what comes nearer than allowed, and than a plan that may just keep to that."""
+        task, reserve = self._problem.task, _RESERVE * self._problem.arena.tracking_margin
+        half, slack = task.separation / 2, max(reserve, _NOISE)
+        for name in places:
+            ways = places[name], planned[name]
+            edge, wanted = (np.minimum(way, task.sides - way).min() for way in ways)
+            if edge < min(half, wanted - slack):
                 return f"'{name}' would come {edge:.3g} m near a wall"
-            for x, y, radius in self._problem.task.obstacles:
-                left = float(np.hypot(place[:, 0] - x, place[:, 1] - y).min()) - radius
-                if left < arena.minimum_separation / 2:
+            for *centre, radius in task.obstacles:
+                left, wanted = (
+                    np.linalg.norm(way - centre, axis=1).min() - radius for way in ways
+                )
+                if left < min(half, wanted - slack):
                     return f"'{name}' would come {left:.3g} m near a keep-out zone"
         for one, other in itertools.combinations(places, 2):
-            apart = np.linalg.norm(places[one] - places[other], axis=1)
+            apart, way = (np.linalg.norm(p[one] - p[other], axis=1) for p in (places, planned))
             # What is too near now cannot be mended by any plan.
-            least = min(arena.minimum_separation + reserve, float(apart[0]) - 1e-3)
+            least = min(task.separation + reserve, apart[0] - _NOISE, way.min() - slack)
             if apart.min() < least:
                 return f"'{one}' and '{other}' would come within {apart.min():.3g} m"
         return ''

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
-from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation.search import kept_motions
 from tdm_planner.problems.pendulum.candidates import arcs_of
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
@@ -149,6 +149,20 @@ def test_what_leads_near_a_keep_out_zone_is_seen(flight, away):
     found = outlook(FormationExecution(replace(flight, problem=asked)), at, states)
     assert ("'robot2' would come" in found.failure) == (away > 0.0)
     assert ('near a keep-out zone' in found.failure) == (away > 0.0)
+
+
+@pytest.mark.parametrize(('x', 'zone'), [(0.2, []), (1.0, [0.5, 2.0, 0.3]), (1.6, [])])
+def test_a_goal_as_near_as_allowed_is_no_failure(x, zone):
+    """To a wall, to a keep-out zone, to another robot; nor is what feedback leaves there."""
+    values = {'robots': ['robot1', 'robot2'], 'arena.obstacles': zone}
+    values |= {'formation.anchor': [0.0, 2.0, 0.0]}
+    values |= {'formation.robot1': [x, 0.0, 0.0], 'formation.robot2': [2.0, 0.0, 0.0]}
+    problem = RobotFormation.from_parameters(values)
+    plan = TimedPlan(problem, problem.solve(counted=True), 0.0)
+    for share, away in itertools.product((0.2, 0.6, 1.0, 1.2), (0.0, 2e-3, -2e-3)):
+        states = states_on(plan, share * plan.end)
+        states['robot1'][:2] += away
+        assert not outlook(FormationExecution(plan), share * plan.end, states).failure
 
 
 def test_robots_held_at_their_goals_stay_there(flight):
