@@ -22,6 +22,7 @@ from tdm_planner.parameters import LARGEST, shown
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.trajectory import Interpolation, NANOSECOND, SECOND, Trajectory
 
+_FEW_VALUES = 8  # of an effort that is held, however seldom it acts
 _UNIT_TOLERANCE, _LEANING = 1e-3, 0.1  # of a quaternion: of its length, and its part x, y
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 _FIT, _RESTING = 0.1, 1e-6  # share of a state's largest rate that is no fit; rates at rest
@@ -50,7 +51,8 @@ def read_plan(
 
     A message does not say how controls run between its points. Unless `interpolation` or the
     plant's kind says so, efforts that stay equal over most intervals are held (switched controls),
-    others are read as linear between the points. `rated` says that velocities and accelerations
+    others are read as linear between the points; so are those that are zero for long, but take
+    ever new values else. `rated` says that velocities and accelerations
     are the rates of the states, as a planner of ours writes them if it knows them. States are read
     by them between the points where they fit, and controls are not held: those have two rates at a
     switch.
@@ -121,8 +123,12 @@ def _columns(
 
 
 def _looks_like(efforts: Array) -> Interpolation:
-    changes = np.count_nonzero(np.diff(efforts[:-1], axis=0), axis=0)
-    return 'zero_order_hold' if (changes <= (len(efforts) - 2) / 2).all() else 'linear'
+    for effort in efforts[:-1].T:
+        acting, changes = effort[effort != 0.0], np.count_nonzero(np.diff(effort))
+        values = np.unique(acting).size
+        if changes > (effort.size - 1) / 2 or values > max(_FEW_VALUES, acting.size / 2):
+            return 'linear'
+    return 'zero_order_hold'
 
 
 def _instants(points: Sequence[Any]) -> Array:

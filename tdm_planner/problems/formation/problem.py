@@ -13,7 +13,7 @@ dynamics.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 import math
 from typing import Any, ClassVar
@@ -22,6 +22,7 @@ import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, shown, to_mapping
+from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.parameters import (
     DEFAULT_OFFSETS,
     default_start,
@@ -187,8 +188,16 @@ class RobotFormation(FormationParameters, Problem):
         _compile()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
-        """Return an earlier manoeuvre, with its check and cost recomputed."""
-        return assessed(self.task, self, trajectories, np.zeros(0))
+        """
+        Return an earlier manoeuvre, with its check and cost recomputed.
+
+        The last states are those of the replay: messages tell rates there as exactly zero.
+        """
+        motions = {}
+        for name, plan in trajectories.items():
+            last = replay(self.plant, plan, plan.times[-1:])
+            motions[name] = replace(plan, states=np.concatenate([plan.states[:-1], last]))
+        return assessed(self.task, self, motions, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

@@ -25,6 +25,7 @@ from tdm_planner.nodes.markers import LIFETIME, Picture
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
@@ -153,6 +154,19 @@ def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
     expected = [2 * v, 2 * reel, bend, 0.0]
     assert list(made.points[4].accelerations) == pytest.approx(expected)
     assert list(made.points[4].effort) == [0.0, 0.02, 0.0, 0.02]
+
+
+@pytest.mark.parametrize(('way', 'rate'), [(0.3, 2.0), (1.2, 0.5)])
+def test_a_plan_of_polynomials_comes_back_as_one(way: float, rate: float) -> None:
+    """One that ends with little speed, which is told as none; one that coasts most of the time."""
+    values = {'robots': ['a'], 'formation.anchor': [1.0, 2.0, 0.0], 'formation.a': [way, 0.0, 0.0]}
+    values |= {'a.start.x': 1.0, 'a.start.y': 2.0, 'a.start.alpha': math.pi - 0.1}
+    values |= {'method': 'polynomials', 'limits.thruster_rate': rate}
+    problem = RobotFormation.from_parameters(values)
+    plan = problem.solve(counted=True).trajectory
+    told = reading.read_plan(ROBOT, messages.plan_message(ROBOT, plan, STAMP))
+    assert told.interpolation == 'linear'
+    assert problem.recovered({'a': told}).verification.ok
 
 
 def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
