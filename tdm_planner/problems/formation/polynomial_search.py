@@ -119,7 +119,7 @@ class PolynomialProgram(FormationProgram):
         task, nb = self.task, self.nb
         lower, upper = (np.full(self.units.shape, sign * np.inf) for sign in (-1.0, 1.0))
         # The speed factor's coefficients must stay positive, and well so.
-        lower[:, :nb] = (0.05 if nb == 1 else 0.4) * self.time
+        lower[:, :nb] = max((0.05 if nb == 1 else 0.4) * self.time, task.shortest)
         lower[task.staying, :nb] = 0.02 * self.time
         upper[:, :nb] = np.maximum(task.longest - task.coast, 0.1)[:, None]
         upper[task.staying & (task.arrived > 0.0), :nb] = 0.03 * self.time  # there already

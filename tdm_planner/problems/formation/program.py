@@ -199,7 +199,11 @@ class FormationProgram(NonlinearProgram):
         self.task, self.first, self.units, self.size = task, first, units, arriving.size
         self.kept, self.varied = kept, ~(task.staying | kept)
         way = np.linalg.norm(task.goal - task.departure, axis=1).sum()
-        typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
+        # Robots that only turn have no way, but their gas is rounded off at zero.
+        typical = (
+            2.4 * max(way, 0.1 * task.separation) / self.first
+            + np.linalg.norm(task.velocity, axis=1).sum()
+        )
         self.scale = float(max(task.weights[[0, 2]] @ [self.first, typical], 1e-9))
         self.weights = task.weights / self.scale
         free = np.where(task.staying[:, None], turning, True) & ~kept[:, None]

@@ -53,6 +53,7 @@ _SLOW_TURN = 0.25  # share of solver.longest for half a turn of the thruster, wh
 _CHECK_TIME = 4e-3, 2.5e-4  # s a robot, and s for any two of them,
 _CHECK_SHARE = 0.45  # but no more than this share of the deadline
 _MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
+_SLOWER = 1.5  # half-turns of the thruster that motions then take longer
 INSTANTS = 60  # at which the ways of choices are compared
 _EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
 _TRIES = 30  # random combinations to begin with, where they are more
@@ -100,9 +101,10 @@ class FormationSearch(Search[C]):
         return self.rounds[0]()
 
     def widen(self) -> bool:
-        """Go on with the next round, keeping more distance where plans failed the check."""
+        """Go on with the next round: farther apart and slower where plans failed the check."""
         if self.rejected and not self.rest:
-            self.task = self.farther(self.task)
+            shortest = self.task.shortest + _SLOWER * self.task.half_turn
+            self.task = replace(self.farther(self.task), shortest=shortest)
         self.rounds.pop(0)
         return bool(self.rounds)
 

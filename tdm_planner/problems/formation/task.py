@@ -41,7 +41,8 @@ class FormationTask:
 
     `thrust` [m/s^2] and `torque` [rad/s^2] are the limits of (17), per mass and inertia, and
     `thruster_rate` [rad/s] the third. `obstacles` (m, 3) holds x, y, radius. `interval` is Delta_t
-    of (28), `weights` w, `longest` the latest arrival considered [s]. `arrived` (n,) s is the time
+    of (28), `weights` w, `longest` the latest arrival considered [s], `shortest` the
+    least time that polynomials are to take. `arrived` (n,) s is the time
     since which a robot that stays has been at its goal: the others keep their intervals to that.
     """
 
@@ -68,6 +69,7 @@ class FormationTask:
     longest: float
     coast: Array
     arrived: Array
+    shortest: float = 0.0
 
     @property
     def n(self) -> int:

@@ -42,6 +42,7 @@ _CORRECTIONS = 8
 _DIGITS = 11  # of a rate [rad/s]: less is rounding, and no switch
 _INSTANTS = 40  # at which a polyline is fitted to a plan
 _EVALUATIONS = 8
+_WIDTH = 1e-9  # m, s between bounds at least, as in an aisle just as wide as a robot needs
 _OF_TASK = ('goal', 'alpha', 'yaw', 'yaw_rate', 'goal_yaw')
 _CORRECTED = 0.6  # half-turns of the thruster before a burn that leave time for another one
 
@@ -240,6 +241,7 @@ def _nearest(
     start = plan.sample(share * plan.duration).state
     first[corners], first[corners + 1] = start[:, 0], start[:, 1]
     first[corners + 2] = share * duration
+    high = np.maximum(high, low + _WIDTH)
     room = 1e-6 * (high - low)
     first = np.clip(first, low + room, high - room)
     best = least_squares(missed, first, bounds=(low, high), max_nfev=_EVALUATIONS)

@@ -77,6 +77,11 @@ def alone(start, goal, name='only', **more):
 
 
 ACROSS = (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)
+HERE = 2.0, 2.0, 0.0
+NINE = [f'robot{i}' for i in range(1, 10)]
+AISLE = {'robots': NINE, 'arena.length': 10.0, 'arena.width': 0.4} | IN_PLACE
+for i, name in enumerate(NINE):
+    AISLE |= pose(name, (0.5 + 0.8 * i, 0.2, 0.0), (1.2 + 0.8 * i, 0.2, 0.0))
 TWO = {'robots': ['left', 'right']} | IN_PLACE
 MOVER = pose('right', (3.0, 2.0, 0.0), (1.0, 2.0, 0.0))
 SWAP = TWO | MOVER | pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
@@ -93,6 +98,12 @@ VARIANTS = {
     'still': (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), None),
     'turning': (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
     'stay': (alone((2.0, 2.0, 0.1), (2.0, 2.0, 0.1)), None),
+    'turning, alone': (alone(HERE, (2.0, 2.0, 0.4)) | {'weights.time': 0.0}, None),
+    'slow thruster': (
+        alone(HERE, (2.3, 2.0, 0.0), alpha=3.0) | {'limits.thruster_rate': 0.5},
+        None,
+    ),
+    'aisle': (AISLE | {'method': 'thrust_arcs', 'solver.starts': 1}, None),
     'zones': (alone(*ACROSS) | {'arena.obstacles': [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]}, None),
     'moving': (MOVING | {'speed_factor_order': 2}, None),
     'moving, thrusters too': (MOVING | THRUSTERS, None),
