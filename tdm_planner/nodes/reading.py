@@ -185,13 +185,16 @@ def read_odometry(kind: PlantKind, message: Any) -> dict[str, float]:
     """
     Return the states that an odometry measures; its twist is turned into the pose's frame.
 
+    That is not necessary where `child_frame_id`, the frame of the twist, is the plant's as well.
+
     Raise InvalidProblem if the frame is another, a value is not finite, or the quaternion not of
     unit length.
     """
     check_frame(kind, message, 'odometry')
     place, rates = message.pose.pose.position, message.twist.twist
     yaw = yaw_of(message.pose.pose.orientation)
-    c, s = math.cos(yaw), math.sin(yaw)
+    turn = 0.0 if message.child_frame_id == kind.frame else yaw
+    c, s = math.cos(turn), math.sin(turn)
     motion = (  # values and rates
         (place.x, c * rates.linear.x - s * rates.linear.y),
         (place.y, s * rates.linear.x + c * rates.linear.y),

@@ -230,6 +230,9 @@ def test_the_twist_is_turned_into_the_arena_and_bad_odometry_is_refused():
     twist.linear.x, twist.angular.z = 0.3, 0.1  # forward, which is along y here
     state = read_state(thruster, message)
     np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1, 0.5], atol=1e-15)
+    message.child_frame_id = 'arena'  # of the twist: along x of the arena
+    state = read_state(thruster, message)
+    np.testing.assert_allclose(state, [1, 2, 0.3, 0, math.pi / 2, 0.1, 0.5], atol=1e-15)
     for part, name, bad, words in (
         (pose.position, 'x', math.inf, 'finite'),
         (pose, 'orientation', Quaternion(w=0.0), 'unit quaternion'),
