@@ -12,7 +12,8 @@ planned torque plus feedback.
 A plan that burns and coasts is followed otherwise. In a burn the feedback takes away the velocity
 that would lead astray by the end of the coast that follows. A coast is corrected by one short burn
 where it would miss the plan at its end by more than is allowed, and else left alone. Keeping
-station is a coast as well.
+station is a coast as well. While little thrust is planned, no correction turns the thruster so
+far that it would be late for more.
 
 How well the thruster and the wheel work (true over assumed acceleration) is estimated on the way,
 and the commands are divided by it.
@@ -23,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array, wrapped
@@ -49,6 +50,8 @@ _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command tak
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
 GOAL_DISTANCE, GOAL_TURN = 0.02, 0.03  # m, rad from the goal that count as reached
 _GOAL_CALM = 3.0  # times the speeds above, at the goal
+_MUCH = 0.1  # of limits.thrust, planned with, for which the thruster is there in time
+_ANY_ANGLE = 1e6  # rad
 _PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
 
@@ -146,6 +149,19 @@ class EstimatedRobot(PlantWithGains):
         return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
 
 
+class PlanLaw(NamedTuple):
+    """
+    What is prepared for a plan with samples at N instants.
+
+    `burns` (n, 2) are start and end [s], None where thrust runs smoothly. While little thrust is
+    planned the thruster stays between `least` and `most` (N,) rad, to be in time for more.
+    """
+
+    burns: Array | None
+    least: Array
+    most: Array
+
+
 class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
@@ -188,14 +204,22 @@ class RobotTracker(TrajectoryTracker):
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
-    def prepare(self, trajectory: Trajectory) -> Steps[Array | None]:
-        """Return the burns (n, 2) of a plan that burns and coasts: start and end [s]."""
+    def prepare(self, trajectory: Trajectory) -> Steps[PlanLaw]:
+        """Look for burns, and for how far the thruster may turn away before much thrust."""
         yield from ()
-        if trajectory.interpolation != 'zero_order_hold':
-            return None
-        on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])
-        edges = np.flatnonzero(np.diff(on)).reshape(-1, 2)
-        return np.asarray(trajectory.times[edges] - trajectory.times[0])
+        alpha, thrust = trajectory.states[:, _ALPHA], trajectory.controls[:, 0]
+        limits = self.parameters.limits
+        # A direction needed later is reached at the thruster's rate: the tightest of all.
+        free = np.where(thrust > _MUCH * limits.thrust, _ALIGNED, _ANY_ANGLE)
+        turned = limits.thruster_rate * trajectory.times
+        least = np.maximum.accumulate((alpha - free - turned)[::-1])[::-1] + turned
+        most = np.minimum.accumulate((alpha + free + turned)[::-1])[::-1] - turned
+        burns = None
+        if trajectory.interpolation == 'zero_order_hold':
+            on = np.concatenate([[False], thrust[:-1] > 0.0, [False]])
+            edges = np.flatnonzero(np.diff(on)).reshape(-1, 2)
+            burns = np.asarray(trajectory.times[edges] - trajectory.times[0])
+        return PlanLaw(burns, least, most)
 
     def deviation(self, motion: Motion, error: Array) -> float:
         """Return the distance from the planned position [m]."""
@@ -214,7 +238,7 @@ class RobotTracker(TrajectoryTracker):
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Planned acceleration and torque plus feedback."""
-        burns: Array | None = motion.law
+        law: PlanLaw = motion.law
         elapsed = time - motion.start
         at = motion.trajectory.times[0] + elapsed
         interval = self.parameters.interval
@@ -225,9 +249,13 @@ class RobotTracker(TrajectoryTracker):
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
+        bounds = -math.inf, math.inf
+        if thrust <= _MUCH * self.parameters.limits.thrust:
+            sides, times = (law.least, law.most), motion.trajectory.times
+            bounds = tuple(near + np.interp(instants[2], times, side) for side in sides)
         coasting = False
-        if burns is not None:
-            left, horizon = _ahead(burns, elapsed, elapsed + interval)
+        if law.burns is not None:
+            left, horizon = _ahead(law.burns, elapsed, elapsed + interval)
             horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
             coasting = left == 0.0
             if coasting:
@@ -240,6 +268,7 @@ class RobotTracker(TrajectoryTracker):
             torque + self._yaw_feedback(error[_YAW], error[_OMEGA]),
             float(after[_ALPHA]) + near,
             coasting,
+            bounds,
         )
         feedback = control - [thrust, 0.0, torque]
         return Action(control, feedback, error)
@@ -294,19 +323,20 @@ class RobotTracker(TrajectoryTracker):
         torque: float,
         alpha: float,
         coasting: bool = False,
+        bounds: tuple[float, ...] = (-math.inf, math.inf),
     ) -> Array:
         """
         Return the controls (3,) nearest to what is wanted of a perfect robot.
 
         That is the acceleration `wanted` (2,) and the `torque`. The thruster rests at `alpha`
-        where next to no acceleration is wanted.
+        where next to no acceleration is wanted, and stays within `bounds`.
         """
         limits, feedback = self.parameters.limits, self.parameters.feedback
         quiet = 0.0 if coasting else feedback.deadband * self._largest
         size = math.hypot(wanted[0], wanted[1])
         now, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
         off = float(wrapped(np.asarray(math.atan2(wanted[1], wanted[0]) - heading)))
-        target = alpha if size <= quiet else now + off
+        target = min(max(alpha if size <= quiet else now + off, bounds[0]), bounds[1])
         thruster, wheel = np.clip(state[7:], *_GAIN_RANGE).tolist()
         thrust = 0.0
         if abs(off) < (_ALIGNED if coasting else feedback.misalignment):

@@ -49,9 +49,9 @@ def burn_coast_burn() -> Trajectory:
 
 def test_the_burns_of_a_plan_that_coasts_are_found() -> None:
     tracker = robot(burn_coast_burn().states[0], **SLOW).tracker
-    burns = finished(tracker.prepare(burn_coast_burn()))
+    burns = finished(tracker.prepare(burn_coast_burn())).burns
     assert burns == pytest.approx(np.array([[0, 1], [26, 27]]))
-    assert finished(tracker.prepare(there_and_stop())) is None
+    assert finished(tracker.prepare(there_and_stop())).burns is None
 
 
 @pytest.fixture(scope='module')
@@ -99,6 +99,18 @@ def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(
     assert loop.tracker.phase is Phase.HOLDING
     late = np.array(loop.states[-400:])
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.01
+
+
+@pytest.mark.parametrize('before', [4.0, 9.0])
+def test_the_thruster_is_back_in_time_for_the_burn_that_brakes(before: float) -> None:
+    """A correction turns it by a right angle and back, which takes 2 pi s."""
+    plan = burn_coast_burn()
+    loop = Loop(robot(plan.states[0], **SLOW)).begin(plan).run(26.0 - before)
+    loop.push(*(0.05 * np.eye(7)[1]))
+    braking = loop.run(before).tracker.error(loop.plant.state, plan.sample(26.0).state)
+    assert abs(braking[6]) < 0.4
+    loop.run(30.0)
+    assert away(loop, plan) < 0.02
 
 
 def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
