@@ -64,10 +64,14 @@ class SwingUpExecution(Execution):
         if seen.phase is ObservedPhase.FOLLOWING:
             self._look(seen.state, seen.stamp)
         table = self._table(seen.phase, seen.stamp, at)
-        state = roll_feedback(self._plant, seen.state, table)[-1]
-        control = np.zeros(1)
+        state, control = roll_feedback(self._plant, seen.state, table)[-1], np.zeros(1)
         if seen.phase is ObservedPhase.FOLLOWING:
-            control = self.plan.solution.trajectory.sample(self.plan.elapsed(at)).control
+            planned, elapsed = self.plan.solution.trajectory, self.plan.elapsed(at) - self._late
+            reference = planned.sample(elapsed)
+            # Sensors may report theta modulo 2 pi; `goal.turns` goes on from the plan's.
+            state[0] = reference.state[0] + wrapped(state[0] - reference.state[0])
+            if elapsed < planned.duration:
+                control = reference.control
         return {PENDULUM_NAME: Predicted(state, control, seen.phase)}
 
     def outlook(self, predicted: Mapping[str, Predicted], at: float) -> Outlook:
@@ -96,8 +100,10 @@ class SwingUpExecution(Execution):
         self, problem: PendulumSwingUp, predicted: Mapping[str, Predicted]
     ) -> PendulumSwingUp:
         """Return the swing-up from the predicted state."""
-        now = predicted[PENDULUM_NAME]
-        torque = float(now.control[0]) if problem.method == 'smooth' else None
+        now, torque = predicted[PENDULUM_NAME], None
+        if problem.method == 'smooth':  # without a jump, unless the limits are others now
+            most = problem.task.planned_torque
+            torque = min(max(float(now.control[0]), -most), most)
         theta, psi, theta_dot, psi_dot = now.state.tolist()
         return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))
 

@@ -88,6 +88,27 @@ def test_states_that_come_in_the_wrong_order_are_predicted_from(swing):
         assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
+@pytest.mark.parametrize('turned', [-2.0, 0.0, 1.0])
+def test_theta_goes_on_from_the_plan_whatever_turn_the_sensor_reports(swing, turned):
+    """As the plan counts the turns, so does goal.turns."""
+    at = 0.5 * swing.solution.duration
+    state = states_on(swing, at)[PENDULUM_NAME] + [2.0 * math.pi * turned, 0.0, 0.0, 0.0]
+    predicted = SwingUpExecution(swing).predict(seen({PENDULUM_NAME: state}, at), at + 0.1)
+    missed = np.abs(predicted[PENDULUM_NAME].state - states_on(swing, at + 0.1)[PENDULUM_NAME])
+    assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
+
+
+def test_a_smooth_torque_goes_on_within_new_limits_and_from_zero_at_the_goal(swing):
+    execution, smooth = SwingUpExecution(swing), replace(SWING, method='smooth')
+    weaker = replace(smooth, limits=replace(smooth.limits, torque=0.5 * WEAK))
+    for share, problem, part in ((0.5, smooth, 1.0), (0.5, weaker, 0.5), (1.5, weaker, 0.0)):
+        at = share * swing.solution.duration
+        predicted = execution.predict(seen(states_on(swing, at), at), at + 0.01)
+        planned = abs(swing.solution.trajectory.controls[0, 0])
+        asked = execution.problem_from(problem, predicted).start.torque
+        assert abs(asked) == pytest.approx(part * planned)
+
+
 def test_robots_are_predicted_where_their_trackers_take_them(flight):
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
     vehicles = {name: robot(state + away) for name, state in states_on(flight, 0.0).items()}
