@@ -22,7 +22,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from rclpy.logging import get_logging_directory
+from rclpy.logging import get_logging_directory, LoggingSeverity
 from rclpy.validate_namespace import validate_namespace
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import fault_of
@@ -63,7 +63,10 @@ class Launch:
         # By name: `ros2 launch` runs in an interpreter that need not have what problems import.
         check_file_is_for(problem, self.planning, self.file, 'launch file')
         self._problem = {'problem': self.planning.get('problem', problem)}
-        self._log_level = ['--log-level', self['log_level']]
+        level, known = self['log_level'], ', '.join(LoggingSeverity.__members__).lower()
+        if level.rpartition(':=')[2].lower() not in known.split(', '):  # of all, or LOGGER:=LEVEL
+            raise InvalidProblem(f"log_level = '{level}' is not allowed: must be one of {known}")
+        self._log_level = ['--log-level', level]
         self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
 
     def __getitem__(self, name: str) -> str:

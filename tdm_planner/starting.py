@@ -92,7 +92,8 @@ def _missing() -> str:
     if names:
         return (
             f'tdm_planner needs Python packages that are not installed: {names}; run '
-            f"'make setup' in the source tree, or 'pip install {names}' into the environment"
+            f"'make setup' in the source tree and then 'colcon build' if that installed this, or "
+            f"'pip install {names}' into the environment"
         )
     return NO_ROS if started_as() == 'node' and find_spec('rclpy') is None else ''
 

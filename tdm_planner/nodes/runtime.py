@@ -74,7 +74,7 @@ def run(make_node: Callable[[], Node]) -> int:
     Make the node, spin it until one of `SIGNALS`, and return the exit code of the process.
 
     An error ends the process with one line: with code 2 if the node was started with invalid
-    parameters (InvalidProblem), else with code 1.
+    parameters (InvalidProblem) or with arguments that rclpy rejects, else with code 1.
     """
     code = 0
     node: Node | None = None
@@ -116,7 +116,7 @@ def run(make_node: Callable[[], Node]) -> int:
         # rclpy raises when a signal or the end of the context interrupts it: the process ends.
         broken = True
         if not asked and (rclpy.ok() or not started):
-            invalid = isinstance(error, InvalidProblem)
+            invalid = isinstance(error, InvalidProblem) or not started
             code = 2 if invalid else 1
             what = '' if invalid else f'{type(error).__name__}: '
             print(f'fatal: {what}{one_line(error)}', file=sys.stderr)

@@ -248,7 +248,7 @@ class TrajectoryTracker(ABC):
         if away <= allowed:
             return ''
         off = worst_state(self.plant, error, [self.deviation(motion, e) for e in np.diag(error)])
-        told = f'the state is {away:.3g} away from the {what}, more than tolerance.{name}'
+        told = f'the state is away from the {what} by more than tolerance.{name}'
         return f'{told} = {allowed:g}: {off}'
 
     def command(self, now: float) -> Command:

@@ -114,7 +114,7 @@ def invalid() -> Node:
     [
         (asked_in_a_finaliser, [], 0, ''),
         (invalid, [], 2, 'fatal: there is no such problem'),
-        (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
+        (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 2, '/nowhere.yaml'),
         (Planner, ['--help'], 2, "argument '--help' is unknown: must follow"),
         (Planner, ['-p', 'method:=smooth'], 2, "argument '-p' is unknown: must follow --ros-args"),
         (Planner, ['--ros-args', '-p', 'method:=foo', '--', 'bar'], 2, "argument 'bar' is"),

@@ -97,6 +97,9 @@ def test_what_holds_for_all_nodes(name: str):
     changed = nodes(name, rviz='true', use_sim_time='true', log_level='debug')
     assert all(node.parameters[-1] == clock for node in changed)
     assert all(node.ros_arguments == ['--log-level', 'debug'] for node in changed)
+    of_one = nodes(name, log_level='tracker:=DEBUG')
+    assert all(node.ros_arguments == ['--log-level', 'tracker:=DEBUG'] for node in of_one)
+    refused(name, "'loud' is not allowed: must be one of .*debug, info, warn", log_level='loud')
     policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
     known = {item.get('path') for item in policy.iter('context')}
     for node in nodes(name, enclaves='true'):

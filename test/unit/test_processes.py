@@ -65,7 +65,7 @@ def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(monkeypatch, 
     ('name', 'program', 'said'),
     [
         *((name, f"{{'numba': None}}); from {module} import main; main()",
-           "not installed: numba; .*'pip install numba'")
+           "not installed: numba; .*'make setup' .* then 'colcon build' .*'pip install numba'")
           for name, module in EXECUTABLES.items()),
         ('planner', "{'rclpy': None}); import tdm_planner", "'rclpy', which is not installed"),
     ],

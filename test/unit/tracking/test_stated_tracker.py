@@ -72,7 +72,8 @@ def test_a_plant_that_is_thrown_back_to_the_start_gets_no_control() -> None:
     rig.show(plan.states[0])
     assert not rig.tracker.command(rig.now).control.any()
     assert rig.tracker.phase is Phase.STOPPED
-    assert re.search(r'more than tolerance.path = 0.5: x is off by .* m$', rig.tracker.reason)
+    reason = rig.tracker.reason
+    assert re.search(r'goal by more than tolerance.path = 0.5: x is off by .* m$', reason)
 
 
 def test_a_plan_that_was_not_flown_leaves_the_ranges_of_others_as_they_are() -> None:
