@@ -191,12 +191,15 @@ class Ends:
             states.append(first)
             controls.append(last)
             changes = list[Array]()  # of what is given, by conditions that fix it
+            either_way = np.resize([0.1, -0.1], n)
             for name, output in stated.outputs().items():
                 for order in output.conditions(where):
-                    moved = {key: list(jet) for key, jet in y.items()}
+                    jets = list(y[name])
                     if order <= output.derivatives:
-                        moved[name][order] = moved[name][order] + 0.1
-                    change = np.nan_to_num(_inverted(stated, moved, z) - both)[0, same]
+                        jets[order] = jets[order] + either_way
+                    slopes = (_inverted(stated, y | {name: jets}, z) - both) / either_way[:, None]
+                    up, down = slopes[:2, same]  # beyond one of them there may be no value
+                    change = np.nan_to_num(np.where(np.isfinite(up), up, down))
                     changes.append(change / (np.abs(change).max(initial=0.0) or 1.0))
                     if np.linalg.matrix_rank(changes) < len(changes):
                         changes.pop()

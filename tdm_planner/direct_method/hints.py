@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
+import inspect
 import re
 import traceback
 from typing import Any
@@ -64,6 +65,19 @@ def told(formulation: Any, function: str, error: Exception, traced: bool = False
     what = 'cannot be traced' if traced else f'raises {type(error).__name__}'
     hint = hint or (HINT if traced else _usage(function, error, source) or one_line(error))
     return f'{function} of {type(formulation).__name__} {what}{where}: {hint}'
+
+
+def suspect(formulation: Any, function: str) -> str:
+    """Return what may be why a trace is wrong, from words in the function's source, or ''."""
+    try:
+        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
+    except (OSError, TypeError):
+        return HINT
+    words = {w: h for w, h in HINTS.items() if w not in ('if ', ' and ', ' or ')}
+    for number, line in enumerate(lines, first):
+        if hint := next((hint for word, hint in words.items() if word in line), None):
+            return f'line {number}, `{line.strip()}`: {hint}'
+    return ''
 
 
 def _usage(function: str, error: Exception, source: str) -> str:

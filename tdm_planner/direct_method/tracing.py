@@ -12,11 +12,10 @@ the graph, so that one trace serves all problems of a kind.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import copy
 import dataclasses
 from hashlib import sha256
-import inspect
 import threading
 from typing import Any, ClassVar, TypeVar
 
@@ -26,7 +25,7 @@ from tdm_planner.arrays import Array, Mask
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Bends, Call, Unfolded
-from tdm_planner.direct_method.hints import ARGUMENTS, HINT, HINTS, told
+from tdm_planner.direct_method.hints import ARGUMENTS, suspect, told
 from tdm_planner.direct_method.integrator import Integrator
 from tdm_planner.exceptions import InvalidProblem
 
@@ -37,7 +36,7 @@ _TRACES_KEPT, _ALIKE_KEPT = 64, 3  # kinds of problems; others of a kind, by the
 _TRACE_ROUNDING = 1e-9, 1e-11  # by which what is traced may differ from numpy: share, at least
 _DATA = int, float, str, tuple, list, dict, np.ndarray, np.generic  # attributes functions may use
 _ALONE = 'it must depend on its arguments at the same node alone'
-_LOCK = threading.Lock()
+_LOCK = threading.RLock()  # a statement may solve another problem
 
 
 def _expected(stated: CheckedFormulation) -> dict[str, tuple[list[Array], list[str], Array]]:
@@ -153,22 +152,38 @@ class Trace:
         return ca.Function('flow', [ca.vertcat(*jets), z, p], [ca.densify(by_inverse), rates])
 
     @classmethod
-    def of(cls, stated: CheckedFormulation) -> Trace:
-        """Return the trace of this kind of problem; a new one is compared with numpy."""
+    def of(cls, stated: CheckedFormulation, compared: bool = False) -> Trace:
+        """
+        Return the trace of this kind of problem; a new one is compared with numpy.
+
+        If `compared`, a known one is, too: functions may use more than a kind tells, as variables
+        of their module.
+        """
         with _LOCK:
             found = numbers(stated.formulation)
             key = _kind(stated, found)
-            for trace in cls._made.get(key, []):
-                p = trace.values(stated.formulation)
-                same = all(np.array_equal(found[n], v) for n, v in trace.fixed.items())
-                alike = same and trace.unfolded.takes_same_branches(p)
-                if alike and (trace._controls_bend(p) <= trace.kept_between).all():
-                    return trace
-            trace = _make(stated, _expected(stated), list(found))
-            if len(cls._made) >= _TRACES_KEPT:
-                cls._made.clear()
-            cls._made[key] = [trace, *cls._made.get(key, [])[:_ALIKE_KEPT]]
+            known = [t for t in cls._made.get(key, ()) if t._serves(stated.formulation, found)]
+            if known and not compared:
+                return known[0]
+            expected = _expected(stated)
+            for trace in known:
+                with suppress(InvalidProblem):
+                    _compare(trace, stated, expected)
+                    break
+            else:
+                trace = _make(stated, expected, list(found))
+                if len(cls._made) >= _TRACES_KEPT:
+                    cls._made.clear()
+            others = [other for other in cls._made.get(key, ()) if other is not trace]
+            cls._made[key] = [trace, *others[:_ALIKE_KEPT]]
             return trace
+
+    def _serves(self, formulation: Formulation, found: Mapping[str, Array]) -> bool:
+        """Whether it was made for such numbers as are `found` in a formulation of its kind."""
+        p, fixed = self.values(formulation), self.fixed.items()
+        alike = all(np.array_equal(found[name], value) for name, value in fixed)
+        alike = alike and self.unfolded.takes_same_branches(p)
+        return alike and bool((self._controls_bend(p) <= self.kept_between).all())
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """Return what else is made of this trace, once for every key."""
@@ -209,9 +224,8 @@ def numbers(formulation: Any) -> dict[str, Array]:
     found: dict[str, Array] = {}
     for path, value in _leaves(formulation):
         several = (value,) if isinstance(value, float) else value
-        if not isinstance(several, list | tuple) or not several:
-            continue
-        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
+        listed = isinstance(several, list | tuple) and len(several) > 0
+        if listed and all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
             found[path] = np.array(several, dtype=float)
     return found
 
@@ -235,10 +249,8 @@ def _parts(formulation: Any) -> Iterator[Any]:
 
 def _fields(formulation: Any) -> dict[str, Any]:
     """Values of a dataclass's fields; how it is solved is no part of the statement."""
-    if not dataclasses.is_dataclass(formulation):
-        return {}
-    names = [field.name for field in dataclasses.fields(formulation)]
-    return {name: getattr(formulation, name) for name in names if name != 'solver'}
+    found = dataclasses.fields(formulation) if dataclasses.is_dataclass(formulation) else ()
+    return {item.name: getattr(formulation, item.name) for item in found if item.name != 'solver'}
 
 
 def symbolic_copy(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
@@ -380,21 +392,8 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             number = float(wanted[node, column])
             reason = 'write a formula that gives numbers there'
             if np.isfinite(number):
-                reason = _suspect(stated.formulation, function)
+                reason = suspect(stated.formulation, function) or _ALONE
             raise InvalidProblem(
                 f'{what} {names[column]} = {found[node, column]:g} when it is traced, but '
                 f'{number:g} with numpy: {reason}'
             )
-
-
-def _suspect(formulation: Any, function: str) -> str:
-    """Return what may be the cause, from words in the function's source."""
-    try:
-        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
-    except (OSError, TypeError):
-        return HINT
-    words = {w: h for w, h in HINTS.items() if w not in ('if ', ' and ', ' or ')}
-    for number, line in enumerate(lines):
-        if hint := next((hint for word, hint in words.items() if word in line), None):
-            return f'line {first + number}, `{line.strip()}`: {hint}'
-    return _ALONE

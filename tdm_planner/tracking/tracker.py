@@ -48,7 +48,8 @@ from tdm_planner.tracking.motion import (
 from tdm_planner.trajectory import Trajectory
 
 BREAKDOWN = ArithmeticError, np.linalg.LinAlgError  # where numbers leave their range
-_CALM_SLACK, _LOOK_AHEAD = 3.0, 100  # steps, at most, to predict a coming start in
+_CALM_SLACK = 3.0
+_LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that was restarted into it recovers
 

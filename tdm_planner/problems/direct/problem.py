@@ -141,7 +141,7 @@ class DirectProblem(Formulation, Problem):
         check_statement(self)
         stated = CheckedFormulation(self)
         with computed():
-            trace = Trace.of(stated)
+            trace = Trace.of(stated, compared=True)
             NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)
             if self._refined:
                 prepare_refinement(trace)

@@ -97,7 +97,11 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = Ends.of(plant.stated)
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        self._open = self.ends.opens(plant.trace.uses, plant.stated.duration())
+        # What is kept of every limit at both ends, (2, nm); where all is given, what is left.
+        duration = plant.stated.duration()
+        given = np.nan_to_num(self.ends.states), np.nan_to_num(self.ends.controls)
+        left = np.fmin(plant.limits(np.array([0.0, duration.guess]), *given), 0.0)
+        self._kept = np.where(self.ends.opens(plant.trace.uses, duration), self._reserve, left)
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
@@ -135,7 +139,7 @@ class Refinement:
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
-        kept[[0, -1]] = self._reserve * self._open
+        kept[[0, -1]] = self._kept
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._plant.durations, kept, until
         kinked = settings is WARM and program.has_kinks

@@ -31,6 +31,8 @@ Left = Mapping[str, tuple[float | None, float | None]]  # of limits at start and
 
 CONDITIONS = 'start_conditions', 'end_conditions'  # checked one by one, 'end_conditions 0'
 MARGIN_TOLERANCE = 1e-5  # for an end that is exactly on a limit
+# Share by which ends are moved to see what rounding does to limits, as x^2 + y^2 - r^2; how often.
+_ROUNDING, _MARGIN_LOOKS = 1e-12, 4
 # Share by which rates differ where two statements contradict each other, 1e-12 where they do not;
 # that from which nothing is planned: `invert` may round what has a kink in `derivative`.
 _CONTRADICTED, _REFUSED = 1e-4, 1e-2
@@ -207,14 +209,22 @@ def margins_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
 
     `uses` tells which limits depend on t, states and controls, (nm, 1 + nx + nu).
     """
-    duration = stated.duration()
+    duration, rng = stated.duration(), np.random.default_rng(0)
     given = np.nan_to_num(ends.states), np.nan_to_num(ends.controls)
+
+    def margins(share: float) -> Array:
+        near = (v * (1.0 + share * rng.normal(size=v.shape)) for v in given)
+        found = stated.margins(np.array([0.0, duration.guess]), *near)
+        return np.array(list(found.values()), dtype=float).reshape(-1, 2)
+
     with np.errstate(all='ignore'):
-        margins = stated.margins(np.array([0.0, duration.guess]), *given)
-    left = np.array(list(margins.values()), dtype=object).reshape(-1, 2)
-    left[ends.opens(uses, duration).T | ~np.isfinite(left.astype(float))] = None
+        exact = margins(0.0)
+        rounding = np.max([np.abs(margins(_ROUNDING) - exact) for _ in range(_MARGIN_LOOKS)], 0)
+    left = np.where(np.abs(exact) <= rounding, 0.0, exact).astype(object)
+    left[ends.opens(uses, duration).T | ~np.isfinite(exact)] = None
     return {
-        name: (first, last) for name, (first, last) in zip(margins, left.tolist(), strict=True)
+        name: (first, last)
+        for name, (first, last) in zip(stated.limit_names, left.tolist(), strict=True)
     }
 
 

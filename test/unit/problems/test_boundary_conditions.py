@@ -129,6 +129,23 @@ def test_numbers_beyond_all_range_are_one_sentence_when_a_problem_is_prepared():
         far().prepare()
 
 
+def test_a_boundary_value_near_the_end_of_its_range_fixes_what_follows_from_it():
+    """Of an angle of which the sine is given: beyond 1 there is none."""
+    angle = changed(
+        Quickest,
+        states={'angle': 'rad'},
+        controls={'rate': 'rad/s'},
+        outputs=lambda s: {'sine': Output((0.0,), (0.95,), free=4, derivatives=1)},
+        invert=lambda s, y, z: (
+            (np.arcsin(y['sine'][0]),),
+            (y['sine'][1] / np.sqrt(1.0 - y['sine'][0] ** 2),),
+        ),
+        derivative=lambda s, x, u: (u[0],),
+        control_limits=lambda s: {'rate': (-1.0, 1.0)},
+    )()
+    assert Ends.of(CheckedFormulation(angle)).unkept == ()
+
+
 def test_what_is_zero_but_for_rounding_is_fixed():
     """A velocity across is that of a start along y, r' cos(pi / 2), in Cartesian components."""
     polar = changed(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import simpson, solve_ivp
-from stated import Cart, changed, noted, Quickest
+from stated import Cart, changed, forced, noted, Quickest
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.exceptions import Infeasible, VerificationFailed
@@ -99,6 +99,33 @@ def test_a_limit_is_broken_at_an_end_only_where_nothing_free_has_a_part_in_it():
     assert room().solve(counted=True).cost == pytest.approx(-55.0, rel=1e-3)
 
 
+def test_a_start_on_a_limit_but_for_rounding_is_planned_from_in_any_unit():
+    """On the ground of a planet, whose radius squared is rounded to .008 m^2."""
+    radius, at = 6.378e6, 0.012981490745372685
+    x, y = radius * np.cos(at), radius * np.sin(at)
+    assert x**2 + y**2 - radius**2 == -0.0078125
+    rocket = changed(
+        Quickest,
+        states={'x': 'm', 'y': 'm', 'vx': 'm/s', 'vy': 'm/s'},
+        controls={'ax': 'm/s^2', 'ay': 'm/s^2'},
+        outputs=lambda s: {
+            'x': Output((x, 0.0), (x + 5e4, 0.0), free=3),
+            'y': Output((y, 0.0), (y, 0.0), free=3),
+        },
+        invert=lambda s, y, z: (
+            (y['x'][0], y['y'][0], y['x'][1], y['y'][1]),
+            (y['x'][2] + 9.8, y['y'][2]),
+        ),
+        derivative=lambda s, x, u: (x[2], x[3], u[0] - 9.8, u[1]),
+        control_limits=lambda s: {'ax': (0.0, 20.0), 'ay': (-1.0, 1.0)},
+        margins=lambda s, t, x, u: {'ground': x[0] ** 2 + x[1] ** 2 - radius**2},
+        guess=300.0,
+    )
+    # With 10.2 up and 9.8 down.
+    best = (2 * 5e4 * (1 / 10.2 + 1 / 9.8)) ** 0.5
+    assert rocket().solve(counted=True).duration == pytest.approx(best, rel=2e-3)
+
+
 def test_a_control_beyond_its_limit_is_told_in_its_unit():
     heavy = changed(
         DRIVE,
@@ -159,16 +186,14 @@ def test_a_narrow_part_of_the_way_with_other_rates_is_not_stepped_over(half, for
     assert flown.y[:, -1] == pytest.approx([2.0, 0.0], abs=2e-3)
 
 
-def test_rates_may_have_a_kink_that_a_plan_does_not_meet():
-    """A boat that never goes backwards has drag whose kink lies at rest."""
+def test_rates_with_a_kink_on_one_side_of_which_a_plan_stays_are_no_fault_of_the_program():
+    """Such as drag by the square of a speed that never changes its sign."""
     boat = changed(
         DRIVE,
-        outputs=lambda s: {'x': Output((0.0, 0.5), (10.0, 0.5), free=3)},
-        invert=lambda s, y, z: (y['x'][:2], (y['x'][2] + 0.1 * y['x'][1] * np.abs(y['x'][1]),)),
-        derivative=lambda s, x, u: (x[1], u[0] - 0.1 * x[1] * np.abs(x[1])),
-        margins=lambda s, t, x, u: {'ahead': x[1] - 0.1},
-    )()
-    assert boat.solve(counted=True).verification.ok
+        outputs=lambda s: {'x': Output((0.0, 0.1), (10.0, 0.1), free=3)},
+        **forced(lambda x, v: -0.1 * v * np.abs(v)),
+    )
+    assert boat().solve(counted=True).trajectory.state('v').min() > 0.0
 
 
 def test_what_a_plan_of_the_direct_method_costs_is_what_its_replay_costs():

@@ -5,11 +5,13 @@
 
 from dataclasses import dataclass, field, replace
 import math
+from threading import Thread
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from stated import Car, Cart, refused
+from tdm_planner.direct_method import Duration
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.tracing import _kind, numbers, Trace
 from tdm_planner.parameters import group, parameter, positive, Validated
@@ -75,6 +77,45 @@ def test_constants_of_classes_groups_and_tables_are_a_part_of_the_kind(monkeypat
     assert Weighed(table=table).solve(counted=True).cost == pytest.approx(3.0, rel=1e-3)
     monkeypatch.setattr(Weighed, 'SHARE', 3.0)
     assert Weighed().solve(counted=True).cost == pytest.approx(4.5, rel=1e-3)
+
+
+PRICE = 1.0
+
+
+@dataclass(frozen=True)
+class Priced(Cart):
+    """At a price that is no parameter."""
+
+    def running_cost(self, t, x, u):
+        return PRICE * u[0] ** 2
+
+
+def test_what_functions_read_beside_parameters_counts_as_it_is_when_a_plan_is_made(monkeypatch):
+    costs = []
+    for price in (1.0, 3.0, 1.0):
+        monkeypatch.setitem(globals(), 'PRICE', price)
+        costs.append(Priced().solve(counted=True).cost)
+    assert costs == pytest.approx([1.5, 4.5, 1.5], rel=1e-3)
+    monkeypatch.setattr(Priced, 'running_cost', lambda self, t, x, u: 7.0 * u[0] ** 2)
+    assert Priced().solve(counted=True).cost == pytest.approx(10.5, rel=1e-3)
+
+
+def test_a_statement_may_solve_another_problem():
+    """It hung: what traces one problem waited for itself to trace the other."""
+
+    @dataclass(frozen=True)
+    class Slower(Cart):
+        """In twice the time of another problem's plan."""
+
+        def duration(self):
+            return Duration(2.0 * Cart(start=self.start).solve(counted=True).duration, fixed=True)
+
+    Trace._made.clear()
+    found = []
+    thread = Thread(target=lambda: found.append(Slower().solve(counted=True)), daemon=True)
+    thread.start()
+    thread.join(60.0)
+    assert found[0].cost == pytest.approx(12.0 / 4.0**3, rel=1e-3)
 
 
 def test_a_large_table_costs_a_request_next_to_nothing():
