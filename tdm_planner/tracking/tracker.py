@@ -245,12 +245,11 @@ class TrajectoryTracker(ABC):
 
     def _too_far(self, motion: Motion, error: Array, what: str, name: str = 'path') -> str:
         """Tell that the tolerance `name` is exceeded, and by what; empty where it is not."""
-        away, allowed = self.deviation(motion, error), getattr(self.parameters.tolerance, name)
-        if away <= allowed:
+        most = getattr(self.parameters.tolerance, name)
+        if self.deviation(motion, error) <= most:
             return ''
         off = worst_state(self.plant, error, [self.deviation(motion, e) for e in np.diag(error)])
-        told = f'the state is away from the {what} by more than tolerance.{name}'
-        return f'{told} = {allowed:g}: {off}'
+        return f'the state is away from the {what} by more than tolerance.{name} = {most:g}: {off}'
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""
@@ -372,15 +371,15 @@ class TrajectoryTracker(ABC):
 
     def adopt(self, other: TrajectoryTracker) -> None:
         """
-        Go on from where another tracker of the same plant is; gains that change are computed anew.
+        Go on from where another tracker of the same plant is, with gains that fit the parameters.
 
         Raise TrajectoryRejected if there are none for an active trajectory.
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
-        mine = self.parameters
-        kept = replace(other.parameters, tolerance=mine.tolerance, replan=mine.replan) == mine
+        given = self.parameters
+        same = replace(other.parameters, tolerance=given.tolerance, replan=given.replan) == given
         self.current, self.pending = (
-            m if m is None or kept else replace(m, law=finished(self._prepared(m.trajectory)))
+            m if m is None or same else replace(m, law=finished(self._prepared(m.trajectory)))
             for m in (other.current, other.pending)
         )
         self.wants_plan, self._brakes = other.wants_plan, other._brakes

@@ -22,7 +22,6 @@ from ros_harness import Space
 from sensor_msgs.msg import JointState
 from stated import changed
 from stepped_ros import Stepped
-from tdm_planner.direct_method import Output
 from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.markers import LIFETIME
@@ -153,12 +152,6 @@ def _up_to_half(self: Rail, x: Sequence[Any]) -> Sequence[Shape]:
     return Rail.drawing(self, x)
 
 
-Loose = changed(
-    Rail,
-    name='loose',
-    outputs=lambda s: {'x': Output(start=(s.start.x,), end=(0.0, 0.0), free=6)},
-    start_conditions=lambda s, t, x: [x[1] - s.start.v],
-)
 Short = changed(Rail, name='short', drawing=_up_to_half)
 Blurred = changed(Rail, name='blurred', drawing=lambda self, x: (x[7],))
 
@@ -374,15 +367,6 @@ def test_a_plant_has_an_initial_value_and_noise_of_every_state(ros):
     space.set('plant', initial__x=None)
     space.trigger('reset')
     assert ros.spin_until(lambda: states[-1].position[0] == -1.0)
-
-
-def test_what_is_free_at_the_start_begins_as_the_group_start_has_it(ros):
-    """As the pitch of a quadrotor, which `start_conditions` asks for."""
-    space = Space(ros, 'loose')
-    space.start('plant', {'problem': f'{__name__}:Loose', 'start.v': 0.5, 'held': True})
-    states = space.hear('joint_states')
-    assert ros.spin_until(lambda: states)
-    assert (states[-1].position[0], states[-1].velocity[0]) == (-1.0, 0.5)
 
 
 @dataclass(frozen=True)

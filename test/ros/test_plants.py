@@ -8,14 +8,16 @@ from dataclasses import fields
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from double_integrator import DoubleIntegrator
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_harness import Space
 from sensor_msgs.msg import JointState
-from stated import Cart
+from stated import Cart, changed
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
+from tdm_planner.direct_method import Output
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.tracked_plants import PLANT_NODE
@@ -252,3 +254,20 @@ def test_states_stream_with_noise_commands_saturate_and_parameters_act_at_once(r
     rig.set('pendulum_plant', {f'plant.inertia.{name}': 1e-12 for name in ('disk', 'y', 'z')})
     (reason,) = ros.set_parameters('/shared/pendulum_plant', plant__mass=1.0)
     assert 'do not make a rig' in reason
+
+
+Loose = changed(
+    DoubleIntegrator,
+    name='loose',
+    outputs=lambda s: {'x': Output(start=(s.start.x,), end=(0.0, 0.0), free=6)},
+    start_conditions=lambda s, t, x: [x[1] - s.start.v],
+)
+
+
+def test_what_is_free_at_the_start_begins_as_the_group_start_has_it(ros):
+    """As the pitch of a quadrotor, which `start_conditions` asks for."""
+    space = Space(ros, 'loose')
+    space.start('plant', {'problem': f'{__name__}:Loose', 'start.v': 0.5, 'held': True})
+    states = space.hear('joint_states')
+    assert ros.spin_until(lambda: states)
+    assert list(states[-1].position) == [-1.0, 0.5]
