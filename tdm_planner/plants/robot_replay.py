@@ -34,9 +34,10 @@ def replay(robot: FloatingRobot, trajectory: Trajectory, times: Array) -> Array:
     if trajectory.interpolation == 'cubic':
         raise InvalidProblem("a robot's controls must be held or linear between samples")
     linear = trajectory.interpolation == 'linear'
-    given = trajectory.times, trajectory.controls, trajectory.states[0], linear
-    # Copied, as numba would compile another kernel for instants that are read-only.
-    return replayed(*given, robot.mass, robot.inertia, np.array(times))
+    given = trajectory.times, trajectory.controls, trajectory.states[0], times
+    # Copied, as numba would compile another kernel for what is read-only, or stored by columns.
+    samples, controls, first, at = (np.array(values, order='C') for values in given)
+    return replayed(samples, controls, first, linear, robot.mass, robot.inertia, at)
 
 
 @compiled

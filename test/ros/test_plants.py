@@ -270,4 +270,8 @@ def test_what_is_free_at_the_start_begins_as_the_group_start_has_it(ros):
     space.start('plant', {'problem': f'{__name__}:Loose', 'start.v': 0.5, 'held': True})
     states = space.hear('joint_states')
     assert ros.spin_until(lambda: states)
-    assert list(states[-1].position) == [-1.0, 0.5]
+    assert dict(zip(states[-1].name, states[-1].position, strict=True)) == {
+        'x': -1.0,
+        'v': 0.5,
+        'u': 0.0,
+    }

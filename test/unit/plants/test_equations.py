@@ -310,11 +310,13 @@ def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
     assert found == pytest.approx(np.array(states), abs=2e-7)
 
 
-def test_one_kernel_replays_read_only_instants_and_others_but_no_splines():
+def test_one_kernel_replays_arrays_of_any_kind_but_no_splines():
     plan = trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros(7))
     assert not plan.times.flags.writeable
-    for times in (plan.times, np.array(plan.times)):
-        robot_replay.replay(ROBOT, plan, times)
+    by_columns = replace(plan, controls=np.asfortranarray(plan.controls))
+    for known in (plan, by_columns):
+        for times in (plan.times, np.array(plan.times)):
+            robot_replay.replay(ROBOT, known, times)
     assert len(robot_replay.replayed.signatures) == 1
     with pytest.raises(InvalidProblem, match='held or linear'):
         robot_replay.replay(ROBOT, replace(plan, interpolation='cubic'), plan.times)
