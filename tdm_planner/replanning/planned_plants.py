@@ -59,6 +59,7 @@ Values = Mapping[str, Any]
 Past = tuple[Array, float] | None  # an earlier state (nx,), and how long ago it was measured [s]
 
 _OF_THE_NODE = specifications(PlannerParameters).keys()
+_CLEARLY = 0.25  # of one state, by which a plant moves freely; noise of one at rest gives less
 _PREDICTABLE = 2000  # rad of swinging at the natural frequency
 
 
@@ -121,7 +122,7 @@ class PlannedPlant:
         with suppress(NotFinite):
             off, changed = np.abs(moved(before, ago) - state), np.abs(before - state)
             share = off / np.maximum(off + changed, 1e-300)
-            if (share - 0.5)[off + changed > 0.0].sum() < 0.0:
+            if (share - 0.5)[off + changed > 0.0].sum() < -_CLEARLY:
                 return moved(state, duration)
         return state
 

@@ -10,6 +10,7 @@ import math
 from benchmark.receding import RecedingHorizon
 import closed_loop
 from closed_loop import FORMATION, pendulum, pendulum_tracker, robot, seen, states_on, SWING, WEAK
+from double_integrator import DoubleIntegrator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -23,6 +24,7 @@ from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning.execution import TimedPlan
 from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.planned_plants import planned_plant
 from tdm_planner.replanning.replanner import Replanner
 from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.tracking.motion import ObservedPhase
@@ -359,3 +361,17 @@ def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() ->
     assert len(late) >= 4
     assert {(review.plan, review.reason) for review in late} == {(None, 'the active plan does')}
     assert (np.diff([made.start for made in loop.plans]) > delay - 1e-9).all()
+
+
+@pytest.mark.parametrize(('speed', 'least', 'most'), [(0.0, 0, 20), (2.0, 200, 200)])
+def test_a_stated_plant_moves_on_as_it_did_and_noise_is_hardly_ever_motion(speed, least, most):
+    values, moving = {'start.x': 0.0, 'start.v': 0.0}, 0
+    plant, rng = planned_plant(DoubleIntegrator, values), np.random.default_rng(0)
+    DoubleIntegrator().prepare()
+    for noise in rng.normal(0.0, [2e-3, 0.02], (200, 2, 2)):
+        before, now = noise + np.array([[0.0, speed], [0.05 * speed, speed]])
+        ahead = plant.predict_without_plan(now, 1.0, values, (before, 0.05))
+        moves = ahead[0] != now[0]
+        assert ahead == pytest.approx([now[0] + moves * now[1], now[1]], abs=1e-9)
+        moving += moves
+    assert least <= moving <= most
