@@ -59,7 +59,7 @@ Values = Mapping[str, Any]
 Past = tuple[Array, float] | None  # an earlier state (nx,), and how long ago it was measured [s]
 
 _OF_THE_NODE = specifications(PlannerParameters).keys()
-_CLEARLY = 0.25  # of one state, by which a plant moves freely; noise of one at rest gives less
+_CLEARLY = 0.35  # of one state, by which a plant moves freely; noise of one at rest gives less
 _PREDICTABLE = 2000  # rad of swinging at the natural frequency
 
 
@@ -102,16 +102,12 @@ class PlannedPlant:
 
         A stated plant may be held where it is, or move on without control: what it has done since
         an earlier state, so many s ago, decides. Any other rests.
-
-        Raise InvalidProblem if it cannot be predicted.
         """
         stated, names = self._problem, self.kind.state_names
         known = issubclass(stated, DirectProblem) and names == tuple(stated.state_names)
         if past is None or not known or min(past[1], duration) <= 0.0:
             return state
         before, ago = past
-        problem: Any = stated.from_parameters(values)
-        plant = DirectPlant(problem)
 
         def moved(begin: Array, seconds: float) -> Array:
             times, both = np.array([0.0, seconds]), np.stack([begin, begin])
@@ -119,7 +115,10 @@ class PlannedPlant:
             free = plant.replay(Trajectory.of(plant, times, both, nothing))
             return np.asarray(free.states(times)[-1])
 
-        with suppress(NotFinite):
+        # Parameters start.X that are invalid do not matter: the state is to replace them.
+        with suppress(InvalidProblem, NotFinite):
+            problem: Any = stated.from_parameters(values)
+            plant = DirectPlant(problem)
             off, changed = np.abs(moved(before, ago) - state), np.abs(before - state)
             share = off / np.maximum(off + changed, 1e-300)
             if (share - 0.5)[off + changed > 0.0].sum() < -_CLEARLY:

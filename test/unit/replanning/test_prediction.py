@@ -375,3 +375,10 @@ def test_a_stated_plant_moves_on_as_it_did_and_noise_is_hardly_ever_motion(speed
         assert ahead == pytest.approx([now[0] + moves * now[1], now[1]], abs=1e-9)
         moving += moves
     assert least <= moving <= most
+
+
+def test_a_stated_plant_is_predicted_whatever_the_parameters_of_its_start_are():
+    plant = planned_plant(DoubleIntegrator, {'start.x': 0.0, 'start.v': 0.0})
+    state, wrong = np.array([0.2, 2.0]), {'start.x': math.nan, 'start.v': 0.0}
+    past = np.array([0.1, 2.0]), 0.05
+    assert plant.predict_without_plan(state, 1.0, wrong, past) == pytest.approx(state)
