@@ -355,8 +355,9 @@ def joined(trajectories: Mapping[str, Trajectory]) -> Trajectory:
     held = [t.interpolation == 'zero_order_hold' for t in trajectories.values()]
     if not all(held):
         for t, jumps in zip(trajectories.values(), held, strict=True):
-            instants.append(t.times[[*t.switches, -1]] + (-NANOSECOND if jumps else NANOSECOND))
-    times = np.unique(to_nanoseconds(np.concatenate(instants)))
+            beside = t.times[[*t.switches, -1]] + (-NANOSECOND if jumps else NANOSECOND)
+            instants.append(to_nanoseconds(beside))
+    times = np.unique(np.concatenate(instants))
     times = times[times <= max(t.times[-1] for t in trajectories.values())]
     states, controls = zip(*(t.sample(times) for t in trajectories.values()), strict=True)
     for t, jumps, control in zip(trajectories.values(), held, controls, strict=True):

@@ -250,3 +250,9 @@ def test_a_vehicle_that_has_arrived_is_driven_no_more(first, last):
         # A jump between linear pieces takes 1 ns.
         np.testing.assert_allclose(driven, part.control_integral(then)[:, 0], atol=1e-9)
         np.testing.assert_array_equal(whole.states[-1].reshape(2, 2)[column], part.states[-1])
+
+
+def test_joined_trajectories_keep_instants_that_are_no_whole_nanoseconds():
+    early = make((0.0, 1.0 / 7.0, 1.0 / 3.0 + 4e-10, np.pi), 'linear', (1.0, -1.0, 0.5, 0.25))
+    late = make((0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0), 'linear', (1.0, -1.0, 0.5, 0.25))
+    assert joined({'early': early, 'late': late}).duration == np.pi

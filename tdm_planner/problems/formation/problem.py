@@ -41,6 +41,8 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
+_RATES = 2, 3, 5  # of the state of a robot: u, v, omega
+
 
 @lru_cache(maxsize=1)
 def _compile() -> None:
@@ -191,12 +193,14 @@ class RobotFormation(FormationParameters, Problem):
         """
         Return an earlier manoeuvre, with its check and cost recomputed.
 
-        The last states are those of the replay: messages tell rates there as exactly zero.
+        Rates that are exactly zero at the end, as messages tell them, are those of the replay.
         """
         motions = {}
         for name, plan in trajectories.items():
-            last = replay(self.plant, plan, plan.times[-1:])
-            motions[name] = replace(plan, states=np.concatenate([plan.states[:-1], last]))
+            states = plan.states.copy()
+            told = [i for i in _RATES if states[-1, i] == 0.0]
+            states[-1, told] = replay(self.plant, plan, plan.times[-1:])[0, told]
+            motions[name] = replace(plan, states=states)
         return assessed(self.task, self, motions, np.zeros(0))
 
     def search(

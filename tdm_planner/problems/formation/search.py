@@ -101,10 +101,15 @@ class FormationSearch(Search[C]):
         return self.rounds[0]()
 
     def widen(self) -> bool:
-        """Go on with the next round: farther apart and slower where plans failed the check."""
+        """
+        Go on with the next round: farther apart where plans failed the check.
+
+        Where they miss the goal for the second time they are made slower, too.
+        """
         if self.rejected and not self.rest:
-            shortest = self.task.shortest + _SLOWER * self.task.half_turn
-            self.task = replace(self.farther(self.task), shortest=shortest)
+            again, task = self.task is not self._original_task, self.farther(self.task)
+            slower = _SLOWER * task.half_turn if again and 'from the goal' in self.rejected else 0
+            self.task = replace(task, shortest=task.shortest + slower)
         self.rounds.pop(0)
         return bool(self.rounds)
 

@@ -19,7 +19,7 @@ from replays import pendulum_points
 from sensor_msgs.msg import JointState
 from stated import refused
 from tdm_planner.drawing import PendulumDrawing, RobotDrawing
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, VerificationFailed
 from tdm_planner.nodes import messages, reading
 from tdm_planner.nodes.markers import LIFETIME, Picture
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
@@ -167,6 +167,10 @@ def test_a_plan_of_polynomials_comes_back_as_one(way: float, rate: float) -> Non
     told = reading.read_plan(ROBOT, messages.plan_message(ROBOT, plan, STAMP))
     assert told.interpolation == 'linear'
     assert problem.recovered({'a': told}).verification.ok
+    states = told.states.copy()
+    states[-1, 0] += 0.05
+    with pytest.raises(VerificationFailed):
+        problem.recovered({'a': replace(told, states=states)})
 
 
 def test_controls_that_vary_everywhere_are_read_as_linear() -> None:
