@@ -101,12 +101,12 @@ ERRORS: tuple[type[TdmError], ...] = (
 )
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """Return what an exception says, on one line."""
     return ' '.join(str(error).split())
 
 
-def place_of(error: Exception) -> tuple[str, str]:
+def place_of(error: BaseException) -> tuple[str, str]:
     """
     Return where in a user's source an exception arises, in words, and the source of that line.
 

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem, one_line
-from tdm_planner.parameters import flatten, MISSPELT, shown
+from tdm_planner.parameters import flatten, MISSPELLED, shown
 from tdm_planner.starting import ament_prefixes, PACKAGE
 import yaml
 
@@ -158,7 +158,7 @@ def ros_parameters(
         else:
             others.append(name)
     nodes = {name.rpartition('/')[2]: name for name, _ in sections}
-    slips = get_close_matches(node, filter(str.isalpha, nodes), 1, MISSPELT)
+    slips = get_close_matches(node, filter(str.isalpha, nodes), 1, MISSPELLED)
     if slips and node not in nodes:
         raise InvalidProblem(
             f"section '{nodes[slips[0]]}' of the parameter file is for no node of ours: did you "

@@ -28,7 +28,7 @@ _METADATA_KEY = 'tdm_parameter'
 _LONGEST_INTEGER = 10**60
 _LONGEST_NAME = 200
 _LONGEST_VALUE = 80
-MISSPELT = 0.9  # likeness of names, of which one is a slip
+MISSPELLED = 0.9  # likeness of names, of which one is a slip
 _MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',
@@ -189,14 +189,15 @@ def parameter(
     description: str,
     *,
     unit: str = '',
-    allowed: Range = ANY,
+    allowed: Range | tuple[float, float] = ANY,
     choices: tuple[str, ...] = (),
     read_only: bool = False,
     length: int | None = None,
     multiple: int = 1,
 ) -> Any:
     """Declare a dataclass field as a parameter; the arguments are those of `ParameterSpec`."""
-    given = '', None, default, description, unit, allowed, choices
+    interval = Range(*allowed) if isinstance(allowed, tuple) else allowed
+    given = '', None, default, description, unit, interval, choices
     spec = ParameterSpec(*given, read_only=read_only, length=length, multiple=multiple)
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata={_METADATA_KEY: spec})
@@ -226,7 +227,10 @@ def _declared(cls: type, prefix: str = '') -> list[tuple[str, ParameterSpec | ty
 
     Raise InvalidProblem for the first field that is of no type a parameter can have.
     """
-    hints = _hints(cls)
+    try:
+        hints = _hints(cls)
+    except Exception as error:  # noqa: B902 - of what stands there
+        raise InvalidProblem(f'an annotation of {cls.__name__} is no type: {error}') from error
     found: list[tuple[str, ParameterSpec | type]] = []
     for item in dataclasses.fields(cls):
         hint = hints[item.name]
@@ -352,12 +356,5 @@ def suggestion(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:
     """Return the values of a dataclass of parameters by dotted name (the inverse of `build`)."""
-    kind: Any = type(instance)
-    values: dict[str, Any] = {}
-    for item, declared in _declared(kind, prefix):
-        value = getattr(instance, item)
-        if isinstance(declared, ParameterSpec):
-            values[declared.name] = value
-        else:
-            values.update(to_mapping(value, f'{prefix}{item}.'))
-    return values
+    names = specifications(type(instance))
+    return {prefix + name: operator.attrgetter(name)(instance) for name in names}

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, MISSING
 from typing import Any, cast, TYPE_CHECKING
 
 from tdm_planner.exceptions import InvalidProblem
@@ -120,6 +120,11 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     Raise InvalidProblem for a name the problem does not have, or a value that is not allowed.
     """
     cls.check_class()
+    for item in fields(cast(Any, cls)):
+        if item.init and item.default is MISSING and item.default_factory is MISSING:
+            raise InvalidProblem(
+                f'{cls.__name__}.{item.name} has no default: declare it by parameter(...)'
+            )
     values = flatten(parameters)
     if any('.ros__parameters.' in name for name in values):  # a whole file's document
         values = ros_parameters(parameters)

@@ -80,8 +80,8 @@ def _load(name: str, address: str) -> type[Problem]:
     what = f"problem '{name}' cannot be loaded" + (f' from {address}' if address != name else '')
     try:
         found = getattr(import_module(module.strip()), attribute.strip())
-    except Exception as error:  # noqa: B902
-        # Whatever the registered package's import raises.
+    except (Exception, SystemExit) as error:  # noqa: B902
+        # Whatever the registered package's import raises, as a script that ends by sys.exit.
         where, _ = place_of(error)
         if '/' in module or module.endswith('.py'):
             name = module.rsplit('/', 1)[-1].removesuffix('.py')
@@ -102,6 +102,9 @@ def _load(name: str, address: str) -> type[Problem]:
         hint = ' (write module:Class, and run it in the folder of module.py)' if own else ''
         if isinstance(error, AttributeError) and error.obj is sys.modules.get(module.strip()):
             hint = f' ({suggestion(attribute, vars(error.obj)) or "it has no such class"})'
+            place, here = getattr(error.obj, '__file__', 'Python itself'), Path(f'{module}.py')
+            if here.is_file() and str(here.absolute()) != place:
+                hint = f' (it is that of {place}: rename {here})'
         raise InvalidProblem(f'{what}: {type(error).__name__}: {error}{hint}{where}') from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise InvalidProblem(f'{what}: {attribute} does not derive from DirectProblem or Problem')

@@ -149,6 +149,21 @@ def test_a_field_of_a_type_that_no_parameter_has_is_named():
         Disc()
 
 
+def test_slips_in_a_declaration_are_told_and_a_pair_is_a_range():
+    @dataclass(frozen=True)
+    class Slip(Validated):
+        mass: flaot = parameter(1.0, 'mass')  # noqa: F821
+
+    assert refused(Slip) == "an annotation of Slip is no type: name 'flaot' is not defined"
+
+    @dataclass(frozen=True)
+    class Shared(Validated):
+        share: float = parameter(0.5, 'share', allowed=(0.0, 1.0))
+
+    assert Shared(share=1.0).share == 1.0
+    assert refused(lambda: Shared(share=2.0)).endswith('must be a number in [0, 1]')
+
+
 @settings(max_examples=100)
 @given(st.one_of(FINITE, WHOLE, st.booleans(), st.text(max_size=20), st.lists(FINITE)))
 def test_values_keep_type_and_value_through_yaml(value):

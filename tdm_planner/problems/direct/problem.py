@@ -43,7 +43,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
 from tdm_planner.exceptions import InvalidProblem, VerificationFailed
-from tdm_planner.parameters import group, MISSPELT, parameter, positive, suggestion
+from tdm_planner.parameters import group, MISSPELLED, parameter, positive, suggestion
 from tdm_planner.problems.direct.refinement import prepare_refinement
 from tdm_planner.problems.direct.search import DirectSearch
 from tdm_planner.problems.direct.statement import check_statement, CONDITIONS, limits_of
@@ -107,7 +107,7 @@ class DirectProblem(Formulation, Problem):
                 f"{cls.__name__} has a parameter 'solver' that is no group of SolverParameters: "
                 'derive its class from that one'
             )
-        for name, doubt in misspelled_attributes(cls, MISSPELT).items():
+        for name, doubt in misspelled_attributes(cls, MISSPELLED).items():
             if isfunction(getattr(cls, name)):  # attributes may be for others
                 raise InvalidProblem(f'{cls.__name__}.{doubt}')
 
@@ -116,7 +116,7 @@ class DirectProblem(Formulation, Problem):
     ) -> DirectSearch:
         """Return the search; the rest of an earlier plan is its initial guess."""
         check_statement(self)
-        return DirectSearch(self, self._refined, budget, rng, previous)
+        return DirectSearch(self, budget, rng, previous)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier plan, with its cost and check recomputed."""
@@ -133,7 +133,7 @@ class DirectProblem(Formulation, Problem):
 
     @property
     def _refined(self) -> bool:
-        """Whether plans are refined by collocation."""
+        """Whether candidates are solved again by collocation."""
         return bool(getattr(self.solver, 'refine', True))
 
     def prepare(self) -> None:
