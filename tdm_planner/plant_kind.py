@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TYPE_CHECKING
 
 import numpy as np
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -171,25 +172,25 @@ def kind_of(problem: Formulation) -> PlantKind:
     Raise InvalidProblem if `joints` names what is not a state, gives a joint no pair, or the name
     of another state.
     """
-    given: Any = problem.joints()
-    if not isinstance(given, Mapping) or any(np.shape(pair) != (2,) for pair in given.values()):
+    given = CheckedFormulation(problem).call('joints')
+    pairs = given.values() if isinstance(given, Mapping) else (None,)
+    if any(np.shape(np.array(pair, object)) != (2,) for pair in pairs):
         raise InvalidProblem(
             'joints must give every joint by name the states that are its position and velocity: '
             "{'arm': ('angle', 'rate')}"
         )
     joints = [(name, *pair) for name, pair in given.items()]
-    alone = {*problem.state_names}.difference(*given.values())
     for name, *pair in joints:
-        if name in alone:
-            raise InvalidProblem(
-                f"joints gives the name '{name}' of a state that is in none of its pairs to other "
-                'states: give the joint another name'
-            )
         for state in pair:
             if state not in problem.state_names:
                 raise InvalidProblem(
                     f"joints gives '{name}' the state '{state}', which is not one of "
                     + ', '.join(problem.state_names)
                 )
+    for name in {*given} & {*problem.state_names}.difference(*given.values()):
+        raise InvalidProblem(
+            f"joints gives the name '{name}' of a state that is in none of its pairs to other "
+            'states: give the joint another name'
+        )
     units = tuple(problem.state_units), tuple(problem.control_units)
     return named_kind(problem.state_names, problem.control_names, joints, units)

@@ -10,7 +10,6 @@ from timeit import timeit
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
@@ -49,14 +48,13 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         )
     console = console or Console(quiet=True)
     check_statement(problem)
-    pair = {name: np.zeros(2) + 0.1 * k for k, name in enumerate(problem.state_names)}
-    StatedView(problem).drawing(pair, {})  # a report draws all instants at once
+    StatedView(problem).check_drawing()
     plant, rng = DirectPlant(problem), np.random.default_rng(1)
     check_use(plant.trace)
     minima = DirectMinima(plant, problem.solver.tolerance, Budget(np.inf), rng)
     stated, program, xi = plant.stated, minima.rough, minima.changed
-    ends = Ends.of(stated)
-    limits = margins_at_ends(stated, ends, plant.trace.uses)
+    ends = plant.ends
+    limits = margins_at_ends(plant)
     check_costs(plant.trace, program.motion(xi), plant.numbers)
 
     reasons = _compare_rates(program, xi, console)
@@ -91,7 +89,9 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             'traces the problem again: ' + ', '.join(program.trace.fixed)
         )
     if program.size:
-        one, both = _timed(program, xi)
+        point = program.evaluate(xi)
+        one = timeit(lambda: program.evaluate(xi), number=_REPEATED) / _REPEATED
+        both = timeit(lambda: program.derivatives(point, None), number=_REPEATED) / _REPEATED
         console.print(
             f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
             f'{1e3 * both:.3f} ms'
@@ -106,7 +106,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
         console.print(f'[bold red]{doubt}')
-    reasons += violations_at_ends(stated, ends, limits)
+    reasons += violations_at_ends(plant, limits)
     return reasons + short_of_reserve(stated, limits, 'start')
 
 
@@ -126,11 +126,3 @@ def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> 
             )
     console.print(table)
     return reasons
-
-
-def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
-    """Seconds of one evaluation, and of one linearisation."""
-    point = program.evaluate(xi)
-    one = timeit(lambda: program.evaluate(xi), number=_REPEATED)
-    both = timeit(lambda: program.derivatives(point, None), number=_REPEATED)
-    return one / _REPEATED, both / _REPEATED

@@ -10,7 +10,7 @@ from unittest.mock import create_autospec
 import warnings
 
 import pytest
-from tdm_planner.direct_method import Duration, Output
+from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE
 from tdm_planner.problems import DirectProblem, SolverParameters
@@ -92,6 +92,48 @@ class Car(DirectProblem):
 
     def final_cost(self, t, x):
         return t
+
+
+@dataclass(frozen=True)
+class Start:
+    x: float = parameter(-2.0, 'place', unit='m')
+    vx: float = parameter(0.0, 'speed', unit='m/s')
+    yaw: float = parameter(0.0, 'heading', unit='rad')
+    way: float = parameter(0.0, 'way gone', unit='m')
+    load: float = parameter(7.0, 'no state', unit='kg')
+
+
+@dataclass(frozen=True)
+class Driven(DirectProblem):
+    """A car on a line that turns on the spot; `begin` is where its motion begins."""
+
+    state_names, state_units = ('x', 'vx', 'yaw', 'way'), ('m', 'm/s', 'rad', 'm')
+    control_names, control_units = ('ax', 'turn'), ('m/s^2', 'rad/s')
+    end = 0.0, 0.0
+    start: Start = group(Start)
+
+    def begin(self):
+        return self.start
+
+    def outputs(self):
+        s = self.begin()
+        x = Output(start=(s.x, s.vx), end=self.end, free=2)
+        return {'x': x, 'yaw': Output(start=(s.yaw,), end=(0.0,), free=2)}
+
+    def integrated(self):
+        return {'way': Integrated(self.begin().way)}
+
+    def duration(self):
+        return Duration(guess=3.0, fixed=True)
+
+    def invert(self, y, z):
+        return (y['x'][0], y['x'][1], y['yaw'][0], z['way']), (y['x'][2], y['yaw'][1])
+
+    def derivative(self, x, u):
+        return x[1], u[0], u[1], x[1]
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2 + u[1] ** 2
 
 
 def changed(of: type, **change: Any) -> Any:

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from functools import cached_property
+from inspect import getattr_static
 import math
 from typing import Any
 
@@ -71,7 +73,7 @@ class CheckedFormulation:
 
     def duration(self) -> Duration:
         """Return the time for the arc."""
-        found = self._call('duration')
+        found = self.call('duration')
         if not isinstance(found, Duration):
             raise InvalidProblem(f'duration returns {short(found)}, expected a Duration')
         return found
@@ -79,7 +81,7 @@ class CheckedFormulation:
     def invert(self, y: Outputs, z: Mapping[str, Values]) -> tuple[Values, Values]:
         """Return states and controls, (..., nx) and (..., nu), from outputs of shape (...)."""
         shape = next(iter(y.values()))[0].shape
-        found = self._call('invert', y, z)
+        found = self.call('invert', y, z)
         if not isinstance(found, tuple | list) or len(found) != 2:
             raise InvalidProblem(
                 f'invert returns {short(found)}, expected a pair: states and controls'
@@ -91,7 +93,7 @@ class CheckedFormulation:
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
-        found = self._call('derivative', components(states), components(controls))
+        found = self.call('derivative', components(states), components(controls))
         what = 'what derivative returns'
         return self._stacked(found, self.state_names, what, states.shape[:-1])
 
@@ -126,7 +128,7 @@ class CheckedFormulation:
         _check_names('control_limits', found, 'controls', self.control_names)
         for name, pair in found.items():
             try:
-                low, high = (float(value) for value in pair)
+                low, high = (float(value) for value in pair if not isinstance(value, str))
             except (TypeError, ValueError):
                 low, high = math.nan, math.nan
             if not low < high:
@@ -167,7 +169,7 @@ class CheckedFormulation:
 
     def reserves(self, names: Sequence[str]) -> Array:
         """Return the share of every limit, by its margin's name, that is kept for feedback."""
-        shares, given = np.zeros(len(names)), getattr(self.formulation, 'reserve', {})
+        shares, given = np.zeros(len(names)), self.attribute('reserve')
         if not isinstance(given, Mapping):
             raise InvalidProblem(
                 f'reserve = {short(given)} is not allowed: must be a mapping of limits to shares'
@@ -188,7 +190,7 @@ class CheckedFormulation:
 
     def parts(self, function: str, times: Values, *others: Values) -> list[Values]:
         """Return a cost, or what must vanish at an end, (K,) each, from (K,), (K, nx), (K, nu)."""
-        found, what = self._call(function, times, *map(components, others)), f'{function} gives'
+        found, what = self.call(function, times, *map(components, others)), f'{function} gives'
         if function.endswith('_cost'):
             return [self._shaped(f'{what} J', found, times.shape)]
         one = getattr(found, 'ndim', 2) < 2
@@ -238,7 +240,7 @@ class CheckedFormulation:
 
     def symbolic(self, function: str, *arguments: Any) -> list[Any]:
         """Return the parts of what a function gives of symbols; what it raises passes."""
-        found = getattr(self.formulation, function)(*arguments)
+        found = getattr(self.formulation, function)(*deepcopy(arguments))
         if function == 'invert':
             return [*found[0], *found[1]]
         if function == 'margins':
@@ -248,10 +250,20 @@ class CheckedFormulation:
             return [found]
         return list(found)
 
-    def _call(self, function: str, *arguments: Any) -> Any:
+    def attribute(self, name: str) -> Any:
+        """Return what is stated under a name, maybe by a property; None if nothing is."""
+        stated = getattr_static(self.formulation, name, None) is not None
+        return self._told(name, lambda: getattr(self.formulation, name)) if stated else None
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Return what a function of the statement gives; it may write into what it is given."""
+        given = deepcopy(arguments)
+        return self._told(function, lambda: getattr(self.formulation, function)(*given))
+
+    def _told(self, function: str, run: Callable[[], Any]) -> Any:
         try:
             with np.errstate(all='ignore'):
-                return getattr(self.formulation, function)(*arguments)
+                return run()
         except TdmError as error:
             where, source = place_of(error)
             if source.startswith('raise '):  # the user's own
@@ -269,7 +281,7 @@ class CheckedFormulation:
 
     def strings(self, attribute: str, what: str, example: str) -> tuple[str, ...]:
         """Return a tuple of strings; if it is none, InvalidProblem shows an `example`."""
-        found = getattr(self.formulation, attribute, None)
+        found = self.attribute(attribute)
         if isinstance(found, tuple | list) and found and all(isinstance(s, str) for s in found):
             return tuple(found)
         raise InvalidProblem(
@@ -277,7 +289,7 @@ class CheckedFormulation:
         )
 
     def _mapping(self, function: str, *arguments: Any) -> Mapping[Any, Any]:
-        found = self._call(function, *arguments)
+        found = self.call(function, *arguments)
         if not isinstance(found, Mapping):
             raise InvalidProblem(f'{function} returns {short(found)}, expected a mapping by name')
         return found
@@ -314,7 +326,7 @@ class CheckedFormulation:
     def _shaped(what: str, value: Any, shape: tuple[int, ...], instead: str = '') -> Values:
         try:
             found = np.asarray(value)
-        except ValueError:
+        except (TypeError, ValueError):
             found = np.asarray(None)
         if found.dtype.kind == 'b':
             raise InvalidProblem(f'{what} = True or False, expected a number{instead}')

@@ -109,12 +109,6 @@ class CollocatedMotion:
         return to_nanoseconds(np.linspace(0.0, self.duration, self.intervals + 1))
 
     @property
-    def finite(self) -> bool:
-        """Whether all of it is made of numbers."""
-        parts = self.states, self.middles, self.controls
-        return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
-
-    @property
     def halves(self) -> tuple[Array, Array, Array]:
         """Return instants (2 n + 1,), states and controls at the ends and middles, in turn."""
         controls = np.repeat(self.controls, 2, axis=0)[:-1]
@@ -122,10 +116,6 @@ class CollocatedMotion:
         states = np.repeat(self.states, 2, axis=0)[:-1]
         states[1::2] = self.middles
         return np.linspace(0.0, self.duration, len(states)), states, controls
-
-    def cost_by(self, trace: Trace, numbers: Array) -> float:
-        """Return J by Simpson's rule."""
-        return trace.cost_through(numbers, *self.halves)
 
     def on(self, intervals: int, rates: Array) -> CollocatedMotion:
         """
@@ -332,7 +322,9 @@ class Collocation:
         begun = replace(guess, states=states, controls=controls)
         given = np.concatenate([numbers, sx, su, sl, *kinks, [st, charge.smoothing, 1.0]])
         free = upper > lower
-        unit = program.size_of_cost(begun.cost_by(self.trace, numbers), z, given, free)
+        unit = program.size_of_cost(
+            self.trace.cost_through(numbers, *begun.halves), z, given, free
+        )
         given[-1] = unit if 0.0 < unit < np.inf else st
         with self._lock:
             self._clock.begin(budget, (_PATIENT if patient else 1) * self._settings.iterations)
@@ -353,7 +345,7 @@ class Collocation:
             float(last[0, 0] * st),
             multipliers=tuple(multipliers),
         )
-        cost = solution.cost_by(self.trace, numbers)
+        cost = self.trace.cost_through(numbers, *solution.halves)
         size = program.size_of_cost(cost, z, given, free)
         return replace(solution, cost=cost, size=size) if np.isfinite(cost) else None
 

@@ -266,12 +266,6 @@ class Duration:
         longest = 1e2 * self.guess if self.longest is None else self.longest
         return shortest, longest
 
-    @property
-    def allowed(self) -> str:
-        """Return what is allowed, in words."""
-        shortest, longest = self.bounds
-        return f'{self.guess:.4g} s' if self.fixed else f'{shortest:.3g} to {longest:.3g} s'
-
 
 @dataclass(frozen=True)
 class Integrated:

@@ -25,11 +25,13 @@ HINTS = {
     ' | ': 'use np.logical_or(...) in place of | on values',
     **dict.fromkeys(('min(', 'max('), 'use np.minimum and np.maximum'),
     **dict.fromkeys(('np.linalg', 'dot(', ' @ '), 'write the formula by components'),
+    'period=': 'give np.interp x % period and a table with both ends, in place of period',
     'pline': 'use np.interp or a polynomial in place of a spline',
     'astype(': 'leave astype out',
     **dict.fromkeys(('zeros(', '] = '), 'return the components, such as (x[1], u[0])'),
-    'mean(': 'write what holds at one node: there are no sums over nodes',
-    'sum(': 'write what holds at one node: there are no sums over nodes',
+    **dict.fromkeys(
+        ('mean(', 'sum('), 'write what holds at one node: there are no sums over nodes'
+    ),
 }
 ARGUMENTS = {  # of every function that is traced, but for the numbers
     'invert': 'yz',

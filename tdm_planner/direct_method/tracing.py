@@ -117,10 +117,11 @@ class Trace:
         parts = {'y': {n: ca.vertsplit(jet) for n, jet in jets.items()}, 'z': zs, 't': t}
         parts |= {'x': ca.vertsplit(x), 'u': ca.vertsplit(u)}
         self.functions = {
-            function: ca.Function(
+            function: _traced(
+                twin,
                 function,
                 [*(symbolic_of[name] for name in names), p],
-                [_traced(twin, function, tuple(parts[name] for name in names))],
+                tuple(parts[name] for name in names),
             )
             for function, names in ARGUMENTS.items()
         }
@@ -222,7 +223,7 @@ class Trace:
 def numbers(formulation: Any) -> dict[str, Array]:
     """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
     found: dict[str, Array] = {}
-    for path, value in _leaves(formulation):
+    for path, value in _members(formulation):
         several = (value,) if isinstance(value, float) else value
         listed = isinstance(several, list | tuple) and len(several) > 0
         if listed and all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
@@ -230,21 +231,11 @@ def numbers(formulation: Any) -> dict[str, Array]:
     return found
 
 
-def _leaves(formulation: Any, prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield all fields by dotted name, those of fields that are dataclasses in their place."""
+def _members(formulation: Any, path: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield a statement, its fields, and theirs where one is a dataclass, by dotted name."""
+    yield path, formulation
     for name, value in _fields(formulation).items():
-        if dataclasses.is_dataclass(value):
-            yield from _leaves(value, f'{prefix}{name}.')
-        else:
-            yield prefix + name, value
-
-
-def _parts(formulation: Any) -> Iterator[Any]:
-    """Yield a dataclass, and those among its fields, and theirs."""
-    yield formulation
-    for value in _fields(formulation).values():
-        if dataclasses.is_dataclass(value):
-            yield from _parts(value)
+        yield from _members(value, f'{path}.{name}'.lstrip('.'))
 
 
 def _fields(formulation: Any) -> dict[str, Any]:
@@ -258,7 +249,7 @@ def symbolic_copy(formulation: Any, symbols: Mapping[str, Any], prefix: str = ''
     twin, fields = copy.copy(formulation), _fields(formulation)
     if not dataclasses.is_dataclass(formulation):
         return twin
-    for name in set(vars(twin)) - {*fields, 'solver'}:
+    for name in {*getattr(twin, '__dict__', ())} - {*fields, 'solver'}:
         del twin.__dict__[name]  # what was computed from the numbers before
     for name, value in fields.items():
         found, path = value, prefix + name
@@ -278,8 +269,9 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
         return (formulation,)
     outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
     sizes = [(name, value.size) for name, value in found.items()]
-    rest = [(path, value) for path, value in _leaves(formulation) if path not in found]
-    kinds = [type(part) for part in _parts(formulation)]
+    members = [*_members(formulation)]
+    kinds = [type(value) for _, value in members if dataclasses.is_dataclass(value)]
+    rest = [m for m in members if not (m[0] in found or dataclasses.is_dataclass(m[1]))]
     own = [
         (name, value)
         for kind in kinds
@@ -335,9 +327,11 @@ def _no_numbers() -> Iterator[None]:
         symbol.__float__ = before
 
 
-def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...]) -> Any:
+def _traced(
+    twin: CheckedFormulation, function: str, inputs: list[Any], arguments: tuple[Any, ...]
+) -> Any:
     """
-    Return what a function gives of symbols.
+    Return the CasADi function of `inputs` that a function of symbols gives.
 
     Where it stacks them they are arrays of one; where it computes several at once, one array.
     """
@@ -345,7 +339,12 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
     for given in (arguments, map(_boxed, arguments), map(_together, arguments)):
         try:
             with _no_numbers():
-                return _column(twin.symbolic(function, *given))
+                column = _column(twin.symbolic(function, *given))
+            made = ca.Function(function, inputs, [column], {'allow_free': True})
+            if made.has_free():
+                kind = type(twin.formulation).__name__
+                raise InvalidProblem(f'{function} of {kind} keeps values of other calls: {_ALONE}')
+            return made
         except InvalidProblem:
             raise
         except Exception as error:  # noqa: B902
@@ -394,6 +393,6 @@ def _compare(trace: Trace, stated: CheckedFormulation, expected: Mapping[str, An
             if np.isfinite(number):
                 reason = suspect(stated.formulation, function) or _ALONE
             raise InvalidProblem(
-                f'{what} {names[column]} = {found[node, column]:g} when it is traced, but '
-                f'{number:g} with numpy: {reason}'
+                f'{what} {names[column]} = {found[node, column]:.10g} when it is traced, but '
+                f'{number:.10g} with numpy: {reason}'
             )

@@ -33,7 +33,6 @@ from tdm_planner.direct_method.arc_basis import (
 )
 from tdm_planner.direct_method.bases import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import (
@@ -56,7 +55,8 @@ class Transcription(NonlinearProgram):
 
     `reserve` is what must be left to a limit, by name, at the nodes between the ends, beyond what
     the formulation reserves. Group 0 of the constraints are equalities (ends of integrated states,
-    conditions at both ends), group 1 margins. `trace` is that of the formulation, if known.
+    conditions at both ends), group 1 margins. `trace` is that of the formulation, if known;
+    `kept_at_ends` (2, nm) what must be left to every limit there.
 
     Boundary conditions that contradict each other, components that do not match the names, and
     what cannot be traced raise InvalidProblem.
@@ -68,6 +68,7 @@ class Transcription(NonlinearProgram):
         nodes: Array,
         reserve: Mapping[str, float] | None = None,
         trace: Trace | None = None,
+        kept_at_ends: Array | None = None,
     ) -> None:
         self.formulation = formulation
         self.nodes = nodes
@@ -100,12 +101,11 @@ class Transcription(NonlinearProgram):
         # Whether conditions remain at an end that no reference function meets by itself.
         self.has_end_conditions = first > 1
         # What is kept of every limit at the nodes, (K, nm).
-        names, reserve = self.trace.margin_names, reserve or {}
+        names, reserve, self._kept_at_ends = self.trace.margin_names, reserve or {}, kept_at_ends
         self._kept = np.tile(self._stated.reserves(names), (nodes.size, 1))
         self._kept[1:-1] += np.array([reserve.get(name, 0.0) for name in names])
-        if self._kept[0].any():  # nothing can be kept where all is given
-            ends = Ends.of(self._stated)
-            self._kept[[0, -1]] *= ends.opens(self.trace.uses, self._stated.duration())
+        if kept_at_ends is not None:
+            self._kept[[0, -1]] = kept_at_ends
 
     @cached_property
     def _weights(self) -> Array:
@@ -157,7 +157,7 @@ class Transcription(NonlinearProgram):
 
     def refine(self, nodes: Array, reserve: Mapping[str, float]) -> Transcription:
         """Return the program on other nodes, scaled alike."""
-        other = Transcription(self.formulation, nodes, reserve, self.trace)
+        other = Transcription(self.formulation, nodes, reserve, self.trace, self._kept_at_ends)
         other.cost_scale, other._constant = self.cost_scale, self._constant
         return other
 

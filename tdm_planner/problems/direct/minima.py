@@ -83,7 +83,7 @@ class DirectMinima:
 
     def on(self, nodes: Array) -> Transcription:
         """Return the program on other nodes; its cost is not scaled."""
-        return Transcription(self._problem, nodes, trace=self._trace)
+        return Transcription(self._problem, nodes, None, self._trace, self._plant.kept_at_ends)
 
     @cached_property
     def program(self) -> Transcription:
@@ -144,7 +144,8 @@ class DirectMinima:
         found = CollocatedMotion(states[::2], states[1::2], controls[::2], float(even[-1]))
         given = self._stated.duration()
         bounded = given.fixed or given.shortest is not None
-        if found.finite and (bounded or found.duration > _HASTY * given.bounds[0]):
+        finite = np.isfinite(states).all() and np.isfinite(controls).all()
+        if finite and found.duration > (0.0 if bounded else _HASTY * given.bounds[0]):
             yield found
 
     def minimise_fully(
@@ -172,14 +173,15 @@ class DirectMinima:
         """Keep what a minimum violates if it is the nearest to a feasible motion so far."""
         if self.feasible(minimum) or not minimum.point.violation < self._closest:
             return
-        program, allowed = minimum.program, self._stated.duration()
-        self._closest = minimum.point.violation
+        program, (shortest, longest) = minimum.program, self._plant.durations
+        self._closest, fixed = minimum.point.violation, shortest == longest
+        allowed = f'{longest:.4g} s' if fixed else f'{shortest:.3g} to {longest:.3g} s'
         self.nearest_miss = (
-            f'no initial guess led to a feasible motion of {allowed.allowed}; '
+            f'no initial guess led to a feasible motion of {allowed}; '
             f'the nearest violated {program.violated(minimum.point)}'
         )
-        takes, longest = program.motion(minimum.point.xi).times[-1], allowed.bounds[1]
-        if takes > (1.0 - 1e-6) * longest and not allowed.fixed:
+        takes = program.motion(minimum.point.xi).times[-1]
+        if takes > (1.0 - 1e-6) * longest and not fixed:
             self.nearest_miss += f' and took {longest:.3g} s, the longest that is allowed'
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:

@@ -87,6 +87,20 @@ class DirectPlant:
             raise NotFinite('its motion is not finite everywhere, or too fast to be replayed')
         return motion
 
+    @cached_property
+    def ends(self) -> Ends:
+        """What is given at both ends."""
+        return Ends.of(self.stated)
+
+    @cached_property
+    def kept_at_ends(self) -> Array:
+        """What is kept of every limit at both ends, (2, nm); where all is given, what is left."""
+        ends, duration, given = self.ends, self.stated.duration(), self.trace.margin_names
+        states, controls = np.nan_to_num(ends.states), np.nan_to_num(ends.controls)
+        left = self.limits(np.array([0.0, duration.guess]), states, controls)
+        opens = ends.opens(self.trace.uses, duration)
+        return np.where(opens, self.stated.reserves(given), np.fmin(left, 0.0))
+
     @property
     def control_range(self) -> Array:
         """Lowest and highest controls, (2, nu); infinite where they are not limited."""

@@ -22,7 +22,6 @@ from tdm_planner.direct_method.collocation import (
     COLD,
     CollocatedMotion,
     Collocation,
-    Ends,
     LIMITS_ROUNDING,
     Settings,
     WARM,
@@ -95,13 +94,8 @@ class Refinement:
     def __init__(self, plant: DirectPlant, budget: Budget) -> None:
         self._plant, self.trace, self._budget = plant, plant.trace, budget
         self._stated, self._numbers = plant.stated, plant.numbers
-        self.ends = Ends.of(plant.stated)
+        self.ends = plant.ends
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        # What is kept of every limit at both ends, (2, nm); where all is given, what is left.
-        duration = plant.stated.duration()
-        given = np.nan_to_num(self.ends.states), np.nan_to_num(self.ends.controls)
-        left = np.fmin(plant.limits(np.array([0.0, duration.guess]), *given), 0.0)
-        self._kept = np.where(self.ends.opens(plant.trace.uses, duration), self._reserve, left)
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
@@ -139,7 +133,7 @@ class Refinement:
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
-        kept[[0, -1]] = self._kept
+        kept[[0, -1]] = self._plant.kept_at_ends
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._plant.durations, kept, until
         kinked = settings is WARM and program.has_kinks

@@ -63,16 +63,11 @@ Candidate = CollocatedMotion | Minimum[Transcription]
 
 
 class DirectSearch(Search[Candidate]):
-    """
-    Search for the cheapest verified plan of a stated problem; `previous` is a warm start.
-
-    Where `refined`, candidates are solved again by collocation.
-    """
+    """Search for the cheapest verified plan of a stated problem; `previous` is a warm start."""
 
     def __init__(
         self,
         problem: DirectProblem,
-        refined: bool,
         budget: Budget,
         rng: np.random.Generator,
         previous: Solution | None = None,
@@ -84,11 +79,11 @@ class DirectSearch(Search[Candidate]):
         self._stated, self._trace = self._plant.stated, self._plant.trace
         self._refinement = Refinement(self._plant, budget)
         # Not where collocation would lose a boundary condition.
-        self._asked, self._refines = refined, refined and not self._refinement.ends.unkept
+        self._refines = problem._refined and not self._refinement.ends.unkept
         check_use(self._trace)
-        self._end_margins = check_ends(self._stated, self._refinement.ends, self._trace.uses)
+        self._end_margins = check_ends(self._plant)
         self._rounds, self._found, self._coarse = 0, False, False
-        self._has_guess = True  # whether the direct method has an initial guess that is finite
+        self._no_guess: NotFinite | None = None  # why the direct method has none that is finite
         self._stuck = np.nan  # J of a motion that has no solution on more intervals
         self._aside = list[CollocatedMotion]()  # solutions that more intervals do not confirm
         self._tried = list[CollocatedMotion]()  # those that were checked
@@ -105,7 +100,7 @@ class DirectSearch(Search[Candidate]):
         """
         if self._rounds == 0 and self._refines:
             yield from self._refined()
-        if self._best is None or (self._is_stuck and self._has_guess):
+        if self._best is None or (self._is_stuck and self._no_guess is None):
             yield from self._direct()
         if self._best is None:
             aside, self._aside = self._aside, []  # another round need not check them again
@@ -153,7 +148,7 @@ class DirectSearch(Search[Candidate]):
     def remark(self) -> str:
         """Say where the plan is not refined, or on fewer intervals than J asks for, and why."""
         best, why = self._best, ''
-        if isinstance(best, Minimum) and self._asked:
+        if isinstance(best, Minimum) and self._problem._refined:
             if unkept := self._refinement.ends.unkept:
                 where = 'start' if unkept[0].endswith('start') else 'end'
                 why = f' ({unkept[0]} fixes no state: state it in {where}_conditions instead)'
@@ -247,10 +242,10 @@ class DirectSearch(Search[Candidate]):
         """Yield initial guesses on the first intervals, mostly minima of the direct method."""
         try:
             minima: DirectMinima | None = self._minima
-        except NotFinite:  # as an unstable plant is that is integrated under a rough control
+        except NotFinite as error:  # as an unstable plant is, integrated under a rough control
             if not self._refinement.ends.regular:
                 raise
-            minima, self._has_guess = None, False
+            minima, self._no_guess = None, error
         guesses = Guesses(self._plant, self._refinement.ends, self.budget, self._seed)
         for attempt in range(_MOST):
             in_sight = minima is not None and bool(minima.in_sight)  # that takes its time, too
@@ -289,6 +284,8 @@ class DirectSearch(Search[Candidate]):
 
     def _direct(self) -> Iterator[Minimum[Transcription]]:
         """Minimise from a round of initial guesses while there is time."""
+        if self._no_guess is not None:
+            raise self._no_guess
         minima, found = self._minima, False
         self._rounds += 1
         most = np.inf if self._best is None else _STUCK_SHARE * self.budget.seconds

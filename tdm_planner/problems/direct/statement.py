@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import partial
 import math
@@ -23,7 +23,7 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import short, specifications
-from tdm_planner.problems.direct.plant import END_TOLERANCE
+from tdm_planner.problems.direct.plant import DirectPlant, END_TOLERANCE
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -66,9 +66,10 @@ def check_statement(problem: Formulation) -> None:
             raise InvalidProblem(
                 f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
             )
-    checked_integer(problem.nodes, 'nodes', *_NODES)
-    checked_integer(problem.starts, 'starts', *_STARTS)
-    tolerance, count = problem.terminal_tolerance, len(stated.state_names)
+    checked_integer(stated.attribute('nodes'), 'nodes', *_NODES)
+    checked_integer(stated.attribute('starts'), 'starts', *_STARTS)
+    tolerance: Sequence[float] | None = stated.attribute('terminal_tolerance')
+    count = len(stated.state_names)
     if tolerance is not None:
         values = list(tolerance) if np.iterable(tolerance) else []
         known = all(isinstance(v, Real) and not isinstance(v, bool) and v > 0 for v in values)
@@ -77,7 +78,7 @@ def check_statement(problem: Formulation) -> None:
                 f'terminal_tolerance = {short(tolerance)} is not allowed: must be {count} '
                 'positive numbers, one for each state, inf where any end will do'
             )
-    given = problem.feedback_weights()
+    given = stated.call('feedback_weights')
     if given is not None:
         _check_weights(given, len(stated.state_names), len(stated.control_names))
 
@@ -182,9 +183,10 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
 
     for name, function in (('running_cost', trace.running), ('final_cost', trace.final)):
         values = cost(function, steps)
-        size = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+        finite = values[np.isfinite(values)]
+        rounding = _NEAR * np.abs(finite).max(initial=0.0)
         jumps = np.nan_to_num(np.abs(np.diff(values)))
-        if not size or jumps.max() < _JUMP * size:
+        if not jumps.max() > max(rounding, _JUMP * np.ptp(finite) if finite.size else 0.0):
             continue
         places, apart = steps, jumps
         for _ in range(_TURNS):
@@ -203,12 +205,9 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
             )
 
 
-def margins_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
-    """
-    Return what is left to every limit at both ends, None where that depends on what is free.
-
-    `uses` tells which limits depend on t, states and controls, (nm, 1 + nx + nu).
-    """
+def margins_at_ends(plant: DirectPlant) -> Left:
+    """Return what is left to every limit at both ends, None where that depends on what is free."""
+    stated, ends = plant.stated, plant.ends
     duration, rng = stated.duration(), np.random.default_rng(0)
     given = np.nan_to_num(ends.states), np.nan_to_num(ends.controls)
 
@@ -221,24 +220,20 @@ def margins_at_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
         exact = margins(0.0)
         rounding = np.max([np.abs(margins(_ROUNDING) - exact) for _ in range(_MARGIN_LOOKS)], 0)
     left = np.where(np.abs(exact) <= rounding, 0.0, exact).astype(object)
-    left[ends.opens(uses, duration).T | ~np.isfinite(exact)] = None
+    left[ends.opens(plant.trace.uses, duration).T | ~np.isfinite(exact)] = None
     return {
         name: (first, last)
         for name, (first, last) in zip(stated.limit_names, left.tolist(), strict=True)
     }
 
 
-def violations_at_ends(stated: CheckedFormulation, ends: Ends, left: Left) -> list[str]:
+def violations_at_ends(plant: DirectPlant, left: Left) -> Iterator[str]:
     """Say what no motion can keep at its ends; `left` by `margins_at_ends`."""
-    return [*_begun_elsewhere(stated, ends), *_violated_at_ends(stated, left)]
-
-
-def _violated_at_ends(stated: CheckedFormulation, left: Left) -> Iterator[str]:
-    """Say which limits every motion violates at an end."""
+    yield from _begun_elsewhere(plant.stated, plant.ends)
     for side, where in enumerate(('start', 'end')):
         for name, values in left.items():
             if (value := values[side]) is not None and value < -MARGIN_TOLERANCE:
-                size, unit = stated.size_of(name)
+                size, unit = plant.stated.size_of(name)
                 yield (
                     f"the {where} violates the limit '{name}' by {-value * size:.3g}"
                     f'{unit and " "}{unit}, whatever the motion: change the {where} or the limit'
@@ -268,15 +263,15 @@ def _begun_elsewhere(stated: CheckedFormulation, ends: Ends) -> list[str]:
         reasons.append(
             f'start.{name} = {value:.7g}, but every motion begins with {name} = {begins:.7g}'
             + (', by whole turns' if whole else '')
-            + f': outputs() or integrated() must begin with self.start.{name}'
+            + f': outputs() or integrated() must begin with self.start.{name}, and invert give it'
         )
     return reasons
 
 
-def check_ends(stated: CheckedFormulation, ends: Ends, uses: Mask) -> Left:
+def check_ends(plant: DirectPlant) -> Left:
     """Return what `margins_at_ends` does; InvalidProblem for what no motion can keep there."""
-    left = margins_at_ends(stated, ends, uses)
-    for reason in violations_at_ends(stated, ends, left):
+    left = margins_at_ends(plant)
+    for reason in violations_at_ends(plant, left):
         raise InvalidProblem(reason)
     return left
 

@@ -10,6 +10,7 @@ from tdm_planner.direct_method import Duration, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.exceptions import Infeasible
+from tdm_planner.problem_check import check_problem
 
 GRAVITY = 9.81  # m/s^2
 
@@ -171,3 +172,12 @@ def turned(r, phi):
     pull, push = r[2] - r[0] * phi[1] ** 2, r[0] * phi[2] + 2.0 * r[1] * phi[1]
     states = r[0] * c, r[0] * s, along * c - across * s, along * s + across * c
     return states, (pull * c - push * s, pull * s + push * c)
+
+
+@pytest.mark.parametrize('free', [0, 1])
+def test_a_cost_that_only_rounding_changes_does_not_jump(free):
+    """A constant deceleration, from the boundary values alone."""
+    ends = {'x': Output((0.0, 1.0), (0.0, -1.0), free=free)}
+    thrown = changed(Cart, outputs=lambda s: ends)(time=1.0)
+    assert check_problem(thrown) == []
+    assert thrown.solve(counted=True).cost == pytest.approx(4.0, rel=1e-3)

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import simpson, solve_ivp
-from stated import Cart, changed, forced, noted, Quickest
+from stated import Cart, changed, forced, noted, Quickest, refused
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.exceptions import Infeasible, VerificationFailed
+from tdm_planner.problems import DirectSolverParameters
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.statement import limits_of
 
@@ -75,6 +76,12 @@ def test_many_limits_are_evaluated_at_once(monkeypatch):
     assert calls.call_count == 2
 
 
+def test_limits_of_controls_are_numbers():
+    given = changed(Cart, control_limits=lambda s: {'u': ('-9', '9')})
+    told = "control_limits gives 'u' = ('-9', '9'), expected a pair of numbers"
+    assert refused(given().solve).startswith(told)
+
+
 @pytest.mark.parametrize(('low', 'high'), [(-10.0, 10.0), (-np.inf, 10.0)])
 def test_a_reserve_is_a_share_of_the_range_of_a_control_or_of_its_one_limit(low, high):
     problem = changed(
@@ -99,7 +106,8 @@ def test_a_limit_is_broken_at_an_end_only_where_nothing_free_has_a_part_in_it():
     assert room().solve(counted=True).cost == pytest.approx(-55.0, rel=1e-3)
 
 
-def test_a_start_on_a_limit_but_for_rounding_is_planned_from_in_any_unit():
+@pytest.mark.parametrize(('refine', 'accuracy'), [(True, 2e-3), (False, 0.2)])
+def test_a_start_on_a_limit_but_for_rounding_is_planned_from_in_any_unit(refine, accuracy):
     """On the ground of a planet, whose radius squared is rounded to .008 m^2."""
     radius, at = 6.378e6, 0.012981490745372685
     x, y = radius * np.cos(at), radius * np.sin(at)
@@ -123,7 +131,9 @@ def test_a_start_on_a_limit_but_for_rounding_is_planned_from_in_any_unit():
     )
     # With 10.2 up and 9.8 down.
     best = (2 * 5e4 * (1 / 10.2 + 1 / 9.8)) ** 0.5
-    assert rocket().solve(counted=True).duration == pytest.approx(best, rel=2e-3)
+    solver = DirectSolverParameters(refine=refine)
+    plan = rocket(solver=solver).solve(counted=True)
+    assert plan.duration == pytest.approx(best, rel=accuracy)
 
 
 def test_a_control_beyond_its_limit_is_told_in_its_unit():

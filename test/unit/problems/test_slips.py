@@ -9,8 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from stated import Car, Cart, changed, refused
-from tdm_planner.direct_method import Duration, Integrated, Output
+from stated import Car, Cart, changed, Driven, refused, Start
 from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problem_check import check_problem
@@ -59,48 +58,6 @@ def test_ranges_of_a_problem_are_checked_whatever_it_derives_from(kind, given, t
     made = kind(mass=3, start=Place(x=2))
     assert [type(value) for value in (made.mass, made.start.x)] == [float, float]
     assert getattr(made, 'weight', 29.43) == pytest.approx(29.43)
-
-
-@dataclass(frozen=True)
-class Start:
-    x: float = parameter(-2.0, 'place', unit='m')
-    vx: float = parameter(0.0, 'speed', unit='m/s')
-    yaw: float = parameter(0.0, 'heading', unit='rad')
-    way: float = parameter(0.0, 'way gone', unit='m')
-    load: float = parameter(7.0, 'no state', unit='kg')
-
-
-@dataclass(frozen=True)
-class Driven(DirectProblem):
-    """A car on a line that turns on the spot; `begin` is where its motion begins."""
-
-    state_names, state_units = ('x', 'vx', 'yaw', 'way'), ('m', 'm/s', 'rad', 'm')
-    control_names, control_units = ('ax', 'turn'), ('m/s^2', 'rad/s')
-    end = 0.0, 0.0
-    start: Start = group(Start)
-
-    def begin(self):
-        return self.start
-
-    def outputs(self):
-        s = self.begin()
-        x = Output(start=(s.x, s.vx), end=self.end, free=2)
-        return {'x': x, 'yaw': Output(start=(s.yaw,), end=(0.0,), free=2)}
-
-    def integrated(self):
-        return {'way': Integrated(self.begin().way)}
-
-    def duration(self):
-        return Duration(guess=3.0, fixed=True)
-
-    def invert(self, y, z):
-        return (y['x'][0], y['x'][1], y['yaw'][0], z['way']), (y['x'][2], y['yaw'][1])
-
-    def derivative(self, x, u):
-        return x[1], u[0], u[1], x[1]
-
-    def running_cost(self, t, x, u):
-        return u[0] ** 2 + u[1] ** 2
 
 
 @pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
@@ -168,6 +125,20 @@ def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
         'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must '
         'depend on its arguments at the same node alone'
     )
+    last = []
+
+    def of_the_last(self, x, u):
+        last.append(u[0])
+        return x[1], u[0] - 0.1 * last[-min(2, len(last))], u[1], x[1]
+
+    message = refused(changed(Driven, derivative=of_the_last)().solve)
+    assert message == (
+        'derivative of Changed keeps values of other calls: it must depend on its arguments at '
+        'the same node alone'
+    )
+    message = refused(changed(Driven, derivative=of_the_last)().solve)
+    assert message.startswith("what derivative returns: 'vx' = ")
+    assert message.endswith('which is not a real number')
 
 
 def test_what_a_post_init_raises_keeps_its_words():
@@ -307,6 +278,21 @@ def test_a_field_that_is_no_parameter_is_told_to_be_one():
     )
 
 
+@dataclass(frozen=True)
+class Unset(DirectProblem):
+    """A field without a default."""
+
+    mass: float
+    control_names, control_units = Plain.control_names, Plain.control_units
+    state_names, state_units = Plain.state_names, Plain.state_units
+    outputs = duration = invert = derivative = Car.final_cost
+
+
+def test_a_field_without_a_default_is_told_to_have_one():
+    told = 'Unset.mass has no default: declare it by parameter(...)'
+    assert refused(lambda: Unset.from_parameters({})) == told
+
+
 def test_the_group_solver_is_one_of_the_solver_s_parameters():
     @dataclass(frozen=True)
     class Own(Validated):
@@ -350,3 +336,62 @@ def test_a_key_that_a_statement_s_own_table_lacks_is_not_taken_for_an_output():
     ):
         told = refused(changed(Cart, invert=other, missing='y')().solve)
         assert told.endswith("'y' is in neither outputs() nor integrated()")
+
+
+def test_functions_may_write_into_what_they_are_given():
+    """Others got what one had changed, and were named for it."""
+
+    def derivative(self, x, u):
+        x[1] *= 2.0
+        return 0.5 * x[1], u[0], u[1], 0.5 * x[1]
+
+    def invert(self, y, z):
+        place, speed, _ = y.pop('x')
+        place -= 5.0
+        z['way'] += 1.0
+        return (place + 5.0, speed, y['yaw'][0], z['way'] - 1.0), (_, y['yaw'][1])
+
+    def margins(self, t, x, u):
+        t += 1.0
+        x[0] -= 9.0
+        return {'wall': 9.0 - x[0] + t}
+
+    changing = changed(Driven, derivative=derivative, invert=invert, margins=margins)()
+    assert check_problem(changing) == []
+    found = [made.solve(counted=True).cost for made in (changing, Driven())]
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+
+
+@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: made.solve()])
+@pytest.mark.parametrize('name', ['state_names', 'state_units', 'reserve', 'nodes', 'starts'])
+def test_what_a_property_of_a_statement_raises_is_told(name, reasons_of):
+    """That of a reserve was taken for none."""
+    failing = changed(Driven, **{name: property(lambda self: self.missing)})()
+    message = refused(lambda: reasons_of(failing))
+    assert message.startswith(f'{name} of Changed raises AttributeError in line ')
+    assert message.endswith("Changed has no 'missing'")
+
+
+@pytest.mark.parametrize(
+    ('change', 'told'),
+    [
+        ({'joints': lambda s: {'arm': (('x', 'vx'), ('yaw', 'way'))}}, 'joints must give every'),
+        (
+            {'joints': lambda s: {'arm': ('x', ('vx', 'yaw'))}},
+            "joints gives 'arm' the state '('vx",
+        ),
+        ({'joints': lambda s: {'arm': (s.way, 'vx')}}, 'joints of Changed raises AttributeError'),
+        ({'feedback_weights': lambda s: 1 / 0}, 'feedback_weights of Changed raises ZeroDivision'),
+    ],
+)
+def test_what_a_tracker_asks_a_statement_for_is_checked(change, told):
+    assert refused(lambda: check_problem(changed(Driven, **change)())).startswith(told)
+
+
+def test_a_state_that_invert_gives_another_sign_is_told_to_be_its():
+    def invert(self, y, z):
+        (x, *others), controls = Driven.invert(self, y, z)
+        return (-x, *others), controls
+
+    message = refused(changed(Driven, invert=invert)().solve)
+    assert message.endswith('must begin with self.start.x, and invert give it')

@@ -128,6 +128,21 @@ def test_a_large_table_costs_a_request_next_to_nothing():
     assert _kind(stated, numbers(stated.formulation)) != key
 
 
+def test_a_group_may_have_slots():
+    @dataclass(frozen=True, slots=True)
+    class Place:
+        x: float = parameter(1.0, 'place')
+
+    @dataclass(frozen=True)
+    class Placed(Cart):
+        place: Place = group(Place)
+
+        def running_cost(self, t, x, u):
+            return self.place.x * u[0] ** 2
+
+    assert Placed().solve(counted=True).cost == pytest.approx(1.5, rel=1e-3)
+
+
 def test_few_traces_are_kept_of_a_kind_whose_numbers_cannot_be_symbols():
     @dataclass(frozen=True)
     class Walled(Cart):
