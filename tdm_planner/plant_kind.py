@@ -180,13 +180,12 @@ def kind_of(problem: Formulation) -> PlantKind:
             "{'arm': ('angle', 'rate')}"
         )
     joints = [(name, *pair) for name, pair in given.items()]
-    for name, *pair in joints:
-        for state in pair:
-            if state not in problem.state_names:
-                raise InvalidProblem(
-                    f"joints gives '{name}' the state '{state}', which is not one of "
-                    + ', '.join(problem.state_names)
-                )
+    for name, state in [(name, state) for name, *pair in joints for state in pair]:
+        if state not in problem.state_names:
+            raise InvalidProblem(
+                f"joints gives '{name}' the state '{state}', which is not one of "
+                + ', '.join(problem.state_names)
+            )
     for name in {*given} & {*problem.state_names}.difference(*given.values()):
         raise InvalidProblem(
             f"joints gives the name '{name}' of a state that is in none of its pairs to other "

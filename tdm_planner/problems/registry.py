@@ -22,7 +22,7 @@ import re
 import sys
 from typing import Any
 
-from tdm_planner.exceptions import InvalidProblem, place_of
+from tdm_planner.exceptions import InvalidProblem, one_line, place_of
 from tdm_planner.parameters import suggestion
 from tdm_planner.problems.problem import Problem
 
@@ -105,7 +105,9 @@ def _load(name: str, address: str) -> type[Problem]:
             place, here = getattr(error.obj, '__file__', 'Python itself'), Path(f'{module}.py')
             if here.is_file() and str(here.absolute()) != place:
                 hint = f' (it is that of {place}: rename {here})'
-        raise InvalidProblem(f'{what}: {type(error).__name__}: {error}{hint}{where}') from error
+        raise InvalidProblem(
+            f'{what}: {type(error).__name__}: {one_line(error)}{hint}{where}'
+        ) from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise InvalidProblem(f'{what}: {attribute} does not derive from DirectProblem or Problem')
     problem: type[Problem] = found

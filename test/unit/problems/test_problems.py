@@ -170,6 +170,7 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
     (tmp_path / 'absent_cart.py').write_text('import absent\n')
     (tmp_path / 'ended_cart.py').write_text('import sys\nsys.exit(3)\n')
     (tmp_path / 'calendar.py').write_text('')
+    (tmp_path / 'wordy_cart.py').write_text("raise ValueError('no\\nwheels')\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, 'path', [*sys.path, str(tmp_path)])
     assert load_problem('pendulum_swing_up') is PendulumSwingUp
@@ -189,6 +190,7 @@ def test_the_packages_own_and_another_packages_are_loaded_or_refused(tmp_path, m
         ('broken', 'ZeroDivisionError: division by zero'),
         ('nowhere:Cart', r"No module named 'nowhere' \(write module:Class, and run it in"),
         ('ended_cart:Cart', r'SystemExit: 3 in line 2 of ended_cart.py, `sys.exit\(3\)`$'),
+        ('wordy_cart:Cart', 'ValueError: no wheels in line 1 of wordy_cart.py'),
         ('calendar:Cart', r'\(it is that of /.*/calendar.py: rename calendar.py\)$'),
         ('absent_cart:Cart', "'absent' in line 1 of absent_cart.py, `import absent`$"),
     ):
