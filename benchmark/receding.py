@@ -12,15 +12,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+from tdm_planner.arrays import Array
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.execution import Observation, TimedPlan
 from tdm_planner.replanning.replanner import PublishedPlans, Replanner, Review
 from tdm_planner.tracking.motion import Command, ObservedPhase, TrajectoryRejected
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_sim.study.flights import CommandedPlant
+from tdm_sim.simulation import SimulatedPlant
+from tdm_sim.study.flights import plant_of
 
 _ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers
+
+
+class CommandedPlant(NamedTuple):
+    """A simulated plant, and the tracker that commands it."""
+
+    tracker: TrajectoryTracker
+    plant: SimulatedPlant
+
+
+def tracked(
+    tracker: TrajectoryTracker, initial: Array, mismatch: float, noise: float, seed: int
+) -> CommandedPlant:
+    """Return a tracker with its simulated plant, which `plant_of` makes."""
+    return CommandedPlant(tracker, plant_of(tracker, initial, mismatch, noise, seed))
 
 
 @dataclass

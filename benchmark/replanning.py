@@ -30,7 +30,7 @@ import math
 from typing import Any
 
 from benchmark.measuring import counted
-from benchmark.receding import RecedingHorizon
+from benchmark.receding import RecedingHorizon, tracked
 from benchmark.scenarios import (
     ARRIVED,
     crossing_of,
@@ -55,7 +55,7 @@ from tdm_planner.replanning.swing_up_execution import SwingUpExecution
 from tdm_planner.tracking.motion import Phase, ReplanOnDeviation
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
-from tdm_sim.study.flights import tracked, tracker_of
+from tdm_sim.study.flights import tracker_of
 
 REVIEWS = ReplanParameters(rate=5.0)
 TORQUE, RESERVE, PUSH = 0.02, 0.3, 0.3

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import functools
 import math
 
+from benchmark.receding import CommandedPlant, tracked
 import numpy as np
 from tdm_planner.arrays import wrapped
 from tdm_planner.parameters import build
@@ -22,7 +23,6 @@ from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrac
 from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.study.flights import CommandedPlant, tracked
 
 WEAK, STRONG = 0.02, 0.09  # N m
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tdm_planner.arrays import Array
@@ -54,13 +54,6 @@ class ClosedLoop(Validated):
     rate: float = positive(TrackerParameters.rate, 'rate of the commands', 'Hz')
 
 
-class CommandedPlant(NamedTuple):
-    """A simulated plant, and the tracker that commands it."""
-
-    tracker: TrajectoryTracker
-    plant: SimulatedPlant
-
-
 def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mission:
     """
     Return the flight of one seed along a plan, and beyond its end for as long as it is judged.
@@ -74,7 +67,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
     ticks = math.ceil((solution.duration + after) * how.rate)
     for number, (name, plan) in enumerate(plans.items()):
         tracker, own_seed = tracker_of(problem, rate=how.rate), len(plans) * seed + number
-        plant = tracked(tracker, plan.states[0], how.mismatch, 1.0, own_seed).plant
+        plant = plant_of(tracker, plan.states[0], how.mismatch, 1.0, own_seed)
         interval = tracker.parameters.interval
         times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
         states, controls = [plant.state], []
@@ -110,11 +103,11 @@ def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:
     raise InvalidProblem(f"problem '{problem.name}' cannot be flown: no tracker of it is known")
 
 
-def tracked(
+def plant_of(
     tracker: TrajectoryTracker, initial: Array, mismatch: float, noise: float, seed: int
-) -> CommandedPlant:
+) -> SimulatedPlant:
     """
-    Return a tracker with a simulated plant in state `initial` (nx,), reproducible by its `seed`.
+    Return the simulated plant of a tracker in state `initial` (nx,), reproducible by its `seed`.
 
     The plant's constants and actuator gains differ from the tracker's by up to `mismatch`; `noise`
     is that of its sensors, relative to what the estimator assumes.
@@ -132,7 +125,7 @@ def tracked(
         actuators['largest_step'] = 5e-3
     sensors = noise * tracker.estimator.noise.measurement[: initial.size]
     setup = PlantSetup(plant, initial, noise=sensors, **actuators)
-    return CommandedPlant(tracker, SimulatedPlant(setup, seed))
+    return SimulatedPlant(setup, seed)
 
 
 def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import math
 
 from brachistochrone import Brachistochrone, cycloid_time
-from closed_loop import Loop
+from closed_loop import Loop, tracked
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -27,7 +27,7 @@ from tdm_planner.problems.direct.minima import DirectMinima
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
-from tdm_sim.study.flights import tracked, tracker_of
+from tdm_sim.study.flights import tracker_of
 
 POSTS = ((3.5, 0.2), (7.0, -0.2), (10.5, 0.2))
 FREE, KEPT = ({'free': n, 'derivatives': 1} for n in (9, 6))
