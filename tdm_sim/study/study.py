@@ -107,7 +107,9 @@ def run(
             done = len(rows.found)
             kept = f', {done} of which are there' if done else ''
             say.phase(f'planning {len(points)} times{kept}')
-            with workers(scheduler, processes) as client:
+            with workers(scheduler, processes, kind.__module__) as client:
+                if not client.nthreads():
+                    say.phase('waiting for workers: the scheduler has none')
                 lost = _row(PlannerFault.code, 'every process that computed it died')
                 results = each(client, trial, [points[row] for row in left], lambda _: lost)
                 _collect(rows, points, ((left[k], row) for k, row in results), say)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from itertools import islice
 import logging
 from multiprocessing import resource_tracker
@@ -17,6 +18,7 @@ from typing import TypeVar
 
 import dask
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
+from distributed.client import FutureCancelledError
 from tdm_planner.exceptions import InvalidProblem
 
 Argument = TypeVar('Argument')
@@ -27,16 +29,19 @@ _CONNECTED = 10  # s in which a scheduler must answer
 
 
 @contextmanager
-def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[Client]:
+def workers(
+    scheduler: str | None = None, count: int | None = None, module: str = __name__
+) -> Iterator[Client]:
     """
     Start a pool of workers: one process a core, `count` of them, or those of a Dask cluster.
 
-    `scheduler` is the cluster's, ``HOST:PORT``. Local processes are ended at the end, and listen
-    on this machine only.
+    `scheduler` is the cluster's, ``HOST:PORT``; its workers must have the `module` of the work.
+    Local processes are ended at the end, and listen on this machine only.
 
-    Raise InvalidProblem if no scheduler answers there.
+    Raise InvalidProblem if no scheduler answers there, or a worker lacks the module.
     """
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # what is lost is done again
+    for name in ('distributed', 'distributed.client'):  # what is lost is done again, or told
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
             address = scheduler if '://' in scheduler else f'tcp://{scheduler}'
@@ -46,6 +51,13 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
                 f"scheduler '{scheduler}' does not answer: must be HOST:PORT of a Dask scheduler"
             ) from None
         with client:
+            try:
+                client.run(import_module, module)  # its absence would end the process with a task
+            except ImportError as error:
+                raise InvalidProblem(
+                    f"the workers of scheduler '{scheduler}' cannot import '{module}': {error}; "
+                    "they must have it installed, or its folder in 'PYTHONPATH'"
+                ) from None
             yield client
         return
     with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
@@ -78,18 +90,23 @@ def each(
     Yield the index of every argument and the result of `work`, in the order of completion.
 
     The task of a worker that died goes to another. For an argument that ends every worker, `lost`
-    gives the result; without it `KilledWorker` is raised.
+    gives the result; without it `KilledWorker` is raised. Raise InvalidProblem if the scheduler
+    is gone.
     """
     numbers: dict[Future, int] = {}
     running, waiting = as_completed(loop=client.loop), enumerate(arguments)
+    most = 0
 
-    def start(count: int) -> None:
-        for number, argument in islice(waiting, count):
+    def start() -> None:
+        nonlocal most
+        if not most or client.cluster is None:  # a cluster elsewhere may get more workers
+            most = max(most, _AHEAD * (sum(client.nthreads().values()) or 1))
+        for number, argument in islice(waiting, most - len(numbers)):
             future = client.submit(work, argument, pure=False)
             numbers[future] = number
             running.add(future)
 
-    start(_AHEAD * (sum(client.nthreads().values()) or 1))
+    start()
     for future in running:
         number = numbers.pop(future)
         try:
@@ -98,8 +115,12 @@ def each(
             if lost is None:
                 raise
             result = lost(arguments[number])
+        except FutureCancelledError:
+            raise InvalidProblem(
+                'the Dask scheduler is gone: start one, and the same command goes on from here'
+            ) from None
         future.release()
-        start(1)
+        start()
         yield number, result
 
 

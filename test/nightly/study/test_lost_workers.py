@@ -3,6 +3,7 @@
 
 """A worker that dies, and Ctrl-C, lose nothing of a study."""
 
+from collections.abc import Callable
 from functools import partial
 import json
 import os
@@ -12,10 +13,14 @@ import subprocess
 import sys
 import time
 
+from distributed import LocalCluster
 import psutil
 from pyarrow import csv
+import pytest
 from ros_harness import PATIENCE, SOURCE
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import PendulumSwingUp
+from tdm_sim.progress import Progress
 from tdm_sim.study import Axis, each, run, workers
 from tdm_sim.study.axes import points_of
 from tdm_sim.study.study import ROWS, Trial
@@ -43,6 +48,37 @@ def test_the_workers_of_a_cluster_do_it_as_well():
         table = run('pendulum_swing_up', {'start.theta': [1.0, 2.0]}, scheduler=address)
     trial = Trial(PendulumSwingUp)
     assert table['cost'].to_pylist() == [trial({'start.theta': x})['cost'] for x in (1.0, 2.0)]
+
+
+class Told(Progress):
+    """Calls `then` when it is told that there are no workers."""
+
+    def __init__(self, then: Callable[[], None]) -> None:
+        super().__init__(quiet=True)
+        self.then = then
+
+    def phase(self, text: str) -> None:
+        if text == 'waiting for workers: the scheduler has none':
+            self.then()
+
+
+def test_a_cluster_gets_its_workers_later_and_must_have_the_statement(tmp_path, monkeypatch):
+    own = {'n_workers': 0, 'threads_per_worker': 1, 'dashboard_address': None}
+    with LocalCluster(**own, local_directory=str(tmp_path / 'scratch')) as cluster:
+        address = cluster.scheduler_address
+        over, told = {'start.theta': [1.0, 2.0, 3.0, 3.1]}, Told(lambda: cluster.scale(1))
+        assert run('pendulum_swing_up', over, scheduler=address, progress=told).num_rows == 4
+        (tmp_path / 'absent.py').write_text('from stated import Cart\n\n\nclass Own(Cart): ...\n')
+        monkeypatch.syspath_prepend(tmp_path)
+        with pytest.raises(InvalidProblem, match="cannot import 'absent': No module named"):
+            run('absent:Own', {'limit': [9.0]}, scheduler=address)
+        with workers(address) as client:  # whose process the absent module has not ended
+            assert dict(each(client, abs, [-1, -2])) == {0: 1, 1: 2}
+            results = each(client, abs, range(20))
+            next(results)
+            cluster.close()
+            with pytest.raises(InvalidProblem, match='the Dask scheduler is gone'):
+                list(results)
 
 
 def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
