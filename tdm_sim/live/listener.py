@@ -127,7 +127,8 @@ class Listener:
         now = time.monotonic()
         for status in message.status:
             name, _, role = status.name.partition(': ')
-            if not name.startswith(f'{self.space}/') or role not in ROLES:
+            other = role == PLANNING and name.rpartition('/')[0] != self.space
+            if not name.startswith(f'{self.space}/') or role not in ROLES or other:
                 continue
             known = self.nodes.get(name)
             if known is None or known.silent:

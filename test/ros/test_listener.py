@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ros_harness import Space
+from stated import Cart
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of
@@ -175,6 +176,27 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen, tmp_path):
     finally:
         page.close()
         server.stop()
+
+
+def test_the_plan_of_another_plant_before_is_not_shown(seen):
+    assert 'upright' in seen.told(seen.operations.plan)
+    assert seen.ros.spin_until(seen.rig.move)
+    values = {'problem': 'stated:Cart', **Cart().to_parameters()}
+    assert seen.rig.follow(values)  # of a planner that was started in the same namespace
+    assert not seen.rig.move()
+    assert seen.rig.plan is None
+
+
+def test_a_planner_below_the_namespace_is_not_its_planner(seen):
+    above = Listener('/', seen.ros._context)
+    seen.ros._executor.add_node(above.node)
+    try:
+        assert seen.ros.spin_until(lambda: bool(above.having(SIMULATION)))
+        seen.ros.spin_for(1.5)
+        assert above.having(PLANNING) == []
+    finally:
+        seen.ros._executor.remove_node(above.node)
+        above.close()
 
 
 def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen):
