@@ -36,7 +36,7 @@ from std_msgs.msg import String
 from tdm_planner.exceptions import ERRORS, InvalidProblem, NoAnswer, TdmError
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
-from tdm_planner.nodes.runtime import fault_of
+from tdm_planner.nodes.runtime import check_namespace
 from tdm_planner.parameters import flatten, shown
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import joined, SECOND, Trajectory
@@ -89,8 +89,7 @@ class PlanClient:
 
     def __init__(self, namespace: str = '', *, node: Node | None = None) -> None:
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
-        if why := fault_of(f'{self._prefix}plan_with'):
-            raise InvalidProblem(f"namespace = '{namespace}' is not allowed: {why}")
+        check_namespace(namespace, 'namespace')
         self._context: rclpy.Context | None = None
         if node is None:
             self._context = rclpy.Context()

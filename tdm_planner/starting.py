@@ -46,20 +46,10 @@ NO_ROS = (
     'in the source tree'
 )
 # Packages that must be there, and what pip calls them.
-REQUIRED = {
-    'casadi': 'casadi',
-    'daqp': 'daqp',
-    'matplotlib': 'matplotlib',
-    'mcap': 'mcap',
-    'numba': 'numba',
-    'numpy': 'numpy',
-    'plotly': 'plotly',
-    'rich': 'rich',
-    'rosbags': 'rosbags',
-    'scipy': 'scipy',
-    'yaml': 'PyYAML',
-    'zstandard': 'zstandard',
-}
+REQUIRED = {name: name for name in (
+    'casadi', 'daqp', 'matplotlib', 'mcap', 'numba', 'numpy', 'plotly', 'rich', 'rosbags', 'scipy',
+    'zstandard',
+)} | {'yaml': 'PyYAML'}  # fmt: skip
 
 
 def begin() -> None:

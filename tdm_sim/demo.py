@@ -23,13 +23,14 @@ from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
+from tdm_planner.nodes.reading import Level
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import make_folder, save_plan, UnusableFile, VEHICLE_FIGURES
 from tdm_planner.starting import uninterrupted
 from tdm_sim.processes import make_scene, NodeProcesses, nodes_run, Scene
 from tdm_sim.progress import printing, Progress
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.mission import Mission, Severity
+from tdm_sim.report.mission import Mission
 from tdm_sim.report.page import write_report
 from tdm_sim.report.reader import read_mission
 from tdm_sim.report.tables import figures
@@ -111,7 +112,7 @@ def run_demo(
 
 def _unjudged(mission: Mission) -> tuple[str, ...]:
     """Say what there is no verdict for: what is missing, and the last error of a node."""
-    errors = [f'{e.source}: {e.text}' for e in mission.events if e.level >= Severity.ERROR]
+    errors = [f'{e.source}: {e.text}' for e in mission.events if e.level >= Level.ERROR]
     return 'too little was recorded to judge it', *mission.missing, *errors[-1:]
 
 

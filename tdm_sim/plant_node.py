@@ -26,10 +26,10 @@ from tdm_planner.arrays import Array
 from tdm_planner.drawing import Drawn
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
+from tdm_planner.nodes.diagnostics import Diagnostics, PublisherCount, Report
 from tdm_planner.nodes.markers import MARKER_DEPTH, MARKER_RATE, Picture
 from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry, QUEUE
-from tdm_planner.nodes.reading import read_command
+from tdm_planner.nodes.reading import Level, read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode, WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic
 from tdm_planner.parameters import (

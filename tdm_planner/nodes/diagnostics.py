@@ -7,23 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from tdm_planner.nodes.clocks import steady_timer
+from tdm_planner.nodes.reading import Level
 
 TOPIC = '/diagnostics'
 PERIOD = 1.0  # s
-
-
-class Level(IntEnum):
-    """Levels of a diagnostic status, as DiagnosticStatus numbers them."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import Failure, TdmError
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.diagnostics import Diagnostics, Report
+from tdm_planner.nodes.reading import Level
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameters import ParameterSpec, specifications

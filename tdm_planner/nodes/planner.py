@@ -20,10 +20,11 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem, NoState
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, steady_timer, watch_set_back
-from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
+from tdm_planner.nodes.diagnostics import PublisherCount, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import await_trackers, make_plan, PlanQueue, Replanning
+from tdm_planner.nodes.reading import Level
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import Recovery
@@ -241,11 +242,6 @@ class Planner(ManagedNode):
 
     # The active plan.
 
-    @property
-    def _newest_plan(self) -> TimedPlan | None:
-        """Return the newest plan of this planner."""
-        return self._adapter.plans.newest
-
     def _follow(self, start: tuple[int, float] | None) -> None:
         """Expect trackers to follow the plan that starts then [ns, s]; None: none of ours."""
         self._expected, self._unfollowed = start, ''
@@ -268,11 +264,11 @@ class Planner(ManagedNode):
         """Recover the plan that the trackers follow, if there is one."""
         # Before the first message on /clock no instant is known.
         ready = self.active and self._time.runs
-        if self._newest_plan is not None or not (found := self._recovery.look(ready)):
+        if self._adapter.plans.newest is not None or not (found := self._recovery.look(ready)):
             return
 
         def done(outcome: TimedPlan | Exception) -> None:
-            if self._newest_plan is not None:
+            if self._adapter.plans.newest is not None:
                 return
             self._publish_or_report(Request(title='cannot recover the active plan'), outcome)
             if isinstance(outcome, TimedPlan):
@@ -298,7 +294,7 @@ class Planner(ManagedNode):
         if not (self.get_clock().ros_time_is_active and self.configured):
             return
         self._queue.cancel(NoState('simulated time was set back before there was a plan'))
-        if self._newest_plan is None:
+        if self._adapter.plans.newest is None:
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
         self._adapter.forget_plans()
@@ -308,7 +304,7 @@ class Planner(ManagedNode):
 
     def report(self) -> Report:
         """Return state, figures of the active plan, ages of the measured states."""
-        now, plan = self._time.now(), self._newest_plan
+        now, plan = self._time.now(), self._adapter.plans.newest
         values: dict[str, Any] = {
             'problem': self.parameter_values['problem'],
             'requests': self._requests,
@@ -333,7 +329,7 @@ class Planner(ManagedNode):
             return Level.WARN, '; '.join(told)
         if not self._prepared:
             return Level.OK, 'preparing'
-        if self._newest_plan is None:
+        if self._adapter.plans.newest is None:
             return Level.OK, 'ready'
         return Level.OK, f'plan {self._plan_id} active'
 

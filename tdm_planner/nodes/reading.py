@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from enum import IntEnum
 import math
 from typing import Any
 
@@ -27,6 +28,15 @@ _UNIT_TOLERANCE, _LEANING = 1e-3, 0.1  # of a quaternion: of its length, and its
 _FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 _FIT, _RESTING = 0.1, 1e-6  # share of a state's largest rate that is no fit; rates at rest
 _RATES = ('velocities', 'accelerations', 'effort')  # where the rates of those that are states are
+
+
+class Level(IntEnum):
+    """Levels of a diagnostic status, as DiagnosticStatus numbers them."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
 
 
 def nanoseconds_of(message: Any) -> int:

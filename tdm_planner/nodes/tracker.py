@@ -25,11 +25,11 @@ from std_srvs.srv import Trigger
 from tdm_planner.arrays import Array
 from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
-from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
+from tdm_planner.nodes.diagnostics import PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
-from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.reading import Level, nanoseconds_of, read_plan
 from tdm_planner.nodes.ros_parameters import WARNING_PERIOD
 from tdm_planner.nodes.runtime import check_topic, run
 from tdm_planner.nodes.tracker_plans import PlanIntake, TrackerStatus

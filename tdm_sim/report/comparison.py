@@ -12,7 +12,8 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from tdm_sim.report.mission import Mission, RecordedVehicle, Severity
+from tdm_planner.nodes.reading import Level
+from tdm_sim.report.mission import Mission, RecordedVehicle
 from tdm_sim.report.signals import Margin, ROUNDING, Signals, smallest
 from tdm_sim.report.verdict import arrival, goal_errors, held_from, HOLD_TIME, judge, Verdict
 
@@ -197,14 +198,14 @@ def _planner(mission: Mission) -> Iterator[Entry]:
 
 def _errors(mission: Mission) -> int:
     """Count the errors since the motion started, and those that still lasted then."""
-    said_last: dict[str, Severity] = {}
+    said_last: dict[str, Level] = {}
     count = 0
     for event in mission.events:
         if mission.is_early(event):
             said_last[event.source] = event.level
         else:
-            count += event.level >= Severity.ERROR
-    return count + sum(level >= Severity.ERROR for level in said_last.values())
+            count += event.level >= Level.ERROR
+    return count + sum(level >= Level.ERROR for level in said_last.values())
 
 
 def missed_deadlines(mission: Mission) -> int:

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
 from functools import cached_property
 import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 from tdm_planner.arrays import Array
+from tdm_planner.nodes.reading import Level
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Sample, TimedTrajectory
@@ -167,20 +167,11 @@ class PlanFigures:
     document: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Severity(IntEnum):
-    """Severity of an event, numbered like the levels of a diagnostic status."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
-
-
 class Event(NamedTuple):
     """Something a node reported: a rejected plan, a new one, a missed deadline, an error."""
 
     time: float
-    level: Severity
+    level: Level
     source: str
     text: str
 

@@ -23,11 +23,12 @@ import re
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import Level
 from tdm_planner.plan_files import write_file
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, chart_json, mission_charts, points_per_curve
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.mission import Mission, Severity
+from tdm_sim.report.mission import Mission
 from tdm_sim.report.tables import card, events_table, summary_table
 
 _SCRIPTS = ('scene.js', 'charts.js', 'report.js')
@@ -159,7 +160,7 @@ def _missing(sentences: Iterable[str]) -> str:
 def _details(mission: Mission) -> str:
     parts = []
     if mission.events:
-        grave = [event for event in mission.events if event.level != Severity.OK]
+        grave = [event for event in mission.events if event.level != Level.OK]
         early = sum(map(mission.is_early, grave))
         count = f'{len(mission.events)} events, {len(grave)} of them warnings or errors'
         count += f' ({early} before the motion)' if early else ''

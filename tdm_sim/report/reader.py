@@ -13,12 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.nodes.reading import Level
 from tdm_planner.plan_files import load_plan, UnusableFile, vehicles
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.mission import Event, Mission, PlanFigures, RecordedVehicle, Severity
+from tdm_sim.report.mission import Event, Mission, PlanFigures, RecordedVehicle
 from tdm_sim.report.recorded_topics import (
     DIAGNOSTICS,
     read_topics,
@@ -219,15 +219,14 @@ def events(topics: RecordedTopics, namespace: str, origin: int) -> tuple[list[Ev
 
 
 def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
-    last: dict[str, tuple[Severity, str]] = {}
+    last: dict[str, tuple[Level, str]] = {}
     for _, item in topics.of_type(DIAGNOSTICS):
-        instant = nanoseconds_of(item.message.header.stamp) or item.stamp
         for status in item.message.status:
-            level = Severity(min(max(int(status.level), 0), 3))
+            level = Level(min(max(int(status.level), 0), 3))
             source = untrusted.text(status.name.split(':')[0], 200)
             now = level, untrusted.text(status.message)
             own = source.startswith(f'{namespace.rstrip("/")}/')
-            passing = level == Severity.OK and (now[1] in _PASSING or not own)
+            passing = level == Level.OK and (now[1] in _PASSING or not own)
             if not passing and last.get(source) != now:
                 last[source] = now
-                yield Event((instant - origin) * NANOSECOND, level, source, now[1])
+                yield Event((item.instant - origin) * NANOSECOND, level, source, now[1])

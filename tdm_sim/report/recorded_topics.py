@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.typesys import get_typestore, Stores
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report import untrusted
 import zstandard
@@ -59,6 +60,11 @@ class Received(NamedTuple):
 
     message: Any
     stamp: int
+
+    @property
+    def instant(self) -> int:
+        """When it was sent [ns]; a stamp of zero means now, as usual in ROS: when it came."""
+        return nanoseconds_of(self.message.header.stamp) or self.stamp
 
 
 @dataclass(eq=False)

@@ -162,11 +162,11 @@ def choose(sites: Sequence[Site], namespace: str | None) -> list[Site]:
 def first_measured(topics: RecordedTopics, sites: Sequence[Site]) -> int:
     """Return the instant [ns] of the first measurement; 0 if there is none."""
     found = [
-        topics.first(f'{site.namespace}/{name}', kind)
+        next(topics.messages(f'{site.namespace}/{name}', kind), None)
         for site in sites
         for name, kind in (('joint_states', JOINT_STATE), ('odom', ODOMETRY))
     ]
-    return min((nanoseconds_of(m.header.stamp) for m in found if m is not None), default=0)
+    return min((received.instant for received in found if received is not None), default=0)
 
 
 def recorded_vehicle(
@@ -204,14 +204,14 @@ def _read(
 ) -> list[Row]:
     """Return times from `origin` [ns] and what `readers` find of messages, in order of time."""
     found, strange = list[tuple[int, dict[str, float]]](), 0
-    for message, stamp in topics.messages(name, kind):
+    for received in topics.messages(name, kind):
         values: dict[str, float] = {}
         for number, read in enumerate(readers):
             try:
-                values |= read(message)
+                values |= read(received.message)
             except InvalidProblem:
                 strange += number == 0  # not all joint states tell of efforts
-        found.append((nanoseconds_of(message.header.stamp) or stamp, values))
+        found.append((received.instant, values))
     if found:
         topics[name].strange = strange
         found.sort(key=itemgetter(0))
@@ -272,8 +272,8 @@ def read_plans(
     """
     namespace = site.namespace
     published = topics.messages(f'{namespace}/trajectory', PLAN)
-    plans = [item.message for item in published if len(item.message.points)]  # empty: dropped
-    motions = {nanoseconds_of(message.header.stamp): message for message in plans}
+    plans = [item for item in published if len(item.message.points)]  # empty: dropped
+    motions = {item.instant: item.message for item in plans}
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
         notes.append(

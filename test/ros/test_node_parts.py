@@ -21,10 +21,11 @@ from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.exceptions import Busy, Failure
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.diagnostics import Diagnostics, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.planning import PlanQueue
+from tdm_planner.nodes.reading import Level
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import ATTEMPTS, create_plan_service, Request
 from tdm_planner.nodes.tracker_plans import goal_status, TrackerWatch

@@ -387,10 +387,10 @@ def test_a_folder_that_a_user_may_not_use_gets_a_sentence(command, mode, told, f
 def test_a_demo_without_a_verdict_says_why_there_is_none():
     pytest.importorskip('rclpy')
     from tdm_sim.demo import _unjudged
-    from tdm_sim.report.mission import Event, Mission, Severity
+    from tdm_sim.report.mission import Event, Level, Mission
 
     told = 'stopped: the state is 0.5 away from the trajectory at its start'
-    events = Event(0.1, Severity.ERROR, '/rig/tracker', told), Event(0.2, Severity.OK, 'rig', '')
+    events = Event(0.1, Level.ERROR, '/rig/tracker', told), Event(0.2, Level.OK, 'rig', '')
     mission = Mission('rig', (), events=events, missing=('There is no plan of rig.',))
     expected = 'too little was recorded', 'There is no plan of rig.', f'/rig/tracker: {told}'
     for line, part in zip(_unjudged(mission), expected, strict=True):

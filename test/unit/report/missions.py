@@ -98,8 +98,8 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         found = {'states': states, 'commands': applied, 'applied': applied}
     view = PendulumView(problem=PendulumSwingUp.from_parameters(PENDULUM_PARAMETERS))
     events = (
-        parts.Event(-0.5, parts.Severity.OK, '/pendulum/planner', 'plan 1 active'),
-        parts.Event(1.25, parts.Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
+        parts.Event(-0.5, parts.Level.OK, '/pendulum/planner', 'plan 1 active'),
+        parts.Event(1.25, parts.Level.WARN, '/pendulum/tracker', 'late by 3 ms'),
     )
     vehicle = RecordedVehicle('pendulum', view, (FollowedPlan(plan, 0.0),), **found)
     figures = parts.PlanFigures(2.0, summary='upright after 2 s')

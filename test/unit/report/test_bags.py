@@ -22,7 +22,7 @@ from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report.comparison import compare
-from tdm_sim.report.mission import Severity
+from tdm_sim.report.mission import Level
 from tdm_sim.report.reader import read_mission
 from trajectory_msgs.msg import JointTrajectory
 
@@ -108,6 +108,19 @@ def test_values_that_are_not_finite_and_stamps_of_another_time_are_left_out(read
     assert -1.1 < mission.span[0] < mission.span[1] < 4.1
 
 
+@pytest.mark.parametrize('left_out', [('trajectory', 'plan_summary'), ('plan_summary',)])
+def test_a_stamp_of_zero_is_the_time_at_which_it_was_recorded(read: Any, left_out: tuple) -> None:
+    items = [i for i in pendulum_recording() if i.topic.rpartition('/')[2] not in left_out]
+    for item in items:
+        item.message.header.stamp = to_stamp(0)
+    mission = read(items)
+    planned = 'trajectory' not in left_out
+    assert len(mission.vehicles[0].plans) == planned
+    begun = min(item.stamp for item in items if 'traj' in item.topic or not planned)
+    assert mission.recorded_at == pytest.approx(begun * 1e-9)
+    assert -10.0 < mission.span[0] <= 0.0 < mission.span[1] < 10.0
+
+
 def test_summaries_that_cannot_be_read_are_told_of(read: Any) -> None:
     nested, huge = String(data='[' * 100_000), missions.summary(after(0.1), 'x', {}, cost=10**400)
     wrong = missions.summary(after(0.1), 'x', {}, vehicles={'a': [1]})
@@ -165,9 +178,9 @@ def test_events_are_told_once_and_in_order(read: Any) -> None:
     items.append(said(0.7, 2, 'a stranger is ill', '/camera'))
     mission = read(items)
     assert [(round(e.time, 3), e.level, e.text) for e in mission.events] == [
-        (-0.8, Severity.WARN, 'NO_STATE: none'),
-        (-0.5, Severity.OK, 'plan 1 active'),
-        (0.7, Severity.ERROR, 'a stranger is ill'),
+        (-0.8, Level.WARN, 'NO_STATE: none'),
+        (-0.5, Level.OK, 'plan 1 active'),
+        (0.7, Level.ERROR, 'a stranger is ill'),
     ]
 
 

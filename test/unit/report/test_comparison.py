@@ -17,7 +17,7 @@ from tdm_planner.trajectory import Sample, Trajectory
 from tdm_sim import demo
 from tdm_sim.report import mission
 from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
-from tdm_sim.report.mission import Event, FollowedPlan, Mission, PlanFigures, Severity
+from tdm_sim.report.mission import Event, FollowedPlan, Level, Mission, PlanFigures
 from tdm_sim.report.signals import Signals
 from tdm_sim.report.tables import figures as figures_of
 from tdm_sim.report.verdict import judge
@@ -194,9 +194,9 @@ def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
 
 def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     events = (
-        Event(0.0, Severity.WARN, '/p/planner', 'DEADLINE: no plan within 0.5 s'),
-        Event(0.2, Severity.ERROR, '/p/tracker', 'idle'),
-        Event(0.3, Severity.WARN, '/p/planner', 'NO_STATE: none'),
+        Event(0.0, Level.WARN, '/p/planner', 'DEADLINE: no plan within 0.5 s'),
+        Event(0.2, Level.ERROR, '/p/tracker', 'idle'),
+        Event(0.3, Level.WARN, '/p/planner', 'NO_STATE: none'),
     )
     times = enumerate((0.3, 0.6, 0.9, 0.2))
     figures = tuple(PlanFigures(solve_time=s, late=k > 1) for k, s in times)
@@ -212,8 +212,8 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
     assert told['missed deadlines'] == ['', '4']
     # those of nodes that wait for each other are not
     early = (
-        Event(-3.0, Severity.ERROR, '/p/tracker', 'idle: no state has been received yet'),
-        Event(-1.0, Severity.OK, '/p/tracker', 'waiting'),
+        Event(-3.0, Level.ERROR, '/p/tracker', 'idle: no state has been received yet'),
+        Event(-1.0, Level.OK, '/p/tracker', 'waiting'),
     )
     mission = replace(swing_up(), events=early)
     planless = with_first(mission, plans=())
@@ -227,7 +227,7 @@ def test_a_demo_on_too_slow_a_computer_is_told_what_helps() -> None:
     tracker.observe(np.array([math.pi, 0.0, 0.0, 0.0]), 0.0)
     tracker.accept(swing_up().vehicles[0].plans[0].trajectory, 0.05, 0.0)
     text = tracker.command(1.0).problem
-    late = [Event(at, Severity.ERROR, '/p/tracker', text) for at in (-1.0, 0.2, 0.4)]
+    late = [Event(at, Level.ERROR, '/p/tracker', text) for at in (-1.0, 0.2, 0.4)]
     mission = replace(swing_up(), events=tuple(late))
     told = "states came too late (older than state_timeout) 2 times: '--speed 0.5' gives"
     assert demo._advice(mission, 1.0).startswith(told)
