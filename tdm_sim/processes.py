@@ -309,7 +309,9 @@ def make_scene(plant: str, parameters: Path | None = None) -> Scene:
     kind = load_problem(SHORT_NAMES.get(plant, plant))
     space = f'/{plant if built_in else kind.name}'
     file = parameters or (config_file(f'{plant}.yaml') if built_in else None)
-    values = read_parameters(file, namespace=space if built_in else None, required=built_in)
+    alone = () if built_in else ('tracker', 'plant')  # that a file may be for
+    theirs = [read_parameters(file, (), node, space, required=False) for node in alone]
+    values = read_parameters(file, namespace=space, required=not any(theirs))
     check_file_is_for(SHORT_NAMES.get(plant, plant), values, file)
     if plant == 'robots':
         planner, *others = robot_nodes(values)

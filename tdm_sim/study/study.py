@@ -14,6 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import timedelta
+from hashlib import sha256
+from inspect import getfile
 import io
 import json
 from pathlib import Path
@@ -96,6 +98,7 @@ def run(
     statement = {  # the same statement gives the same rows
         'version': __version__,
         'problem': named,
+        'source': _source_of(kind),
         'parameters': shared,
         'over': {axis.name: list(axis.values) for axis in axes},
         'closed_loop': closed_loop and asdict(closed_loop),
@@ -123,6 +126,13 @@ def run(
         say.phase(f'drawing {folder}')
         _show(folder, found, axes, trial)
     return found
+
+
+def _source_of(problem: type[Problem]) -> str:
+    """Return a checksum of the file that states a problem, '' in notebooks."""
+    with suppress(OSError, TypeError):
+        return sha256(Path(getfile(problem)).read_bytes()).hexdigest()
+    return ''
 
 
 def _collect(rows: Rows, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:
@@ -202,7 +212,8 @@ class Rows:
             raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
         if stated != self._asked:
             raise UnusableFile(
-                f"the folder '{path.parent}' holds another study (see {ROWS}): name another one"
+                f"the folder '{path.parent}' holds another study, or one of a statement that was "
+                f'edited since (see {ROWS}): name another one'
             )
         for line in lines:
             with suppress(ValueError):  # it was cut off

@@ -40,7 +40,7 @@ from tdm_planner.starting import Interrupted
 from tdm_sim import demo, recorder
 from tdm_sim.bag_writer import BagWriter, definition_and_hash, MOST_OPEN
 from tdm_sim.demo import DemoFailed, NamespaceTaken
-from tdm_sim.processes import ProcessFailed, speed_settings
+from tdm_sim.processes import make_scene, ProcessFailed, speed_settings
 from tdm_sim.progress import Progress as Lines
 from tdm_sim.recorder import (
     Figures,
@@ -276,6 +276,16 @@ def test_a_demo_clears_what_a_demo_has_left_and_nothing_else(foreign, tmp_path):
     with pytest.raises(UnusableFile, match='holds') if foreign else nullcontext():
         demo._prepare_folder(tmp_path)
     assert set(tmp_path.rglob('*')) == (before if foreign else {tmp_path / 'log'})
+
+
+def test_a_parameter_file_for_another_namespace_is_refused(tmp_path):
+    file = tmp_path / 'rig.yaml'
+    sections = {'/rig/planner': True, '/cart/planner': False, '/**/plant': False}
+    for section, refused in sections.items():
+        file.write_text(f'{section}: {{ros__parameters: {{limit: 3.0}}}}\n')
+        with pytest.raises(InvalidProblem, match='/cart/planner') if refused else nullcontext():
+            scene = make_scene('stated:Cart', file)
+            assert scene.problem.limit == (3.0 if 'planner' in section else 10.0)
 
 
 @pytest.mark.parametrize(

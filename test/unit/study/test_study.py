@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 import itertools
 import json
@@ -28,6 +29,7 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.stated_tracking import StatedTracker, StatedTrackerParameters
 from tdm_sim.progress import Progress
+from tdm_sim.study import study
 from tdm_sim.study.axes import Axis, cell, checked, parse_axis, points_of
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.pictures import draw, write_page
@@ -259,6 +261,18 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, cut: int) -> None:
     path.mkdir()
     with pytest.raises(UnusableFile, match='cannot be read: Is a directory'):
         Rows(path, {'any': 1})
+
+
+def test_rows_of_a_statement_that_was_edited_are_not_kept(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(study, 'workers', lambda *_: nullcontext(Mock()))
+    monkeypatch.setattr(study, 'each', lambda _, work, points, lost: enumerate(map(work, points)))
+    monkeypatch.syspath_prepend(tmp_path)
+    file, asked = tmp_path / 'edited.py', ('edited:Edited', {'limit': [9.0]}, tmp_path / 'out')
+    file.write_text('from stated import Cart\n\n\nclass Edited(Cart): ...\n')
+    assert study.run(*asked).equals(study.run(*asked))
+    file.write_text('from stated import Cart\n\n\nclass Edited(Cart):\n    guess = 2.0\n')
+    with pytest.raises(InvalidProblem, match='of a statement that was edited since'):
+        study.run(*asked)
 
 
 def test_a_study_that_never_began_leaves_its_folder_to_another(tmp_path: Path) -> None:
