@@ -276,7 +276,7 @@ def _check(options: argparse.Namespace) -> int:
     problem = _problem(options)
     reasons = None
     with printing():
-        reasons = check_problem(problem, Console())
+        reasons = check_problem(problem, Console(markup=False))  # names are as they are
     if reasons is None:  # the rest is not read, but the exit status counts
         reasons = check_problem(problem)
     for reason in reasons:

@@ -10,6 +10,7 @@ from timeit import timeit
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
@@ -31,6 +32,7 @@ from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
 from tdm_planner.tracking.tracked_plants import PLANT_NODE, with_parameters_of
 
 _REPEATED = 20  # evaluations that are timed
+_WRONG = 'bold red'
 
 
 @np.errstate(all='ignore')
@@ -46,7 +48,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
             f"problem '{problem.name}' brings its own transcription: only a DirectProblem states "
             'equations that can be checked'
         )
-    console = console or Console(quiet=True)
+    console = console or Console(quiet=True, markup=False)
     check_statement(problem)
     StatedView(problem).check_drawing()
     plant, rng = DirectPlant(problem), np.random.default_rng(1)
@@ -66,9 +68,10 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     console.print(table)
     if ends.unkept:
         console.print(
-            '[bold red]plans are not refined by collocation, and dearer for it, as these boundary '
+            'plans are not refined by collocation, and dearer for it, as these boundary '
             f'conditions fix neither a state nor a control: {", ".join(ends.unkept)}; state them '
-            'in start_conditions or end_conditions instead'
+            'in start_conditions or end_conditions instead',
+            style=_WRONG,
         )
     for function in (plant.trace.start_conditions, plant.trace.end_conditions):
         if count := function.numel_out(0):
@@ -82,7 +85,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     if free := [name for name, values in limits.items() if values == (None, None)]:
         console.print(f'limits whose margin is fixed at neither end: {"; ".join(free)}')
     for doubt in misspelled_attributes(type(problem)).values():
-        console.print(f'[bold red]{doubt}')
+        console.print(doubt, style=_WRONG)
     if program.trace.fixed:
         console.print(
             'constants of the traced functions, for `if`, math or float on them; to change one '
@@ -105,7 +108,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
     except InvalidProblem as error:
         reasons.append(str(error))
     for doubt in short_of_reserve(stated, limits, 'end'):  # where there may be a plan all the same
-        console.print(f'[bold red]{doubt}')
+        console.print(doubt, style=_WRONG)
     reasons += violations_at_ends(plant, limits)
     return reasons + short_of_reserve(stated, limits, 'start')
 
@@ -115,7 +118,7 @@ def _compare_rates(program: Transcription, xi: np.ndarray, console: Console) -> 
     table = Table('state', 'rate by invert', 'rate by derivative', '')
     states, reasons = program.formulation.state_names, []
     for state, inverse, rate, wrong in zip(states, *rates_of(program, xi), strict=True):
-        compared = f'{inverse:.6g}', '[bold red]differ' if wrong else 'agree'
+        compared = f'{inverse:.6g}', Text('differ', _WRONG) if wrong else 'agree'
         if state in program.integrated:
             compared = '-', 'integrated: not compared'
         table.add_row(state, compared[0], f'{rate:.6g}', compared[1])
