@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 from operator import itemgetter
 import os
 from pathlib import Path
@@ -27,6 +28,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.typesys import get_typestore, Stores
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import UnusableFile
+from tdm_planner.trajectory import SECOND
 from tdm_sim.report import untrusted
 import zstandard
 
@@ -141,6 +143,16 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
         topic.recorded.append((stamp, data))
     for topic in topics.values():
         topic.recorded.sort(key=itemgetter(0))  # a file need not be in order
+    begun_anew = [] if topics.real_time else [
+        after.stamp
+        for name in topics
+        for before, after in pairwise(topics.messages(name, JOINT_STATE))
+        if after.instant < before.instant - SECOND
+    ]  # fmt: skip
+    if begun_anew:
+        notes.append('Simulated time was set back: what was recorded before that is not shown.')
+        for topic in topics.values():
+            topic.recorded = [one for one in topic.recorded if one[0] >= max(begun_anew)]
     return topics
 
 
