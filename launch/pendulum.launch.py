@@ -31,7 +31,11 @@ def start(context: LaunchContext) -> list[Any]:
     described: list[Any] = []
     if launch.on('description'):
         urdf = pendulum_urdf(build(RotaryPendulum, launch.planning, 'plant.'))
-        described.append(launch.state_publisher(ParameterValue(urdf, value_type=str)))
+        given = {'robot_description': ParameterValue(urdf, value_type=str)}
+        space = launch['namespace'].strip('/')
+        described.append(
+            launch.foreign_node('robot_state_publisher', 'description', given, namespace=space)
+        )
     if launch.on('rviz'):
         described.append(launch.rviz('pendulum'))
     described += [launch.node('planner'), launch.node('tracker')]

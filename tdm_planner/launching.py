@@ -113,15 +113,6 @@ class Launch:
             **more,
         )
 
-    def state_publisher(self, urdf: Any) -> Node:
-        """Describe robot_state_publisher, in the namespace of all nodes."""
-        return self.foreign_node(
-            'robot_state_publisher',
-            'description',
-            {'robot_description': urdf},
-            namespace=self._namespace,
-        )
-
     def rviz(
         self, name: str, robots: Sequence[str] = (), length: float = 4.0, width: float = 4.0
     ) -> Node:

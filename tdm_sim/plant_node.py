@@ -308,7 +308,8 @@ class PlantNode(ParameterNode):
         errors = [lost] if simulation.breakdowns else []
         warnings = [self._time.problem, *(count.warning for count in self._counted)]
         if self._skipped > 0.0:
-            warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled')
+            leapt = ', or /clock leapt' if self.get_clock().ros_time_is_active else ''
+            warnings.append(f'{self._skipped:.3g} s skipped: the process was stalled{leapt}')
         warnings.append(slow and f'states at {slow}')
         told = '; '.join(filter(None, [*errors, *warnings]))
         level = Level.ERROR if errors else Level.WARN if told else Level.OK

@@ -26,11 +26,11 @@ from ros_harness import PATIENCE
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import ERRORS
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.planner_parameters import PlannerParameters
 from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
+from tools.node_tables import tracker_specifications
 
 START = {'start.source': 'parameters', 'solver.deadline': 0.1, 'replan.rate': 1.0}
 REQUEST = specifications(PlannerParameters)

@@ -13,10 +13,12 @@ from pathlib import Path
 import re
 from typing import Any
 
-from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.nodes.lifecycle import AUTOSTART
+from tdm_planner.nodes.tracker import KIND
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.planner_parameters import PlannerParameters
+from tdm_planner.tracking.tracked_plants import tracker_type
 from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
@@ -55,6 +57,12 @@ FACE: Mapping[str, tuple[str, tuple[str, ...]]] = {
     ),
     'tdm_sim.study': ('studies', ('run', 'ClosedLoop')),
 }
+
+
+def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
+    """Return every parameter of the tracker of a kind of plant, by dotted name."""
+    own = specifications(tracker_type(kind).parameters)
+    return {KIND.name: KIND, AUTOSTART.name: AUTOSTART, **own}
 
 
 def parameters_by_node() -> dict[str, Specifications]:

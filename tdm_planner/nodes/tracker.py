@@ -26,7 +26,7 @@ from tdm_planner.arrays import Array
 from tdm_planner.exceptions import Failure, InvalidProblem, one_line
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
 from tdm_planner.nodes.diagnostics import PublisherCount, Report
-from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED, QUEUE
 from tdm_planner.nodes.reading import Level, nanoseconds_of, read_plan
@@ -47,7 +47,7 @@ LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dro
 _EXAMINING = 0.3  # of the time, for plans
 _WAITING = 'waiting for the first state'
 
-_KIND = ParameterSpec(
+KIND = ParameterSpec(
     name='kind',
     value_type=str,
     default='pendulum',
@@ -56,18 +56,12 @@ _KIND = ParameterSpec(
 )
 
 
-def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
-    """Return every parameter of the tracker of a kind of plant, by dotted name."""
-    own = specifications(tracker_type(kind).parameters)
-    return {_KIND.name: _KIND, AUTOSTART.name: AUTOSTART, **own}
-
-
 class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
-        self.type = tracker_type(self.parameter_values[_KIND.name])
+        super().__init__('tracker', 'tracking', {KIND.name: KIND}, **options)
+        self.type = tracker_type(self.parameter_values[KIND.name])
         self.declare(specifications(self.type.parameters))
         check_topic(self.parameter_values['planner_service'], "parameter 'planner_service'")
         self.warn_of_unknown_overrides()

@@ -139,10 +139,9 @@ class Listener:
                 self._learn(name)
 
     def _on_log(self, message: Log) -> None:
-        space = self.space.strip('/').replace('/', '.')
-        if message.name.startswith(f'{space}.'.lstrip('.')):
-            instant = nanoseconds_of(message.stamp) * 1e-9
-            node = message.name.removeprefix(f'{space}.')
+        space = f'{self.space}/'.replace('/', '.').lstrip('.')
+        if message.name.startswith(space):
+            instant, node = nanoseconds_of(message.stamp) * 1e-9, message.name.removeprefix(space)
             self.events.append((instant, message.level, node, message.msg))
 
     # Parameters.

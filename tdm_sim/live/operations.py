@@ -110,27 +110,16 @@ class TaskThread:
     def _run(self) -> None:
         for kind in iter(self._kinds.get, None):
             task = self._newest.pop(kind, None)
-            if task is not None:
-                act, told = task
-                told(_outcome(act))
-
-
-def _outcome(act: Act) -> str:
-    try:
-        return act()
-    except Exception as error:  # noqa: B902
-        # The page goes on, and shows it.
-        failure = Failure.of(error)
-        return f'{failure.code}: {failure.reason}'
-
-
-def start_delay(solve_time: float) -> float:
-    """
-    Return `start.delay` [s] of the next request; the last one took `solve_time` s to solve.
-
-    As short as solving allows: until a plan's motion has begun, the next one is not made.
-    """
-    return min(max(2.0 * solve_time + 0.1, SHORTEST), LONGEST)
+            if task is None:
+                continue
+            act, told = task
+            try:
+                text = act()
+            except Exception as error:  # noqa: B902
+                # The page goes on, and shows it.
+                failure = Failure.of(error)
+                text = f'{failure.code}: {failure.reason}'
+            told(text)
 
 
 class Operations:
@@ -237,7 +226,8 @@ class Operations:
         while True:
             try:
                 plan = self._listener.client.plan_with(asked, timeout=PATIENCE)
-                self._delay = start_delay(plan.solve_time)
+                # As short as solving allows: until this motion has begun, the next waits.
+                self._delay = min(max(2.0 * plan.solve_time + 0.1, SHORTEST), LONGEST)
                 return plan.summary
             except Busy:
                 if time.monotonic() > end:

@@ -192,19 +192,18 @@ def _check_address(host: str) -> None:
 
 def _may_ask(origin: str, host: str) -> bool:
     """Whether a page of the host `origin` is one that is served on `host`."""
-    address = _address(origin)
-    own = address is not None and (address.is_loopback or not _is_local(host))
-    return own or origin in (host, 'localhost')
+    far = not _is_local(host) and _address(origin) is not None
+    return far or _is_local(origin) or origin == host
 
 
 def _is_local(host: str) -> bool:
     """Whether only this computer reaches an address."""
-    address = _address('127.0.0.1' if host == 'localhost' else host)
+    address = _address(host)
     return address is not None and address.is_loopback
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        return ipaddress.ip_address(host)
+        return ipaddress.ip_address('127.0.0.1' if host == 'localhost' else host)
     except ValueError:
         return None

@@ -169,21 +169,17 @@ def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> li
 
 def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
     """Return the limits that were violated from the start on, where not held to the end."""
-    held = vehicle.view.is_held(plan.trajectory)
-    until = math.inf if held else plan.end
+    # What a limit may be violated by: of the last plan little may be left.
+    view, motions = vehicle.view, [one.trajectory for one in vehicle.plans]
+    until = math.inf if view.is_held(plan.trajectory) else plan.end
     judged = vehicle.margins.measured.between(vehicle.plans[0].start + _FIRST, until)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
         for name, margin in smallest(judged).items()
-        if not (margin.worst >= 0.0 or name in vehicle.view.enforced)
-        and not margin.worst >= -_allowed(vehicle, name)
+        if not (margin.worst >= 0.0 or name in view.enforced)
+        and not margin.worst >= -max(view.allowed(name, motion) for motion in motions)
     ]
-
-
-def _allowed(vehicle: RecordedVehicle, limit: str) -> float:
-    """Return what a limit may be violated by: of the last plan little may be left."""
-    return max(vehicle.view.allowed(limit, plan.trajectory) for plan in vehicle.plans)
 
 
 def _too_close(mission: Mission) -> list[str]:

@@ -95,10 +95,13 @@ def run(
             f"the table cannot end in '{ending}': must be {' or '.join(_WRITERS)}"
         )
     named = problem if isinstance(problem, str) else f'{kind.__module__}:{kind.__qualname__}'
+    source = ''
+    with suppress(OSError, TypeError):  # classes of notebooks have no file
+        source = sha256(Path(getfile(kind)).read_bytes()).hexdigest()
     statement = {  # the same statement gives the same rows
         'version': __version__,
         'problem': named,
-        'source': _source_of(kind),
+        'source': source,
         'parameters': shared,
         'over': {axis.name: list(axis.values) for axis in axes},
         'closed_loop': closed_loop and asdict(closed_loop),
@@ -126,13 +129,6 @@ def run(
         say.phase(f'drawing {folder}')
         _show(folder, found, axes, trial)
     return found
-
-
-def _source_of(problem: type[Problem]) -> str:
-    """Return a checksum of the file that states a problem, '' in notebooks."""
-    with suppress(OSError, TypeError):
-        return sha256(Path(getfile(problem)).read_bytes()).hexdigest()
-    return ''
 
 
 def _collect(rows: Rows, points: Sequence[Point], results: Iterator[Any], say: Progress) -> None:

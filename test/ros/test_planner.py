@@ -229,13 +229,13 @@ def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(planner, ow
 def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros):
     planner = Planner(ros, start__source='parameters', use_sim_time=False)
     start, node = begins(planner.made()), planner.here.node
-    plan = node._newest_plan
+    plan = node._adapter.plans.newest
     assert node._time.stamp(plan.start) == start
     ros.time_of_day = -3600.0
     ros.spin_for(0.2)
     ros.time_of_day = 0.0
     assert 'the clock was set by -3.6e+03 s' in planner.here.output
-    assert node._newest_plan is plan
+    assert node._adapter.plans.newest is plan
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
     assert node._adapter.plans.starting(plan.start) is plan
 
