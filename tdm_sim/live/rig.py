@@ -108,11 +108,10 @@ class Rig:
     def move(self) -> bool:
         """Update the newest states and the newest plan; returns whether the plan has changed."""
         self.measure()
-        before, newest = self.plan, self._listener.client.newest
+        before, self.plan = self.plan, self._listener.client.newest
         states = set(self.view.kind.state_names)
-        motions = {} if newest is None else newest.trajectories
-        # A plan of another plant is of nodes that ran here before.
-        self.plan = newest if all(states <= {*m.state_names} for m in motions.values()) else None
+        if self.plan and any(states - {*m.state_names} for m in self.plan.trajectories.values()):
+            self.plan = None  # of another plant, whose nodes ran here before
         if self.plan is not None and self.plan is not before:
             self.solve_times.append(self.plan.solve_time)
         return self.plan is not before

@@ -272,8 +272,7 @@ def read_plans(
     """
     namespace = site.namespace
     published = topics.messages(f'{namespace}/trajectory', PLAN)
-    plans = [item for item in published if len(item.message.points)]  # empty: dropped
-    motions = {item.instant: item.message for item in plans}
+    motions = {p.instant: p.message for p in published if len(p.message.points)}  # empty: dropped
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
         notes.append(
