@@ -16,7 +16,6 @@ import pytest
 from replays import by_scipy
 from stated import Car, Cart, changed, forced, LONG, noted, QUICKEST, Quickest, solve
 import table
-from tdm_planner import cli
 from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, CollocatedMotion, Ends
@@ -391,11 +390,3 @@ def test_pages_are_short_sound_and_planned_near_the_best_known_and_published_opt
     solution, best = cls().solve(), known['default']['cost']
     assert solution.verification.ok
     assert solution.cost - best < 0.03 * abs(best)
-
-
-def test_names_with_brackets_are_shown_as_they_are(monkeypatch, capsys):
-    names = {'state_names': ('x [m]', 'v [/s]'), 'control_names': ('u [a]',)}
-    monkeypatch.setattr(cli, 'load_problem', lambda _: changed(Cart, **names))
-    assert cli.main(['check', 'any']) == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in ('x [m]', 'v [/s]', 'u [a]'))
