@@ -38,7 +38,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 T = TypeVar('T')
 
-_APART = 0.05  # s between states that tell whether a plant moves
 _OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
 _NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 _LETTERS = 0.1  # m
@@ -75,8 +74,6 @@ class Vehicle:
         )
         self.tracker = TrackerWatch(node, clock, prefix, plant.tracker)
         self._picture: Picture | None = None
-        self._past: tuple[tuple[Array, float], ...] = ()  # states and instants, _APART apart
-        self.moves = False  # without a plan, as it was predicted last
         self.measured = MeasuredState(node, clock, kind, prefix, self._observe)
         self._markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
         node.create_timer(1.0 / MARKER_RATE, self._show)
@@ -125,14 +122,10 @@ class Vehicle:
                 return np.asarray(
                     motion.reference(start) + self._plant.remaining_deviation(away, wait)
                 )
-        past = [(before, measured - at) for before, at in self._past[:1]]
-        found = self._plant.predict_without_plan(state, wait, values, *past)
-        self.moves = not np.array_equal(found, state)
-        return found
+        return self._plant.predict_without_plan(state, measured, start, values)
 
     def _observe(self, state: Array, at: float) -> None:
-        if not self._past or not 0.0 <= at - self._past[-1][1] < _APART:
-            self._past = (*self._past[-1:], (state, at))
+        self._plant.observe(state, at)
         if self._picture is not None:
             self._picture.add(at, state)
 
@@ -256,7 +249,7 @@ class Adapter:
         vehicles = self.vehicles.values()
         motions = [v.followed_motion(self.plans, now) for v in vehicles]
         over = all(motion is None or motion.end <= now for motion in motions)
-        ahead = any(v.moves for v in vehicles) and self._clock.now() < start
+        ahead = self.plant.moves and self._clock.now() < start
         return self.plant.rests_before_start and over and not ahead
 
     def of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:

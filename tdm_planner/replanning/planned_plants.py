@@ -56,11 +56,11 @@ from tdm_planner.tracking.stated_tracking import StatedTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Values = Mapping[str, Any]
-Past = tuple[Array, float] | None  # an earlier state (nx,), and how long ago it was measured [s]
 
 _OF_THE_NODE = specifications(PlannerParameters).keys()
 _CLEARLY = 0.35  # of one state, by which a plant moves freely; noise of one at rest gives less
 _PREDICTABLE = 2000  # rad of swinging at the natural frequency
+_APART, _LATELY = 0.05, 10.0  # s between states that tell whether a plant moves: least, most
 
 
 class PlannedPlant:
@@ -82,11 +82,18 @@ class PlannedPlant:
     tracking_bounds: ClassVar[Array | None] = None
     rests_before_start: ClassVar[bool] = True
     several: ClassVar[bool] = False  # each with topics below its name
+    moves = False  # without a plan, as it was predicted last
 
     def __init__(
         self, problem: type[Problem], kind: PlantKind, tracker: type[TrackerParameters] | None
     ) -> None:
         self._problem, self.kind, self.tracker = problem, kind, tracker
+        self._past: tuple[tuple[Array, float], ...] = ()  # states and instants
+
+    def observe(self, state: Array, at: float) -> None:
+        """Remember a state (nx,), measured at the instant `at` [s], of the only plant."""
+        if not self._past or not 0.0 <= at - self._past[-1][1] < _APART:
+            self._past = (*self._past[-2:], (state, at))
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
@@ -95,19 +102,20 @@ class PlannedPlant:
         return self.tracking_bounds
 
     def predict_without_plan(
-        self, state: Array, duration: float, values: Values, past: Past = None
+        self, state: Array, since: float, until: float, values: Values
     ) -> Array:
         """
-        Predict the state (nx,) `duration` s ahead without a plan.
+        Predict the state (nx,) from the instant `since` [s] to `until`, without a plan.
 
         A stated plant may be held where it is, or move on without control: what it has done since
-        an earlier state, so many s ago, decides. Any other rests.
+        two earlier states decides. Any other rests.
         """
+        self.moves = False
         stated, names = self._problem, self.kind.state_names
         known = issubclass(stated, DirectProblem) and names == tuple(stated.state_names)
-        if past is None or not known or min(past[1], duration) <= 0.0:
+        past = [(x, since - at) for x, at in self._past[:2] if 0.0 < since - at < _LATELY]
+        if not (known and past and since < until):
             return state
-        before, ago = past
 
         def moved(begin: Array, seconds: float) -> Array:
             times, both = np.array([0.0, seconds]), np.stack([begin, begin])
@@ -119,10 +127,13 @@ class PlannedPlant:
         with suppress(InvalidProblem, NotFinite):
             problem: Any = stated.from_parameters(values)
             plant = DirectPlant(problem)
-            off, changed = np.abs(moved(before, ago) - state), np.abs(before - state)
+            off = np.abs([moved(*before) - state for before in past])
+            changed = np.abs([before - state for before, _ in past])
             share = off / np.maximum(off + changed, 1e-300)
-            if (share - 0.5)[off + changed > 0.0].sum() < -_CLEARLY:
-                return moved(state, duration)
+            if (share - 0.5)[off + changed > 0.0].sum() < -_CLEARLY * len(past):
+                ahead = moved(state, until - since)
+                self.moves = not np.array_equal(ahead, state)
+                return ahead
         return state
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
@@ -160,9 +171,10 @@ class PlannedPendulum(PlannedPlant):
     rests_before_start = False
 
     def predict_without_plan(
-        self, state: Array, duration: float, values: Values, past: Past = None
+        self, state: Array, since: float, until: float, values: Values
     ) -> Array:
-        """Predict the state (4,) `duration` s ahead without torque; negative: back."""
+        """Predict the state (4,) without torque; also back."""
+        duration = until - since
         plant = build(RotaryPendulum, values, 'plant.')
         swung = abs(duration) * plant.natural_frequency
         if swung > _PREDICTABLE:
@@ -197,15 +209,16 @@ class PlannedRobots(PlannedPlant):
     several = True
 
     def predict_without_plan(
-        self, state: Array, duration: float, values: Values, past: Past = None
+        self, state: Array, since: float, until: float, values: Values
     ) -> Array:
-        """Predict the state (7,) `duration` s ahead without thrust or torque."""
+        """Predict the state (7,) without thrust or torque."""
         _, _, u, v, _, omega, _ = state
-        return state + duration * np.array([u, v, 0.0, 0.0, omega, 0.0, 0.0])
+        return state + (until - since) * np.array([u, v, 0.0, 0.0, omega, 0.0, 0.0])
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
         """Return a deviation (7,) that drifts: only the thruster's angle is corrected quickly."""
-        return self.predict_without_plan(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+        drifted = self.predict_without_plan(away, 0.0, duration, {})
+        return drifted * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
 
     def execution(self, plan: TimedPlan, trackers: Mapping[str, Any], values: Values) -> Execution:
         """Return the trackers' feedback as a model."""

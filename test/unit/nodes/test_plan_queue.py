@@ -248,7 +248,7 @@ def plan():
 
 def predict(plan, state, measured, start):
     seen = SimpleNamespace(fresh=lambda *_: (state, measured))
-    robot = SimpleNamespace(measured=seen, followed_motion=lambda *_: plan, _past=())
+    robot = SimpleNamespace(measured=seen, followed_motion=lambda *_: plan)
     robot._plant = planned_plant(RobotFormation, {})
     robot._angles = np.isin(np.arange(7), (4, 6))
     return Vehicle.predicted(robot, {'start.max_age': 1.0}, measured, start, PublishedPlans())

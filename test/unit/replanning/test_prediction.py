@@ -363,22 +363,36 @@ def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() ->
     assert (np.diff([made.start for made in loop.plans]) > delay - 1e-9).all()
 
 
-@pytest.mark.parametrize(('speed', 'least', 'most'), [(0.0, 0, 20), (2.0, 200, 200)])
+@pytest.mark.parametrize(
+    ('speed', 'least', 'most'), [(0.0, 0, 4), (0.5, 190, 200), (2.0, 200, 200)]
+)
 def test_a_stated_plant_moves_on_as_it_did_and_noise_is_hardly_ever_motion(speed, least, most):
     values, moving = {'start.x': 0.0, 'start.v': 0.0}, 0
-    plant, rng = planned_plant(DoubleIntegrator, values), np.random.default_rng(0)
+    rng, times = np.random.default_rng(0), 0.05 * np.arange(4)
     DoubleIntegrator().prepare()
-    for noise in rng.normal(0.0, [2e-3, 0.02], (200, 2, 2)):
-        before, now = noise + np.array([[0.0, speed], [0.05 * speed, speed]])
-        ahead = plant.predict_without_plan(now, 1.0, values, (before, 0.05))
-        moves = ahead[0] != now[0]
-        assert ahead == pytest.approx([now[0] + moves * now[1], now[1]], abs=1e-9)
-        moving += moves
+    for noise in rng.normal(0.0, [2e-3, 0.02], (200, 4, 2)):
+        plant = planned_plant(DoubleIntegrator, values)
+        states = noise + np.stack([speed * times, np.full(4, speed)], axis=1)
+        for state, at in zip(states, times, strict=True):
+            plant.observe(state, at)
+        now, at = states[-1], times[-1]
+        ahead = plant.predict_without_plan(now, at, at + 1.0, values)
+        assert plant.moves == (ahead[0] != now[0])
+        assert ahead == pytest.approx([now[0] + plant.moves * now[1], now[1]], abs=1e-9)
+        moving += plant.moves
     assert least <= moving <= most
+
+
+def test_what_a_stated_plant_did_before_a_long_gap_does_not_count():
+    values = {'start.x': 0.0, 'start.v': 0.0}
+    plant, state = planned_plant(DoubleIntegrator, values), np.array([0.2, 2.0])
+    for now in (0.0, 0.05, 3600.0):
+        plant.observe(state + [2.0 * (now - 3600.0), 0.0], now)
+    assert plant.predict_without_plan(state, 3600.0, 3601.0, values) is state
 
 
 def test_a_stated_plant_is_predicted_whatever_the_parameters_of_its_start_are():
     plant = planned_plant(DoubleIntegrator, {'start.x': 0.0, 'start.v': 0.0})
     state, wrong = np.array([0.2, 2.0]), {'start.x': math.nan, 'start.v': 0.0}
-    past = np.array([0.1, 2.0]), 0.05
-    assert plant.predict_without_plan(state, 1.0, wrong, past) == pytest.approx(state)
+    plant.observe(np.array([0.1, 2.0]), 0.0)
+    assert plant.predict_without_plan(state, 0.05, 1.05, wrong) == pytest.approx(state)
