@@ -136,8 +136,9 @@ class StatedTracker(TrajectoryTracker):
         hold, terminal = self._held(smooth, -1, *weights)
         begin, _ = self._held(smooth, 0, *weights)
         yield
-        spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
         interval = self.parameters.interval
+        # Gains for controls held more shortly would throw a quick plant off its plan.
+        spacing = max(min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP), interval)
         law = yield from PlanLaw.along(plant, smooth, weights, terminal, spacing, interval)
         samples = zip(trajectory.times, trajectory.states, trajectory.controls, strict=True)
         left = np.array([plant.control_margins(*sample) for sample in samples])
@@ -231,10 +232,13 @@ class StatedTracker(TrajectoryTracker):
         law: PlanLaw = motion.law.law
         elapsed = time - motion.start
         first = law.trajectory.times[0]
-        until = min(elapsed + self.parameters.interval, law.trajectory.duration)
+        interval, end = self.parameters.interval, motion.law.end
+        until = min(elapsed + interval, law.trajectory.duration)
         planned = law.trajectory.controls[-1]
         if until > elapsed:
             planned = mean_controls(law.trajectory, [first + elapsed, first + until])[0]
+        if end is not None:  # for the rest of the interval
+            planned = end.control + (until - elapsed) / interval * (planned - end.control)
         reference = law.trajectory.sample(first + elapsed).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 

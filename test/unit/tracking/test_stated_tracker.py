@@ -101,8 +101,37 @@ def test_a_start_that_was_missed_is_told_once() -> None:
     assert rig.tracker.command(rig.now).problem == ''
 
 
+LIMITED = changed(Cart, control_limits=lambda s: {'u': (-s.limit, s.limit)})
+
+
+@pytest.mark.parametrize('off', [0.0, 0.05])
+@pytest.mark.parametrize('time', [0.02, 0.05, 0.1])
+def test_a_plan_of_few_commands_is_followed(time: float, off: float) -> None:
+    """Gains for commands held for a hundredth of it threw the plant off by 20 times its way."""
+    plan = (cart := LIMITED(time=time, limit=12.0 / time**2)).solve(deadline=10.0).trajectory
+    rig = Rig(cart, plan.states[0] + [off, 0.0])
+    rig.accept(plan)
+    while rig.now < plan.duration + 1e-9:
+        rig.run(rig.tracker.parameters.interval)
+        away = np.abs(rig.state - plan.sample(rig.now).state) / np.ptp(plan.states, axis=0)
+        assert away.max() < 0.06
+    rig.run(0.2)
+    assert rig.tracker.phase is Phase.HOLDING
+    assert np.abs(rig.state[0]) < 1e-3
+
+
+@pytest.mark.parametrize('ahead', [0.1, 0.5, 0.9])
+def test_a_plan_that_ends_between_two_commands_ends_at_rest(ahead: float) -> None:
+    plan = LIMITED(time=0.2, limit=300.0).solve(deadline=10.0).trajectory
+    rig = Rig(LIMITED(time=0.2, limit=300.0), plan.states[0])
+    interval = rig.tracker.parameters.interval
+    rig.accept(plan, (4.0 - ahead) * interval)
+    rig.run(4.0 * interval + plan.duration)
+    assert np.abs(rig.state / np.ptp(plan.states, axis=0)).max() < 1e-3
+
+
 def test_a_plan_beyond_the_limits_of_the_tracker_is_told() -> None:
-    cart = changed(Cart, control_limits=lambda s: {'u': (-s.limit, s.limit)})
+    cart = LIMITED
     plan = cart().solve(deadline=10.0).trajectory
     told = []
     for limit in (10.0, 1.0):
