@@ -39,7 +39,7 @@ from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
-from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, RobotTracker
+from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, settling_time
 from tdm_planner.tracking.stated_tracking import (
     GOAL_SHARE,
     StatedTracker,
@@ -178,7 +178,7 @@ class RobotView(PlantView):
     """A robot of a formation, in its place at the end."""
 
     title = 'Formation of floating robots'
-    _settling = RobotTracker.settling
+    _settling = 8.0
     goal_tolerances = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')
@@ -202,6 +202,7 @@ class RobotView(PlantView):
         if problem is not None:
             arena, limits = problem.arena, problem.limits
             self.separation = arena.minimum_separation
+            self._settling = settling_time(limits)
             drawn = RobotDrawing(self.separation, limits.thrust, surroundings=arena_drawing(arena))
             half = self.separation / 2
             self.bounds = {  # walls less the safety radius, and the actuators

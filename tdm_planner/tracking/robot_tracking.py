@@ -51,7 +51,8 @@ _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be as
 GOAL_DISTANCE, GOAL_TURN = 0.02, 0.03  # m, rad from the goal that count as reached
 _GOAL_CALM = 3.0  # times the speeds above, at the goal
 _MUCH = 0.1  # of limits.thrust, planned with, for which the thruster is there in time
-_ANY_ANGLE = 1e6  # rad
+_ANY_ANGLE, _FREE = 1e6, (-math.inf, math.inf)  # rad
+_TURNS = 5.0  # half-turns of the thruster in which a correction is over: away, and back
 _PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
 
@@ -162,12 +163,16 @@ class PlanLaw(NamedTuple):
     most: Array
 
 
+def settling_time(limits: RobotLimits) -> float:
+    """Return the time [s] after a plan's end in which a robot takes the rest of its error away."""
+    return max(8.0, _TURNS * math.pi / limits.thruster_rate)
+
+
 class RobotTracker(TrajectoryTracker):
     """Tracker of one floating robot; a command takes away `servo_share` of an error of alpha."""
 
     parameters: RobotTrackerParameters
     plant: FloatingRobot
-    settling = 8.0
 
     def __init__(
         self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
@@ -186,6 +191,7 @@ class RobotTracker(TrajectoryTracker):
         angles, gap, delay = [_YAW, _ALPHA], parameters.state_timeout, parameters.command_delay
         estimator = StateEstimator(EstimatedRobot(plant), noise, angles, gap, delay=delay)
         super().__init__(parameters, plant, estimator)
+        self.settling = settling_time(limits)
         rate, torque = limits.thruster_rate, limits.torque
         self.limits = {
             'thrust': (0.0, limits.thrust),
@@ -200,7 +206,7 @@ class RobotTracker(TrajectoryTracker):
         # An error of the position is taken away in this time or more. When keeping station the
         # thruster must turn half round to brake: there is time for it.
         self._shortest = self._damping / self._stiffness
-        self._station = max(self._shortest, 2.0 * self.lead)
+        self._station = max(self._shortest, math.tau / limits.thruster_rate)
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
 
@@ -225,11 +231,6 @@ class RobotTracker(TrajectoryTracker):
         """Return the distance from the planned position [m]."""
         return math.hypot(error[0], error[1])
 
-    @property
-    def lead(self) -> float:
-        """Time [s] in which the thruster turns half round: to where a motion begins."""
-        return math.pi / self.parameters.limits.thruster_rate
-
     def wait(self, motion: Motion, state: Array) -> Array:
         """Turn the thruster to where the motion begins."""
         target = float(motion.trajectory.states[0, _ALPHA])
@@ -249,7 +250,7 @@ class RobotTracker(TrajectoryTracker):
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         wanted = -self._stiffness * error[:2] - self._damping * error[2:4]
-        bounds = -math.inf, math.inf
+        bounds = _FREE
         if thrust <= _MUCH * self.parameters.limits.thrust:
             sides, times = (law.least, law.most), motion.trajectory.times
             bounds = tuple(near + np.interp(instants[2], times, side) for side in sides)
@@ -323,7 +324,7 @@ class RobotTracker(TrajectoryTracker):
         torque: float,
         alpha: float,
         coasting: bool = False,
-        bounds: tuple[float, ...] = (-math.inf, math.inf),
+        bounds: tuple[float, ...] = _FREE,
     ) -> Array:
         """
         Return the controls (3,) nearest to what is wanted of a perfect robot.

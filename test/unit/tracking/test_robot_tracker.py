@@ -213,6 +213,16 @@ def test_a_robot_that_does_not_reach_its_goal_has_missed_it_and_goes_on_to_hold(
         assert (loop.tracker.phase, loop.tracker.current.reached) == (Phase.HOLDING, False)
 
 
+def test_a_slow_thruster_has_the_time_it_takes_to_reach_the_goal(plan: Trajectory) -> None:
+    plan = trajectory(np.array([0.0, 2.0]), np.zeros((2, 3)), 'zero_order_hold')
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, **SLOW)).begin(plan).run(2.0)
+    loop.push(0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    loop.run(10.0)
+    assert loop.tracker.current.reached is None
+    loop.run(loop.tracker.settling - 10.0)
+    assert loop.tracker.current.reached
+
+
 def test_the_thruster_turns_before_the_start_and_nothing_is_fired(plan: Trajectory) -> None:
     loop = Loop(robot(plan.states[0] + 1.5 * ALPHA)).begin(plan, 2.0).run(1.8)
     assert loop.plant.state[6] == pytest.approx(plan.states[0, 6], abs=0.02)
