@@ -214,8 +214,10 @@ class GenericExecution(Execution):
         rest = motion.after(since)
         states = rest.states.copy()
         states[0] = seen.state[order]
+        # A tracker that has given the plan up commands nothing.
+        commanded = float(seen.phase is ObservedPhase.FOLLOWING)
         # As smooth as the whole: a spline through the few samples left is another one.
-        moved = replace(rest, states=states)
+        moved = replace(rest, states=states, controls=commanded * rest.controls)
         found = np.empty_like(seen.state)
         with suppress(NotFinite):
             found[order] = DirectPlant(problem).replay(moved).states(np.array([wait]))[-1]
@@ -229,6 +231,8 @@ class GenericExecution(Execution):
         cost = plan.problem.cost_to_go(plan.solution, elapsed)
         # Where it is not known, no plan can be said to be cheaper.
         outlook = Outlook(0.0 if cost is None else cost, settled=elapsed >= motion.duration)
+        if now.phase is not ObservedPhase.FOLLOWING:
+            return replace(outlook, failure='the active plan is not followed any more')
         reference, ranges = motion.sample(elapsed).state, ranges_of(motion)
         for number, state in self._compared:
             away = float(now.state[number] - reference[state])

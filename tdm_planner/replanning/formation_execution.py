@@ -40,7 +40,7 @@ _GRID = 0.1  # s between the instants at which distances are looked at
 _BRAKING = 0.7  # of the largest thrust, that brakes a drift
 _RETURN = 3.0  # s, time constant with which the feedback brings a robot back
 _RESERVE = 0.25  # of arena.tracking_margin that must be left of the distances
-_NOISE = 1e-3  # m of a distance that mean nothing
+_NOISE, _LEFT = 1e-3, 7.5e-3  # m of a distance that mean nothing; that feedback leaves, at most
 # A robot so near to its goal, and so slow, is kept there by its tracker: m, m/s, rad, rad/s.
 _AT_GOAL = np.array([0.03, 0.015, 0.05, 0.02])
 # A robot late on its way that is so near to its plan is brought back on it by its tracker.
@@ -158,7 +158,7 @@ class FormationExecution(Execution):
     def _nearness(self, places: Mapping[str, Array], planned: Mapping[str, Array]) -> str:
         """Return what comes nearer than allowed, and than a plan that may just keep to that."""
         task, reserve = self._problem.task, _RESERVE * self._problem.arena.tracking_margin
-        half, slack = task.separation / 2, max(reserve, _NOISE)
+        half, slack = task.separation / 2, min(max(reserve, _NOISE), _LEFT)
         for name in places:
             ways = places[name], planned[name]
             edge, wanted = (np.minimum(way, task.sides - way).min() for way in ways)

@@ -387,7 +387,7 @@ def test_what_a_stated_plant_did_before_a_long_gap_does_not_count():
     values = {'start.x': 0.0, 'start.v': 0.0}
     plant, state = planned_plant(DoubleIntegrator, values), np.array([0.2, 2.0])
     for now in (0.0, 0.05, 3600.0):
-        plant.observe(state + [2.0 * (now - 3600.0), 0.0], now)
+        plant.observe(state + np.array([2.0 * (now - 3600.0), 0.0]), now)
     assert plant.predict_without_plan(state, 3600.0, 3601.0, values) is state
 
 

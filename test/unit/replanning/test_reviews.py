@@ -18,7 +18,7 @@ import pytest
 from stated import noted
 from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import parameter
-from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp
+from tdm_planner.problems import DirectSolverParameters, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum.task import PENDULUM_NAME
 from tdm_planner.problems.planner_parameters import ReplanParameters
 from tdm_planner.replanning import replanner as reviewing
@@ -171,6 +171,31 @@ def test_a_plan_that_is_followed_is_kept_whatever_start_or_solver_is_set(plan: T
     other = replace(CART, start=CartStart(x=3.0), solver=solver)
     assert reviewing.is_same_task(plan.problem, other)
     assert not reviewing.is_same_task(plan.problem, replace(CART, limit=2.0))
+
+
+def test_a_plan_that_its_tracker_has_given_up_is_replaced_from_where_nothing_leads(plan) -> None:
+    """However near the plant is; what is commanded after an abort is nothing."""
+    execution = GenericExecution(plan, ('x', 'v'), 0.05)
+    at, later = plan.start + 0.4, plan.start + 0.7
+    ((x, v),) = states_on(plan, at).values()
+    now = seen({PLANT_NAME: np.array([x, v])}, at, ObservedPhase.IDLE)
+    predicted = execution.predict(now, later)
+    np.testing.assert_allclose(predicted[PLANT_NAME].state, [x + 0.3 * v, v], atol=1e-9)
+    assert 'is not followed' in execution.outlook(predicted, later).failure
+
+
+@pytest.mark.parametrize('margin', [0.03, 0.1, 0.2])
+def test_a_push_towards_a_goal_just_as_far_away_as_allowed_is_seen(margin: float) -> None:
+    values = {'robots': ['robot1', 'robot2'], 'arena.tracking_margin': margin}
+    values |= {'formation.anchor': [0.0, 2.0, 0.0], 'formation.robot2': [2.0, 0.0, 0.0]}
+    problem = RobotFormation.from_parameters(values | {'formation.robot1': [1.6, 0.0, 0.0]})
+    made = TimedPlan(problem, problem.solve(counted=True), 0.0)
+    execution, at = FormationExecution(made), 0.9 * made.end
+    for speed in (0.0, 0.03):
+        states = states_on(made, at)
+        states['robot1'][2] += speed
+        failure = execution.outlook(execution.predict(seen(states, at), at), at).failure
+        assert bool(failure) == (speed > 0.0), failure
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
