@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from replays import faults
 from ros_harness import SOURCE
-from tdm_planner.exceptions import Infeasible
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plan_files import plan_document
@@ -33,6 +34,20 @@ DEADLINE = 100.0  # s: a plan does not depend on how busy the machine is
 NARROW = [(90134, 5, 1.495), (90121, 21, 2.0), (1206, 4, 3.2)]
 LOST = [(9612, 2, 320.0), (9649, 2, 200.0), (9650, 1, 200.0), (9655, 0, 320.0)]
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
+
+
+@pytest.mark.parametrize(('seed', 'speed', 'more', 'failure'), [
+    (2288, (-0.13086614, 1.22314953, 8.11611584, -25.94575668), 0.0, DeadlineExceeded),
+    (2296, (-1.11580583, -0.69355287, -12.34037354, 9.28144085), 0.0, DeadlineExceeded),
+    (2296, (-1.11580583, -0.69355287, -12.34037354, 9.28144085), 0.1, Infeasible),
+])  # fmt: skip
+def test_a_disk_that_can_just_be_stopped_is_not_said_to_be_unstoppable(seed, speed, more, failure):
+    """The grid of switches finds a peak .014 % beyond the limit; a finer one stays .1 % inside."""
+    theta, psi, theta_dot, psi_dot = speed
+    start = PendulumStart(theta, psi, theta_dot, (1.0 + more) * psi_dot)
+    problem = replace(rig(seed), start=start)
+    search = problem.search(Budget(60.0), np.random.default_rng(0), None)
+    assert type(search.failure()) is failure
 
 
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)

@@ -85,6 +85,7 @@ _CHECKED = 4  # candidates that are verified before the search begins anew
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 _OVERTIME = 0.03  # s after the deadline in which it may end
 _INTEGRATION_TIME, _REPLAY_TIME = 3e-5, 5e-5  # s for 1/w0 of a motion: to correct, to check it
+_CERTAIN = 1.02  # of the disk's limit, that the least peak found exceeds: its grid is coarse
 _LOST = 2.0  # times the tolerance: a violation after the fine polish that is not worth a check
 
 # Arcs of an earlier plan, or read from a collocation.
@@ -250,7 +251,7 @@ class SwitchingSearch(Search[Candidate]):
                 f'the check: {self.rejected}{self._task.difficulties}'
             )
         peak = 0.0 if self._arrived else self._task.least_peak(self.budget.with_grace())
-        if peak > self._task.disk_angle_limit:
+        if peak > _CERTAIN * self._task.disk_angle_limit:
             found = f': least peak found {peak:.5g} rad' if math.isfinite(peak) else ''
             return Infeasible(self._task.unstoppable + found)
         return DeadlineExceeded(self._missed())
