@@ -257,9 +257,7 @@ def arena_drawing(arena: Arena) -> Sequence[Shape]:
     length, width, inner = arena.length, arena.width, arena.minimum_separation / 2
     walls = Line(_rectangle(0.0, 0.0, length, width))
     kept = Line(_rectangle(inner, inner, length - inner, width - inner), 'limit')
-    places = iter(arena.obstacles)
-    zones = zip(places, places, places, strict=False)
-    return [walls, kept, *(Disc((x, y), r, 'limit') for x, y, r in zones if r > 0.0)]
+    return [walls, kept, *(Disc((x, y), r, 'limit') for x, y, r in arena.zones.tolist())]
 
 
 def _rectangle(left: float, low: float, right: float, high: float) -> list[tuple[float, float]]:

@@ -75,6 +75,21 @@ class Arena(Validated):
         multiple=3,
     )
 
+    def __post_init__(self) -> None:
+        """Check the values, alone and together."""
+        super().__post_init__()
+        for x, y, radius in self.zones:
+            if radius <= 0.0:
+                raise InvalidProblem(
+                    f"parameter 'arena.obstacles' holds radius {radius:g} at ({x:g}, {y:g}): must "
+                    'be in (0, inf) m'
+                )
+
+    @property
+    def zones(self) -> Array:
+        """Return x, y and radius of every keep-out zone (m, 3)."""
+        return np.array(self.obstacles, dtype=float).reshape(-1, 3)
+
 
 @dataclass(frozen=True)
 class FormationAnchor(Validated):
@@ -360,9 +375,8 @@ def _free_points(arena: Arena) -> Array:
         for side in (arena.length, arena.width)
     )
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    zones = np.array(arena.obstacles).reshape(-1, 3)
-    away = np.linalg.norm(points[:, None] - zones[:, :2], axis=2)
-    return np.asarray(points[(away >= zones[:, 2] + gap).all(axis=1)])
+    away = np.linalg.norm(points[:, None] - arena.zones[:, :2], axis=2)
+    return np.asarray(points[(away >= arena.zones[:, 2] + gap).all(axis=1)])
 
 
 def _room(points: Array, taken: list[Array]) -> Array:

@@ -13,7 +13,7 @@ dynamics.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 import math
 from typing import Any, ClassVar
@@ -22,7 +22,6 @@ import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, shown, to_mapping
-from tdm_planner.plants.robot_replay import replay
 from tdm_planner.problems.formation.parameters import (
     DEFAULT_OFFSETS,
     default_start,
@@ -40,8 +39,6 @@ from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
-
-_RATES = 2, 3, 5  # of the state of a robot: u, v, omega
 
 
 @lru_cache(maxsize=1)
@@ -157,7 +154,7 @@ class RobotFormation(FormationParameters, Problem):
             sides=np.array([arena.length, arena.width]),
             separation=arena.minimum_separation,
             margin=arena.tracking_margin,
-            obstacles=np.array(arena.obstacles, dtype=float).reshape(-1, 3),
+            obstacles=arena.zones,
             interval=self.arrival_interval,
             weights=np.array([weights.time, weights.sequence, weights.gas]),
             longest=self.solver.longest,
@@ -190,18 +187,8 @@ class RobotFormation(FormationParameters, Problem):
         _compile()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
-        """
-        Return an earlier manoeuvre, with its check and cost recomputed.
-
-        Rates that are exactly zero at the end, as messages tell them, are those of the replay.
-        """
-        motions = {}
-        for name, plan in trajectories.items():
-            states = plan.states.copy()
-            told = [i for i in _RATES if states[-1, i] == 0.0]
-            states[-1, told] = replay(self.plant, plan, plan.times[-1:])[0, told]
-            motions[name] = replace(plan, states=states)
-        return assessed(self.task, self, motions, np.zeros(0))
+        """Return an earlier manoeuvre, with its check and cost recomputed."""
+        return assessed(self.task, self, trajectories, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

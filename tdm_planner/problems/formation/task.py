@@ -159,12 +159,6 @@ def check_task(task: FormationTask) -> None:
                 f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "
                 f'arena.minimum_separation = {task.separation:g} m'
             )
-    for x, y, radius in task.obstacles:
-        if radius <= 0:
-            raise InvalidProblem(
-                f"parameter 'arena.obstacles' holds radius {radius:g} at ({x:g}, {y:g}): must be "
-                'in (0, inf) m'
-            )
     _check_places(task, 'start', task.start)
     _check_places(task, 'goal', task.goal)
 

@@ -327,6 +327,8 @@ def test_penalty_is_equation_29_mended():
 
 
 def test_added_robots_get_names_that_are_free():
+    with pytest.raises(InvalidProblem, match=r'radius -0\.5 at \(1, 1\): must be in \(0, inf\) m'):
+        with_number_of_robots({'arena.obstacles': [1.0, 1.0, -0.5]}, 5)
     names = with_number_of_robots({'robots': ['robot2', 'left']}, 5)['robots']
     assert names == ['robot2', 'left', 'robot1', 'robot3', 'robot4']
     # Robots without a start are measured, and no hindrance.
