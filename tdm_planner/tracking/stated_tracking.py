@@ -230,16 +230,13 @@ class StatedTracker(TrajectoryTracker):
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned control plus time-varying feedback."""
         law: PlanLaw = motion.law.law
-        elapsed = time - motion.start
-        first = law.trajectory.times[0]
-        interval, end = self.parameters.interval, motion.law.end
-        until = min(elapsed + interval, law.trajectory.duration)
-        planned = law.trajectory.controls[-1]
-        if until > elapsed:
-            planned = mean_controls(law.trajectory, [first + elapsed, first + until])[0]
-        if end is not None:  # for the rest of the interval
-            planned = end.control + (until - elapsed) / interval * (planned - end.control)
-        reference = law.trajectory.sample(first + elapsed).state
+        elapsed, interval = time - motion.start, self.parameters.interval
+        first = law.trajectory.times[0] + elapsed
+        planned = mean_controls(law.trajectory, [first, first + interval])[0]
+        if motion.law.end is not None:
+            after = elapsed + interval - law.trajectory.duration
+            planned += min(max(after / interval, 0.0), 1.0) * motion.law.end.control
+        reference = law.trajectory.sample(first).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 
     def at_goal(self, motion: Motion, state: Array) -> bool:
