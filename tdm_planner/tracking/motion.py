@@ -169,11 +169,9 @@ class Motion(TimedTrajectory):
     def is_of(self, trajectory: Trajectory) -> bool:
         """Whether it is the very trajectory, whenever that starts."""
         own = self.trajectory
-        return (
-            own.states.shape == trajectory.states.shape
-            and np.allclose(own.times, trajectory.times, rtol=0.0, atol=_MESSAGE_ROUNDING)
-            and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_MESSAGE_ROUNDING)
-            and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_MESSAGE_ROUNDING)
+        return own.states.shape == trajectory.states.shape and all(
+            np.allclose(getattr(own, part), getattr(trajectory, part), 0.0, _MESSAGE_ROUNDING)
+            for part in ('times', 'states', 'controls')
         )
 
 
