@@ -31,13 +31,19 @@ from tdm_planner.problems.pendulum.smooth import (
     StatedSwingUp,
 )
 from tdm_planner.problems.pendulum.switching_search import SwitchingSearch
-from tdm_planner.problems.pendulum.task import PENDULUM_NAME, PendulumStart, SwingUpTask
+from tdm_planner.problems.pendulum.task import (
+    PENDULUM_NAME,
+    PendulumStart,
+    SwingUpTask,
+    TERMINAL_TOLERANCE,
+)
 from tdm_planner.problems.planner_parameters import SolverParameters
 from tdm_planner.problems.problem import Problem, Search
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint
 
+_HOLD_TIME = 5e-3  # s
 _COMPILED_TORQUE = 0.012  # N m: of a motor with which a swing-up needs every kernel
 
 
@@ -133,7 +139,16 @@ class PendulumSwingUp(Problem):
 
     def standing_plan(self) -> Solution | None:
         """Return the plan that does nothing, where the pendulum stands upright already."""
-        return self.task.hold()
+        task = self.task
+        error = task.start - task.goal_nearest(task.start)
+        if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
+            return None
+        time = max(min(_HOLD_TIME, 1.0 / self.plant.natural_frequency), NANOSECOND)
+        times = to_nanoseconds([0.0, time])
+        still = np.tile(task.start, (2, 1))
+        motion = Trajectory.of(self.plant, times, still, np.zeros((2, 1)))
+        plan = task.plan(motion.with_rates(self.plant.derivative), np.zeros(0), 0.0)
+        return plan if plan.verification.ok else None
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier swing-up, with its check and its arcs' durations recomputed."""

@@ -16,7 +16,7 @@ from tdm_planner.plants.pendulum_kernels import LANES, roll_ends
 from tdm_planner.plants.pendulum_replay import replay_pendulum
 from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
-from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
+from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint, verify
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
@@ -25,7 +25,6 @@ WEAK_DRIVE = 0.3  # below which a failure is put down to the torque,
 _LEAST_DRIVE = 1e-3  # and that below which a swing-up has more swings than are searched for
 _RANGE_KEPT = 0.1  # share of the disk's range that is left to the feedback, by that of the torque
 _LOSS = 0.02  # of the energy in half a swing, from which on it is told
-_HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
 _PEAK_STEP, _PEAK = 0.1, 10.0  # of the time scale of the swings; times the limit, at which to end
@@ -252,15 +251,3 @@ class SwingUpTask:
                 'disk_angle', lambda t, x, u: self.disk_angle_limit - np.abs(x[:, 1]), unit='rad'
             ),
         )
-
-    def hold(self) -> Solution | None:
-        """Return the plan that does nothing, where the start is the goal; else None."""
-        error = self.start - self.goal_nearest(self.start)
-        if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
-            return None
-        time = max(min(_HOLD_TIME, 1.0 / self.plant.natural_frequency), NANOSECOND)
-        times = to_nanoseconds([0.0, time])
-        still = np.tile(self.start, (2, 1))
-        motion = Trajectory.of(self.plant, times, still, np.zeros((2, 1)))
-        plan = self.plan(motion.with_rates(self.plant.derivative), np.zeros(0), 0.0)
-        return plan if plan.verification.ok else None
