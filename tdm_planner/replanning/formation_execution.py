@@ -22,7 +22,7 @@ from tdm_planner.plants.base import integrate
 from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.problem import RobotFormation
 from tdm_planner.problems.formation.search import LATE
-from tdm_planner.problems.formation.verification import gas_used
+from tdm_planner.problems.formation.verification import gas_used, robot_constraints
 from tdm_planner.replanning.execution import (
     Execution,
     Observation,
@@ -45,6 +45,7 @@ _NOISE, _LEFT = 1e-3, 7.5e-3  # m of a distance that mean nothing; that feedback
 _AT_GOAL = np.array([0.03, 0.015, 0.05, 0.02])
 # A robot late on its way that is so near to its plan is brought back on it by its tracker.
 _ON_PLAN = np.array([0.03, 0.015, 0.05, 0.04])
+_STANDING = {'walls': 'a wall', 'keep_out': 'a keep-out zone'}  # limits of a robot's place
 _TRACKED = 0.8  # of tolerance.path that a deviation may come to
 
 
@@ -158,18 +159,14 @@ class FormationExecution(Execution):
     def _nearness(self, places: Mapping[str, Array], planned: Mapping[str, Array]) -> str:
         """Return what comes nearer than allowed, and than a plan that may just keep to that."""
         task, reserve = self._problem.task, _RESERVE * self._problem.arena.tracking_margin
-        half, slack = task.separation / 2, min(max(reserve, _NOISE), _LEFT)
-        for name in places:
+        slack, nothing = min(max(reserve, _NOISE), _LEFT), np.zeros(0)
+        limits = [limit for limit in robot_constraints(task) if limit.name in _STANDING]
+        for name, limit in itertools.product(places, limits):
             ways = places[name], planned[name]
-            edge, wanted = (np.minimum(way, task.sides - way).min() for way in ways)
-            if edge < min(half, wanted - slack):
-                return f"'{name}' would come {edge:.3g} m near a wall"
-            for *centre, radius in task.obstacles:
-                left, wanted = (
-                    np.linalg.norm(way - centre, axis=1).min() - radius for way in ways
-                )
-                if left < min(half, wanted - slack):
-                    return f"'{name}' would come {left:.3g} m near a keep-out zone"
+            left, wanted = (limit.margin(nothing, way, nothing).min() for way in ways)
+            if left < min(0.0, wanted - slack):
+                near = f'{left + task.separation / 2:.3g} m near {_STANDING[limit.name]}'
+                return f"'{name}' would come {near}"
         for one, other in itertools.combinations(places, 2):
             apart, way = (np.linalg.norm(p[one] - p[other], axis=1) for p in (places, planned))
             # What is too near now cannot be mended by any plan.

@@ -217,8 +217,7 @@ class PlannedRobots(PlannedPlant):
 
     def remaining_deviation(self, away: Array, duration: float) -> Array:
         """Return a deviation (7,) that drifts: only the thruster's angle is corrected quickly."""
-        drifted = self.predict_without_plan(away, 0.0, duration, {})
-        return drifted * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+        return self.predict_without_plan(away, 0.0, duration, {}) * (np.arange(7) < 6)
 
     def execution(self, plan: TimedPlan, trackers: Mapping[str, Any], values: Values) -> Execution:
         """Return the trackers' feedback as a model."""

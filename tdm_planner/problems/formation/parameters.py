@@ -78,6 +78,12 @@ class Arena(Validated):
     def __post_init__(self) -> None:
         """Check the values, alone and together."""
         super().__post_init__()
+        for name, side in (('length', self.length), ('width', self.width)):
+            if side < self.minimum_separation:
+                raise InvalidProblem(
+                    f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "
+                    f'arena.minimum_separation = {self.minimum_separation:g} m'
+                )
         for x, y, radius in self.zones:
             if radius <= 0.0:
                 raise InvalidProblem(

@@ -32,7 +32,7 @@ from tdm_planner.problems.formation.parameters import (
     RobotStart,
 )
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
-from tdm_planner.problems.formation.task import check_reach, check_task, FormationTask
+from tdm_planner.problems.formation.task import check_places, check_reach, FormationTask
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch
 from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
 from tdm_planner.problems.problem import Problem
@@ -94,7 +94,8 @@ class RobotFormation(FormationParameters, Problem):
                 'one must be in (0, inf)'
             )
         self._check_given()
-        check_task(self.task)
+        check_places(self.task, 'start', self.task.start)
+        check_places(self.task, 'goal', self.task.goal)
 
     @classmethod
     def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:

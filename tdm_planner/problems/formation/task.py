@@ -147,23 +147,12 @@ class FormationTask:
         }
 
 
-def check_task(task: FormationTask) -> None:
+def check_places(task: FormationTask, place: str, points: Array) -> None:
     """
-    Check arena, starts and goals.
+    Check starts or goals (n, 2), which `place` says.
 
-    Raise InvalidProblem if one is not allowed, naming robot or parameter, and what is allowed.
+    Raise InvalidProblem if one is not allowed, naming the robot, and what is allowed.
     """
-    for name, side in zip(('length', 'width'), task.sides, strict=True):
-        if side < task.separation:
-            raise InvalidProblem(
-                f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "
-                f'arena.minimum_separation = {task.separation:g} m'
-            )
-    _check_places(task, 'start', task.start)
-    _check_places(task, 'goal', task.goal)
-
-
-def _check_places(task: FormationTask, place: str, points: Array) -> None:
     half = task.separation / 2
     for name, point in zip(task.names, points, strict=True):
         for axis, value, side in zip('xy', point, task.sides, strict=True):
