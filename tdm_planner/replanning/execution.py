@@ -214,10 +214,9 @@ class GenericExecution(Execution):
         rest = motion.after(since)
         states = rest.states.copy()
         states[0] = seen.state[order]
-        # A tracker that has given the plan up commands nothing.
-        commanded = float(seen.phase is ObservedPhase.FOLLOWING)
+        followed = seen.phase is ObservedPhase.FOLLOWING  # else nothing is commanded
         # As smooth as the whole: a spline through the few samples left is another one.
-        moved = replace(rest, states=states, controls=commanded * rest.controls)
+        moved = replace(rest, states=states, controls=followed * rest.controls)
         found = np.empty_like(seen.state)
         with suppress(NotFinite):
             found[order] = DirectPlant(problem).replay(moved).states(np.array([wait]))[-1]

@@ -233,9 +233,8 @@ class RobotTracker(TrajectoryTracker):
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Turn the thruster to where the motion begins."""
-        target = float(motion.trajectory.states[0, _ALPHA])
-        angle = float(wrapped(np.asarray(target - state[_ALPHA])))
-        return np.array([0.0, self._servo(angle), 0.0])
+        left = self.error(motion.trajectory.states[0], state[: _ALPHA + 1])
+        return np.array([0.0, self._servo(left[_ALPHA]), 0.0])
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Planned acceleration and torque plus feedback."""

@@ -13,7 +13,7 @@ dynamics.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 import math
 from typing import Any, ClassVar
@@ -137,7 +137,7 @@ class RobotFormation(FormationParameters, Problem):
         resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
         goal_yaw = resting + np.angle(np.exp(1j * (goal[:, 2] - resting)))
         arena, weights = self.arena, self.weights
-        return FormationTask(
+        task = FormationTask(
             names=tuple(self.robots),
             plant=self.plant,
             start=state[:, :2],
@@ -162,6 +162,8 @@ class RobotFormation(FormationParameters, Problem):
             coast=np.zeros(len(starts)),
             arrived=np.array([s.arrived for s in starts]),
         )
+        # Trackers hold robots that stay: a drift would lead them away until the last one arrives.
+        return replace(task, velocity=task.velocity * ~task.staying[:, None])
 
     def _check_given(self) -> None:
         """Check that no robot is without start or place."""

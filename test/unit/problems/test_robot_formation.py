@@ -156,6 +156,14 @@ def test_robots_that_pass_through_each_other_between_two_instants_collide() -> N
     assert min(worst.values()) < -0.9 * problem.arena.minimum_separation
 
 
+def test_a_robot_that_hardly_drifts_from_its_goal_makes_no_plan_dearer():
+    """In a manoeuvre of a minute it would leave its goal, and be planned for by polynomials."""
+    slow = {'weights.time': 0.002, 'limits.thrust': 0.3, 'limits.thruster_rate': 0.5}
+    stay = {**STILL, **pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), **slow}
+    costs = [formation(**stay, **{'left.start.v': v}).solve(counted=True).cost for v in (0, 9e-5)]
+    assert costs[1] == pytest.approx(costs[0])
+
+
 def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
     problem, motions = formation(), default.trajectories
     monkeypatch.setattr(verification, 'penalty', lambda *values: 2e-7)
