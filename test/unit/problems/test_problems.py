@@ -12,7 +12,8 @@ from unittest.mock import Mock
 import numpy as np
 from planned_apart import planned_apart
 import pytest
-from stated import changed
+from stated import Cart, changed
+from tdm_planner import cli
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
@@ -233,3 +234,11 @@ def test_one_way_upright_is_told_to_begin_there() -> None:
     given = {'method': 'virtual_arc', 'start.theta': 0.0, 'start.psi': 1.0}
     with pytest.raises(Infeasible, match='but the pendulum starts upright; method'):
         PendulumSwingUp.from_parameters(given).solve(counted=True)
+
+
+def test_names_with_brackets_are_shown_as_they_are(monkeypatch, capsys):
+    names = {'state_names': ('x [m]', 'v [/s]'), 'control_names': ('u [a]',)}
+    monkeypatch.setattr(cli, 'load_problem', lambda _: changed(Cart, **names))
+    assert cli.main(['check', 'any']) == 0
+    told = capsys.readouterr().out
+    assert all(name in told for name in ('x [m]', 'v [/s]', 'u [a]'))

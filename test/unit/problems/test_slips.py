@@ -10,7 +10,6 @@ import sys
 import numpy as np
 import pytest
 from stated import Car, Cart, changed, Driven, refused, Start
-from tdm_planner import cli
 from tdm_planner.exceptions import VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problem_check import check_problem
@@ -396,11 +395,3 @@ def test_a_state_that_invert_gives_another_sign_is_told_to_be_its():
 
     message = refused(changed(Driven, invert=invert)().solve)
     assert message.endswith('must begin with self.start.x, and invert give it')
-
-
-def test_names_with_brackets_are_shown_as_they_are(monkeypatch, capsys):
-    names = {'state_names': ('x [m]', 'v [/s]'), 'control_names': ('u [a]',)}
-    monkeypatch.setattr(cli, 'load_problem', lambda _: changed(Cart, **names))
-    assert cli.main(['check', 'any']) == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in ('x [m]', 'v [/s]', 'u [a]'))
