@@ -239,6 +239,8 @@ class Collocation:
         ipopt = _IPOPT | {'mu_init': settings.barrier}
         # From near a solution the limits' multipliers begin where the barrier has them.
         ipopt['bound_mult_init_method'] = 'constant' if settings is COLD else 'mu-based'
+        if settings is COLD:  # from a guess that is no motion the line search would stall
+            ipopt['accept_after_max_steps'] = 3
         nlp = self._program.nlp
         self._clock = IpoptStop(nlp)
         options: dict[str, Any] = {

@@ -24,8 +24,8 @@ from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import COARSE, FIRST
 
 TRIED = 8  # initial guesses after which there are rollouts, and which solutions must agree
-# No further guess once over half of the solutions, so many at least (after TRIED guesses one
-# more), agree in cost within a share; or once so many (then twice as many) are solved.
+# No further guess once over half of the solutions, so many at least, agree in cost within a share;
+# or once so many (after TRIED guesses twice as many) are solved.
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 6
 # Kinds of initial guesses, in turn: so many; then as long as there is no plan, or once there is.
 _BEFORE = ('direct', 'line') * (TRIED // 2)
@@ -198,16 +198,20 @@ class Guesses:
         return np.asarray(away)
 
 
-def enough_solutions(solved: Sequence[CollocatedMotion], tried: int, obstacles: bool) -> bool:
+def enough_solutions(
+    solved: Sequence[tuple[CollocatedMotion, str]], tried: int, obstacles: bool
+) -> bool:
     """
     Whether solutions from so many guesses `tried` do: most are alike in cost, or they are enough.
 
-    After `TRIED` guesses more must be. Past `obstacles` those are all tried, as lines lead to
-    either side, and one more must be alike, but not most of them.
+    Each stands with the kind of its guess. One kind often leads to the same local minimum: where
+    all that are alike are of one, or after `TRIED` guesses, one more must be. Past `obstacles`
+    those are all tried, as lines lead to either side, and one more must be alike, but not most.
     """
     if obstacles and tried < TRIED:
         return False
-    hard, best = tried > TRIED, min(solved, key=lambda found: found.cost)
-    again = sum(found.cost <= best.cost + _ALIKE * best.size for found in solved)
-    alike = again >= _AGREED + hard + obstacles and (obstacles or 2 * again > len(solved))
+    hard, best = tried > TRIED, min((found for found, _ in solved), key=lambda found: found.cost)
+    kinds = [kind for found, kind in solved if found.cost <= best.cost + _ALIKE * best.size]
+    more = max(hard + obstacles, len(set(kinds)) == 1)
+    alike = len(kinds) >= _AGREED + more and (obstacles or 2 * len(kinds) > len(solved))
     return alike or len(solved) >= _ENOUGH * (1 + hard)

@@ -51,8 +51,8 @@ _BETWEEN = 4  # parts of an interval, at whose ends and middles it is looked at 
 _SOLVING = 1.2  # times what solving should take
 _LONGER = 1.3  # times the rest of the plan: the duration of a warm start's second guess
 _INSTANTS = 400  # at which a plan is compared with where it was left
-_LOOKS = 30  # parts of an interval, at whose ends the replay looks at the limits
-_CELL = 10  # such parts in a cell of the sum for J
+_LOOKS = 32  # parts of an interval, at whose ends the replay looks at the limits
+_CELL = 8  # such parts in a cell of the sum for J, and from where limits are kept to the next
 
 
 class Repaired(NamedTuple):
@@ -73,7 +73,8 @@ class _Replay(NamedTuple):
     """
     A replay: states (m, nx) at m looks, J.
 
-    `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `gap` is
+    `least` are the least margins (nm,) in units of what they may be violated by, `unit`; `beside`
+    are the least ones, in their own units, where collocation keeps them in that interval. `gap` is
     what the end is off the `goal` by, in tolerances, or `_END_REACHED` where a limit is just kept
     there; `departs` is the first node at which the replay is off the motion, n + 1 if it never
     is. Where it fails there are no numbers but an infinite gap.
@@ -81,6 +82,7 @@ class _Replay(NamedTuple):
 
     states: Array
     least: Array
+    beside: Array
     unit: Array
     cost: float
     gap: float
@@ -96,6 +98,9 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = plant.ends
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
+        self._dead_end: CollocatedMotion | None = (
+            None  # the last that twice the intervals do not solve
+        )
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
@@ -200,6 +205,8 @@ class Refinement:
     def finer(self, motion: CollocatedMotion, intervals: int) -> CollocatedMotion | None:
         """Solve again on more intervals."""
         found = self.solve(intervals, self.spread(motion, intervals))
+        if found is None and intervals == 2 * motion.intervals:
+            self._dead_end = motion
         self._solved = 0.5 * (self._took + (self._solved or self._took))
         return found
 
@@ -212,7 +219,8 @@ class Refinement:
         if reserve.any():
             motion = self.solve(motion.intervals, motion, reserve=reserve) or motion
         good: tuple[CollocatedMotion, _Replay] | None = None
-        before, diverged, unsolved, deep = (np.inf, 0.0), False, False, np.inf
+        before, diverged, unsolved, deep = (np.inf, 0.0), False, motion is self._dead_end, np.inf
+        last = np.full(len(reserve), -np.inf)  # the least margins before
         for turn in range(_REPAIRS + 1):
             motion, flown = self._landed(motion)
             more, along = 2 * motion.intervals, flown.departs / motion.intervals
@@ -229,7 +237,11 @@ class Refinement:
                 break
             if landed:
                 share = 1.0 - (1.1 if turn < 2 else 2.0) * flown.least
-                reserve = np.where(flown.least < -_TOUCHED, reserve + flown.unit * share, reserve)
+                # A reserve that touches nothing around the violation does not make it less.
+                idle = np.maximum(flown.beside - self._reserve - reserve, 0.0)
+                more_of = flown.unit * share + np.where(flown.least < 0.5 * last, idle, 0.0)
+                reserve = np.where(flown.least < -_TOUCHED, reserve + more_of, reserve)
+                last = flown.least
                 deep, earlier = -flown.least[self._plant.obstacles].min(initial=0.0), deep
                 hopeless = deep >= max(_DEEP, _SHALLOWER * earlier)
                 again = None if hopeless else self.solve(motion.intervals, motion, reserve=reserve)
@@ -296,9 +308,13 @@ class Refinement:
         beyond = -_END_REACHED / _TOUCHED * seen[-1] / unit
         gap = float(np.append(np.abs(np.append(missed, conditions)), beyond).max())
         gap = gap if np.isfinite(states).all() else np.inf
+        first = np.minimum(seen.argmin(axis=0) // _LOOKS, n - 1) * _LOOKS  # of the interval
+        kept = first + np.arange(0, _LOOKS + 1, _CELL)[:, None]
+        beside = np.take_along_axis(seen, kept, axis=0).min(axis=0)
         away = np.abs(states[::_LOOKS] - motion.states) > self.tolerance(motion.states)
         departs = int(np.argmax(np.append(away.any(axis=1), True)))
-        return _Replay(states, seen.min(axis=0) / unit, unit, cost, gap, goal, departs)
+        least = seen.min(axis=0) / unit
+        return _Replay(states, least, beside, unit, cost, gap, goal, departs)
 
     @property
     def leapt(self) -> bool:

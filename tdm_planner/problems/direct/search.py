@@ -198,8 +198,8 @@ class DirectSearch(Search[Candidate]):
             self._enough = self._problem.cost_to_go(earlier, 0.0) + _DEAR * motion.size
             yield motion
             self._enough = -np.inf
-        solved, until = list[CollocatedMotion](), self._until_check
-        for tried, guess in enumerate(self._guesses(), 1):
+        solved, until = list[tuple[CollocatedMotion, str]](), self._until_check
+        for tried, (guess, kind) in enumerate(self._guesses(), 1):
             eased = tried % 2 == 1  # kinks show the way more often, and more often the same
             patient, hard = tried > _HASTY and not solved, tried > TRIED
             if (hard and self._best) or self._refinement.leapt:  # first intervals may mislead
@@ -211,13 +211,14 @@ class DirectSearch(Search[Candidate]):
                     yield settled
                 motion = motion if settled and self._best else None
             if motion:
-                solved.append(motion)
+                solved.append((motion, kind))
             late, blocked = self.budget.past(_STARTS_SHARE), bool(self._plant.obstacles.any())
             if until.spent or (solved and (late or enough_solutions(solved, tried, blocked))):
                 break
             if tried == TRIED:
-                solved = [m for m in (self._refinement.finer(m, COARSE) for m in solved) if m]
-        yield from self._cheaper(solved)
+                finer = [(self._refinement.finer(m, COARSE), kind) for m, kind in solved]
+                solved = [(m, kind) for m, kind in finer if m]
+        yield from self._cheaper([m for m, _ in solved])
 
     def _cheaper(self, solved: Sequence[CollocatedMotion]) -> Iterator[CollocatedMotion]:
         """Yield the others on more intervals while they may be cheaper; at last the plan's own."""
@@ -238,8 +239,8 @@ class DirectSearch(Search[Candidate]):
             if finer := self._settled(best, FINEST):
                 yield finer
 
-    def _guesses(self) -> Iterator[CollocatedMotion]:
-        """Yield initial guesses on the first intervals, mostly minima of the direct method."""
+    def _guesses(self) -> Iterator[tuple[CollocatedMotion, str]]:
+        """Yield initial guesses, mostly on the first intervals, and the kind of each."""
         try:
             minima: DirectMinima | None = self._minima
         except NotFinite as error:  # as an unstable plant is, integrated under a rough control
@@ -254,10 +255,11 @@ class DirectSearch(Search[Candidate]):
             kind = guesses.kind(attempt, self._best is not None)
             if kind != 'direct' or minima is None:
                 rollout = guesses.rollout() if kind == 'rollout' else None
-                yield rollout or guesses.line(straight=attempt == 0, screen=self._refinement.leapt)
+                screen = self._refinement.leapt
+                yield rollout or guesses.line(straight=attempt == 0, screen=screen), 'line'
             elif (minimum := minima.minimise_roughly(attempt)) is not None:
                 minima.note_miss(minimum)
-                yield from minima.collocated(minimum.point.xi)
+                yield from ((motion, kind) for motion in minima.collocated(minimum.point.xi))
 
     def _settled(self, motion: CollocatedMotion, most: int = FINE) -> CollocatedMotion | None:
         """Solve on as many intervals as J asks for, few in a hurry; put aside what fails."""

@@ -44,6 +44,69 @@ def test_a_repair_that_raises_the_cost_asks_for_more_intervals():
     assert RAYLEIGH().solve(counted=True).cost == pytest.approx(28.381, rel=1e-3)
 
 
+# Two links lift 3 kg with an elbow that is far too weak to hold it: they must swing.
+LINKS, MASSES, LOAD = (0.5, 0.4), (3.0, 2.0), 3.0  # [m], [kg], [kg]
+FIRST = (MASSES[0] / 3 + MASSES[1] + LOAD) * LINKS[0] ** 2
+SECOND = (MASSES[1] / 3 + LOAD) * LINKS[1] ** 2
+BOTH = (MASSES[1] / 2 + LOAD) * LINKS[0] * LINKS[1]
+
+
+def inertia_and_loads(q1, q2, w1, w2):
+    """Return m11, m12, m22 of an arm, and the torques of speed and weight on its joints."""
+    m11, m12 = FIRST + SECOND + 2 * BOTH * np.cos(q2), SECOND + BOTH * np.cos(q2)
+    weight = GRAVITY * (MASSES[1] / 2 + LOAD) * LINKS[1] * np.cos(q1 + q2)
+    whole = GRAVITY * (MASSES[0] / 2 + MASSES[1] + LOAD) * LINKS[0] * np.cos(q1) + weight
+    whirl = BOTH * np.sin(q2)
+    return m11, m12, SECOND, whole - whirl * (2 * w1 * w2 + w2**2), weight + whirl * w1**2
+
+
+def arm_rates(s, x, u):
+    m11, m12, m22, n1, n2 = inertia_and_loads(*x)
+    r1, r2, det = u[0] - n1, u[1] - n2, m11 * m22 - m12**2
+    return x[2], x[3], (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
+
+
+def arm_torques(s, y, z):
+    (q1, w1, a1), (q2, w2, a2) = y['q1'], y['q2']
+    m11, m12, m22, n1, n2 = inertia_and_loads(q1, q2, w1, w2)
+    return (q1, q2, w1, w2), (m11 * a1 + m12 * a2 + n1, m12 * a1 + m22 * a2 + n2)
+
+
+def arm(elbow):
+    """Return the problem of lifting the load in the least time; `elbow` is its torque [N m]."""
+    return changed(
+        Quickest,
+        states={'q1': 'rad', 'q2': 'rad', 'w1': 'rad/s', 'w2': 'rad/s'},
+        controls={'t1': 'N m', 't2': 'N m'},
+        outputs=lambda s: {
+            'q1': Output((-1.4, 0.0), (1.0, 0.0), free=8),
+            'q2': Output((0.1, 0.0), (0.6, 0.0), free=8),
+        },
+        duration=lambda s: Duration(1.5),
+        invert=arm_torques,
+        derivative=arm_rates,
+        margins=lambda s, t, x, u: {
+            'speed 1': 1.0 - (x[2] / 6.0) ** 2,
+            'speed 2': 1.0 - (x[3] / 6.0) ** 2,
+            'elbow': 1.0 - (x[1] / 2.6) ** 2,
+        },
+        control_limits=lambda s: {'t1': (-32.4, 32.4), 't2': (-elbow, elbow)},
+    )
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_guesses_of_one_kind_that_agree_do_not_end_the_search(seed):
+    """All motions of the direct method lead to one local minimum here, 1.77 s; lines do not."""
+    assert arm(4.0)().solve(counted=True, seed=seed).cost < 1.01 * 1.2296
+
+
+def test_a_reserve_is_as_large_as_it_takes_to_matter(monkeypatch):
+    """Where a limit is violated between the points at which it is kept, little does nothing."""
+    repairs = noted(monkeypatch, Refinement, '_landed')
+    arm(2.7)().solve(counted=True, seed=0)
+    assert repairs.call_count < 10
+
+
 def test_an_unstable_robot_is_planned_for_over_many_of_its_time_constants():
     """
     A balancing robot drives 3.6 m: what its replay is off by at first grows by e^28.
