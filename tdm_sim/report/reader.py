@@ -31,6 +31,7 @@ from tdm_sim.report.recorded_vehicles import (
     first_measured,
     followed,
     namespace_of,
+    never_begun,
     planned_vehicles,
     Planner,
     read_plans,
@@ -123,7 +124,11 @@ def _nothing_of_ours(path: Path, topics: set[str], damage: Sequence[str]) -> str
 def _planners(
     topics: RecordedTopics, given: type[Problem] | None, notes: list[str]
 ) -> dict[str, Planner]:
-    """Return what planners told of their plans, by namespace, with the problem asked last."""
+    """
+    Return what planners told of their plans, by namespace, with the last one's problem.
+
+    Plans that no tracker began do not count, unless there is no other.
+    """
     found: dict[str, dict[int, PlanFigures]] = {}
     for topic, item in topics.of_type(STRING):
         try:
@@ -133,6 +138,9 @@ def _planners(
             continue
         late = topics.real_time and topics.begun < start < item.stamp
         found.setdefault(namespace_of(topic), {})[start] = replace(figures, late=late)
+    for planner, plans in found.items():
+        begun = plans.keys() - never_begun(topics, planner)
+        found[planner] = {start: plans[start] for start in plans if start in begun} or plans
     return {
         planner: Planner(*problem_of(plans[max(plans)], given), plans)
         for planner, plans in found.items()

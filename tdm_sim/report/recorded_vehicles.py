@@ -273,14 +273,14 @@ def read_plans(
     namespace = site.namespace
     published = topics.messages(f'{namespace}/trajectory', PLAN)
     motions = {p.instant: p.message for p in published if len(p.message.points)}  # empty: dropped
-    never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
-    if never_begun:
+    dropped = never_begun(topics, namespace) & set(motions)
+    if dropped:
         notes.append(
-            f'{len(never_begun)} of the plans on {namespace}/trajectory were rejected by the '
+            f'{len(dropped)} of the plans on {namespace}/trajectory were rejected by the '
             'tracker or superseded before they began.'
         )
     found = {}
-    for start in sorted(set(motions) - never_begun):
+    for start in sorted(set(motions) - dropped):
         vehicle = told[start].vehicles.get(site.name) if start in told else None
         try:
             interpolation = None if vehicle is None else vehicle.interpolation
@@ -298,10 +298,10 @@ def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan
     return tuple(starmap(FollowedPlan, zip_longest(plans.values(), times, times[1:])))
 
 
-def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
-    """Return the starts [ns] of plans that ended before they began, by what a tracker told."""
+def never_begun(topics: RecordedTopics, namespace: str) -> set[int]:
+    """Return the starts [ns] of plans that ended before they began, by trackers in a namespace."""
     told: dict[int, set[int]] = {}
-    for item in topics.messages(topic, STATUSES):
-        for status in item.message.status_list:
+    for topic, item in topics.of_type(STATUSES):
+        for status in item.message.status_list if topic.startswith(f'{namespace}/') else ():
             told.setdefault(nanoseconds_of(status.goal_info.stamp), set()).add(int(status.status))
     return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}

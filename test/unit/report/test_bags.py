@@ -179,9 +179,13 @@ def test_plans_that_the_tracker_never_began_do_not_count(read, codes, plans):
     answers = ([goal_status(after(0.5), int(code))] for code in codes)
     told_of = [GoalStatusArray(status_list=answer) for answer in answers]
     named = [Item('/pendulum/tracker_status', START + k, told) for k, told in enumerate(told_of)]
-    mission = read([*replanned(), *named])
+    about = missions.summary(after(0.5), 'pendulum_swing_up', {'limits.torque': 0.03}, plan_id=2)
+    mission = read([*replanned(), *named, Item('/pendulum/plan_summary', after(0.1), about)])
     assert len(mission.vehicles[0].plans) == plans
     assert told(mission, 'rejected by the tracker') == (plans == 1)
+    # nor do their figures, and the goal and limits of their problem
+    assert len(mission.figures) == plans
+    assert mission.parameters['limits.torque'] == (0.02 if plans == 1 else 0.03)
 
 
 def test_events_are_told_once_and_in_order(read: Any) -> None:
