@@ -39,7 +39,12 @@ from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
-from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, settling_time
+from tdm_planner.tracking.robot_tracking import (
+    GOAL_DISTANCE,
+    GOAL_TURN,
+    LEAST_SETTLING,
+    settling_time,
+)
 from tdm_planner.tracking.stated_tracking import (
     GOAL_SHARE,
     StatedTracker,
@@ -178,7 +183,7 @@ class RobotView(PlantView):
     """A robot of a formation, in its place at the end."""
 
     title = 'Formation of floating robots'
-    _settling = 8.0
+    _settling = LEAST_SETTLING
     goal_tolerances = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')

@@ -139,7 +139,7 @@ def _planners(
         late = topics.real_time and topics.begun < start < item.stamp
         found.setdefault(namespace_of(topic), {})[start] = replace(figures, late=late)
     for planner, plans in found.items():
-        begun = plans.keys() - never_begun(topics, planner)
+        begun = plans.keys() - never_begun(topics, f'{planner}/')
         found[planner] = {start: plans[start] for start in plans if start in begun} or plans
     return {
         planner: Planner(*problem_of(plans[max(plans)], given), plans)

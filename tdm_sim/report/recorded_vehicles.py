@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import starmap, zip_longest
+from itertools import chain, starmap, zip_longest
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -273,7 +273,7 @@ def read_plans(
     namespace = site.namespace
     published = topics.messages(f'{namespace}/trajectory', PLAN)
     motions = {p.instant: p.message for p in published if len(p.message.points)}  # empty: dropped
-    dropped = never_begun(topics, namespace) & set(motions)
+    dropped = never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if dropped:
         notes.append(
             f'{len(dropped)} of the plans on {namespace}/trajectory were rejected by the '
@@ -298,10 +298,11 @@ def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan
     return tuple(starmap(FollowedPlan, zip_longest(plans.values(), times, times[1:])))
 
 
-def never_begun(topics: RecordedTopics, namespace: str) -> set[int]:
-    """Return the starts [ns] of plans that ended before they began, by trackers in a namespace."""
+def never_begun(topics: RecordedTopics, prefix: str) -> set[int]:
+    """Return the starts [ns] of plans that ended before they began, by topics with a `prefix`."""
     told: dict[int, set[int]] = {}
-    for topic, item in topics.of_type(STATUSES):
-        for status in item.message.status_list if topic.startswith(f'{namespace}/') else ():
+    ours = (topics.messages(name, STATUSES) for name in topics if name.startswith(prefix))
+    for item in chain.from_iterable(ours):
+        for status in item.message.status_list:
             told.setdefault(nanoseconds_of(status.goal_info.stamp), set()).add(int(status.status))
     return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}

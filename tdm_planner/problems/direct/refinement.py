@@ -98,9 +98,8 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = plant.ends
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
-        self._dead_end: CollocatedMotion | None = (
-            None  # the last that twice the intervals do not solve
-        )
+        # The last motion that has no solution on twice the intervals.
+        self._dead_end: CollocatedMotion | None = None
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
         # s an interval that the last solution took, and those on more intervals, the last most.
         self._took = self._solved = 0.0
