@@ -45,6 +45,7 @@ STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
 _LONGEST = 2**30  # bytes of a record or a message; a longer one is damage
+DAY = 86_400 * SECOND  # ns; stamps further apart are of different clocks, or one is missing
 
 Wanted = Callable[[str, str], bool]  # whether messages of a topic and type are
 Raw = tuple[str, str, int, bytes]  # topic, type, instant of its recording [ns], message
@@ -147,7 +148,7 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
         after.stamp
         for name in topics
         for before, after in pairwise(topics.messages(name, JOINT_STATE))
-        if after.instant < before.instant - SECOND
+        if SECOND < before.instant - after.instant < DAY
     ]  # fmt: skip
     if begun_anew:
         notes.append('Simulated time was set back: what was recorded before that is not shown.')

@@ -20,6 +20,7 @@ from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_planner.plan_files import UnusableFile
 from tdm_planner.trajectory import SECOND
@@ -133,6 +134,24 @@ def test_of_a_simulation_that_began_anew_only_the_last_run_is_shown(read: Any) -
     missions.check_pendulum(mission)
     assert mission.vehicles[0].states.times.size == 500
     assert told(mission, 'Simulated time was set back')
+
+
+@pytest.mark.parametrize(('stray', 'stamp'), [('joint_command', 0), ('joint_states', START)])
+@pytest.mark.parametrize('first', [0, SECOND])
+def test_a_stamp_of_another_clock_does_not_set_back_simulated_time(read, stray, stamp, first):
+    """As of `ros2 topic pub`: what came before it was not shown, the plan with it."""
+    items = without(pendulum_recording(), '/plan_summary')
+    begun = min(nanoseconds_of(item.message.header.stamp) for item in items)
+    for item in items:
+        instant = nanoseconds_of(item.message.header.stamp) - begun + first
+        item.message.header.stamp = to_stamp(instant)
+    one = next(i for i in items if i.topic.endswith(stray) and i.stamp > after(1.0))
+    one.message.header.stamp = to_stamp(stamp)
+    mission = read([*items, Item('/clock', START, Clock())])
+    assert not told(mission, 'set back')
+    assert len(mission.vehicles[0].plans) == 1
+    assert mission.vehicles[0].states.times.size >= 498
+    assert -1.1 < mission.span[0] < mission.span[1] < 4.1
 
 
 def test_summaries_that_cannot_be_read_are_told_of(read: Any) -> None:
