@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import islice
@@ -18,8 +19,7 @@ from typing import TypeVar
 
 import dask
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
-from distributed.client import FutureCancelledError
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, one_line
 
 Argument = TypeVar('Argument')
 Result = TypeVar('Result')
@@ -53,10 +53,10 @@ def workers(
         with client:
             try:
                 client.run(import_module, module)  # its absence would end the process with a task
-            except ImportError as error:
+            except Exception as error:  # noqa: B902 - whatever the import raises there
                 raise InvalidProblem(
-                    f"the workers of scheduler '{scheduler}' cannot import '{module}': {error}; "
-                    "they must have it installed, or its folder in 'PYTHONPATH'"
+                    f"workers of '{scheduler}' cannot import '{module}': {one_line(error)}; they "
+                    "must have it installed, or its folder in 'PYTHONPATH'"
                 ) from None
             yield client
         return
@@ -115,7 +115,7 @@ def each(
             if lost is None:
                 raise
             result = lost(arguments[number])
-        except FutureCancelledError:
+        except CancelledError:
             raise InvalidProblem(
                 'the Dask scheduler is gone: start one, and the same command goes on from here'
             ) from None

@@ -81,6 +81,17 @@ def test_a_cluster_gets_its_workers_later_and_must_have_the_statement(tmp_path, 
                 list(results)
 
 
+def test_what_else_fails_where_workers_import_the_statement_is_told(tmp_path, monkeypatch):
+    text = "from stated import Cart\n\nopen('a table')\n\n\nclass Own(Cart): ...\n"
+    (tmp_path / 'tabled.py').write_text(text)
+    (tmp_path / 'a table').touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    with workers(count=1) as client:
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(InvalidProblem, match=r"cannot import 'tabled': .*No such file"):
+            run('tabled:Own', {'limit': [9.0]}, scheduler=client.scheduler.address)
+
+
 def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path):
     values = tuple(-3.0 + 6.0 * k / 799 for k in range(800))
     over = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
