@@ -233,9 +233,9 @@ class StatedTracker(TrajectoryTracker):
         elapsed, interval = time - motion.start, self.parameters.interval
         first = law.trajectory.times[0] + elapsed
         planned = mean_controls(law.trajectory, [first, first + interval])[0]
-        if motion.law.end is not None:
-            after = elapsed + interval - law.trajectory.duration
-            planned += min(max(after / interval, 0.0), 1.0) * motion.law.end.control
+        after = (elapsed + interval - law.trajectory.duration) / interval
+        held = law.trajectory.controls[-1] if (end := motion.law.end) is None else end.control
+        planned += min(max(after, 0.0), 1.0) * held
         reference = law.trajectory.sample(first).state
         return self._action(motion, planned, law.gain(elapsed), state, reference, elapsed)
 

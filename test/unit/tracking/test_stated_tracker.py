@@ -7,6 +7,7 @@ from dataclasses import replace
 import re
 
 from ball_and_beam import BallAndBeam
+from brachistochrone import Brachistochrone
 from double_integrator import CartStart, DoubleIntegrator
 from moon_lander import MoonLander
 import numpy as np
@@ -128,6 +129,18 @@ def test_a_plan_that_ends_between_two_commands_ends_at_rest(ahead: float) -> Non
     rig.accept(plan, (4.0 - ahead) * interval)
     rig.run(4.0 * interval + plan.duration)
     assert np.abs(rig.state / np.ptp(plan.states, axis=0)).max() < 1e-3
+
+
+def test_an_end_that_nothing_holds_is_passed_under_the_last_control() -> None:
+    """The control is an angle, of which a mean with 0 is another way: a tick later 42 mm off."""
+    plan = (bead := Brachistochrone()).solve(deadline=10.0).trajectory
+    rig = Rig(bead, plan.states[0])
+    rig.accept(plan)
+    while rig.now < plan.duration:
+        rig.run(rig.tracker.parameters.interval)
+    rate = rig.tracker.plant.derivative(plan.states[-1], plan.controls[-1])
+    away = rig.state - plan.states[-1] - (rig.now - plan.duration) * rate
+    assert np.abs(away / np.ptp(plan.states, axis=0)).max() < 1e-3
 
 
 def test_a_plan_beyond_the_limits_of_the_tracker_is_told() -> None:
