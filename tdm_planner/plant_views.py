@@ -32,6 +32,7 @@ from tdm_planner.drawing import (
 )
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import BUILT_IN, kind_of, named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plants.floating_robot import RobotLimits
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.direct.plant import DirectPlant
@@ -39,12 +40,7 @@ from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.motion import finished
 from tdm_planner.tracking.pendulum_tracking import PACES, settling, UPRIGHT
-from tdm_planner.tracking.robot_tracking import (
-    GOAL_DISTANCE,
-    GOAL_TURN,
-    LEAST_SETTLING,
-    settling_time,
-)
+from tdm_planner.tracking.robot_tracking import GOAL_DISTANCE, GOAL_TURN, settling_time
 from tdm_planner.tracking.stated_tracking import (
     GOAL_SHARE,
     StatedTracker,
@@ -183,7 +179,7 @@ class RobotView(PlantView):
     """A robot of a formation, in its place at the end."""
 
     title = 'Formation of floating robots'
-    _settling = LEAST_SETTLING
+    _settling = settling_time(RobotLimits())
     goal_tolerances = (Tolerance(('x', 'y'), GOAL_DISTANCE), Tolerance(('yaw',), GOAL_TURN))
     enforced = frozenset({THRUST, 'thruster_rate', 'torque'})
     place = ('x', 'y')

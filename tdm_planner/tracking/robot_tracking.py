@@ -53,7 +53,7 @@ _GOAL_CALM = 3.0  # times the speeds above, at the goal
 _MUCH = 0.1  # of limits.thrust, planned with, for which the thruster is there in time
 _ANY_ANGLE, _FREE = 1e6, (-math.inf, math.inf)  # rad
 # s, and half-turns of the thruster, in which a correction is over: away, and back.
-LEAST_SETTLING, _TURNS = 8.0, 5.0
+_SETTLING, _TURNS = 8.0, 5.0
 _PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
 _ALIGNED = 0.3  # rad off at which a correction begins to fire
 
@@ -166,7 +166,7 @@ class PlanLaw(NamedTuple):
 
 def settling_time(limits: RobotLimits) -> float:
     """Return the time [s] after a plan's end in which a robot takes the rest of its error away."""
-    return max(LEAST_SETTLING, _TURNS * math.pi / limits.thruster_rate)
+    return max(_SETTLING, _TURNS * math.pi / limits.thruster_rate)
 
 
 class RobotTracker(TrajectoryTracker):
