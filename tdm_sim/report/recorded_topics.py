@@ -10,6 +10,7 @@ damage is read.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
@@ -38,14 +39,15 @@ PLAN = 'trajectory_msgs/msg/JointTrajectory'
 STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
+_CLOCK = 'rosgraph_msgs/msg/Clock'
 
-_WANTED = (JOINT_STATE, ODOMETRY, PLAN, DIAGNOSTICS, STATUSES)
+_WANTED = (JOINT_STATE, ODOMETRY, PLAN, DIAGNOSTICS, STATUSES, _CLOCK)
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
 _LONGEST = 2**30  # bytes of a record or a message; a longer one is damage
-DAY = 86_400 * SECOND  # ns; stamps further apart are of different clocks, or one is missing
+_UNDER_WAY = SECOND // 10  # ns that a message may take: those before the clock was set back
 
 Wanted = Callable[[str, str], bool]  # whether messages of a topic and type are
 Raw = tuple[str, str, int, bytes]  # topic, type, instant of its recording [ns], message
@@ -129,6 +131,8 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
     """
     Read a recording as far as it can be read; `notes` say what is lost of a damaged one.
 
+    Of a simulation it is told in simulated time, by /clock, when messages were recorded.
+
     Raise UnusableFile for what cannot be a recording, saying what it is instead.
     """
     check_recording(path)
@@ -144,16 +148,16 @@ def read_topics(path: Path, notes: list[str]) -> RecordedTopics:
         topic.recorded.append((stamp, data))
     for topic in topics.values():
         topic.recorded.sort(key=itemgetter(0))  # a file need not be in order
-    begun_anew = [] if topics.real_time else [
-        after.stamp
-        for name in topics
-        for before, after in pairwise(topics.messages(name, JOINT_STATE))
-        if SECOND < before.instant - after.instant < DAY
-    ]  # fmt: skip
-    if begun_anew:
+    ticks = [(t.stamp, nanoseconds_of(t.message.clock)) for t in topics.messages('/clock', _CLOCK)]
+    anew = [at for (_, last), (at, now) in pairwise(ticks) if now < last - SECOND]
+    if anew:
         notes.append('Simulated time was set back: what was recorded before that is not shown.')
-        for topic in topics.values():
-            topic.recorded = [one for one in topic.recorded if one[0] >= max(begun_anew)]
+    for topic in topics.values():
+        told = [one for one in topic.recorded if not anew or one[0] >= anew[-1] + _UNDER_WAY]
+        if ticks:
+            last = [max(bisect_left(ticks, (stamp + 1,)) - 1, 0) for stamp, _ in told]
+            told = [(ticks[k][1], data) for k, (_, data) in zip(last, told, strict=True)]
+        topic.recorded = told
     return topics
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice, starmap, zip_longest
+from itertools import starmap, zip_longest
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -27,7 +27,6 @@ from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import FollowedPlan, PlanFigures, RecordedVehicle
 from tdm_sim.report.recorded_topics import (
-    DAY,
     JOINT_STATE,
     ODOMETRY,
     PLAN,
@@ -37,6 +36,7 @@ from tdm_sim.report.recorded_topics import (
 from tdm_sim.report.signals import Signals
 
 _TURN = 2 * np.pi
+_DAY = 86_400.0  # s
 
 Reader = Callable[[Any], dict[str, float]]  # states or controls of a message
 Row = tuple[float, dict[str, float]]  # time [s], states and controls
@@ -162,13 +162,11 @@ def choose(sites: Sequence[Site], namespace: str | None) -> list[Site]:
 def first_measured(topics: RecordedTopics, sites: Sequence[Site]) -> int:
     """Return the instant [ns] of the first measurement; 0 if there is none."""
     found = [
-        received.instant
+        next(topics.messages(f'{site.namespace}/{name}', kind), None)
         for site in sites
         for name, kind in (('joint_states', JOINT_STATE), ('odom', ODOMETRY))
-        # Simulated time may begin at zero: two, as the first then has no stamp.
-        for received in islice(topics.messages(f'{site.namespace}/{name}', kind), 2)
     ]
-    return min(found, default=0)
+    return min((received.instant for received in found if received is not None), default=0)
 
 
 def recorded_vehicle(
@@ -218,7 +216,7 @@ def _read(
         topics[name].strange = strange
         found.sort(key=itemgetter(0))
         middle = found[len(found) // 2][0]  # of one recording, as most others
-        found = [row for row in found if abs(row[0] - middle) < DAY]
+        found = [row for row in found if abs(row[0] - middle) * NANOSECOND < _DAY]
     return [((instant - origin) * NANOSECOND, values) for instant, values in found]
 
 

@@ -15,15 +15,12 @@ import missions
 from missions import after, EVIL, Item, pendulum_recording, robot_recording, START, told, without
 import numpy as np
 import pytest
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracker_plans import goal_status
 from tdm_planner.plan_files import UnusableFile
-from tdm_planner.trajectory import SECOND
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Level
 from tdm_sim.report.reader import read_mission
@@ -122,36 +119,6 @@ def test_a_stamp_of_zero_is_the_time_at_which_it_was_recorded(read: Any, left_ou
     begun = min(item.stamp for item in items if 'traj' in item.topic or not planned)
     assert mission.recorded_at == pytest.approx(begun * 1e-9)
     assert -10.0 < mission.span[0] <= 0.0 < mission.span[1] < 10.0
-
-
-def test_of_a_simulation_that_began_anew_only_the_last_run_is_shown(read: Any) -> None:
-    items, before = pendulum_recording(), pendulum_recording()
-    for item in before:
-        if item.topic.endswith('joint_states'):
-            item.message.position = [1.0, 1.0]
-    first = [item._replace(stamp=item.stamp - 10 * SECOND) for item in before]
-    mission = read([*first, *items, Item('/clock', START, Clock())])
-    missions.check_pendulum(mission)
-    assert mission.vehicles[0].states.times.size == 500
-    assert told(mission, 'Simulated time was set back')
-
-
-@pytest.mark.parametrize(('stray', 'stamp'), [('joint_command', 0), ('joint_states', START)])
-@pytest.mark.parametrize('first', [0, SECOND])
-def test_a_stamp_of_another_clock_does_not_set_back_simulated_time(read, stray, stamp, first):
-    """As of `ros2 topic pub`: what came before it was not shown, the plan with it."""
-    items = without(pendulum_recording(), '/plan_summary')
-    begun = min(nanoseconds_of(item.message.header.stamp) for item in items)
-    for item in items:
-        instant = nanoseconds_of(item.message.header.stamp) - begun + first
-        item.message.header.stamp = to_stamp(instant)
-    one = next(i for i in items if i.topic.endswith(stray) and i.stamp > after(1.0))
-    one.message.header.stamp = to_stamp(stamp)
-    mission = read([*items, Item('/clock', START, Clock())])
-    assert not told(mission, 'set back')
-    assert len(mission.vehicles[0].plans) == 1
-    assert mission.vehicles[0].states.times.size >= 498
-    assert -1.1 < mission.span[0] < mission.span[1] < 4.1
 
 
 def test_summaries_that_cannot_be_read_are_told_of(read: Any) -> None:
