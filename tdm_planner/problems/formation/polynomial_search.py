@@ -232,8 +232,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         task = replace(self.task, coast=np.where(kept, 0.0, 1.03 * coast))
         program = PolynomialProgram(task, form, np.where(kept[:, None], x, np.nan))
         options = self._options._replace(iterations=_WARM_ITERATIONS)
-        found = self.minimised(program, program.reduce(x), options)
-        return self._completed([] if found is None else [found])
+        return self._completed(self.minimised(program, program.reduce(x), options))
 
     def _completed(self, found: Iterable[Polynomials]) -> Iterator[Polynomials]:
         """Yield minima with thrusters turned first; then with more distance kept."""
@@ -241,7 +240,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         for candidate in found:
             turned.append(self._turned(candidate) or candidate)
             yield turned[-1]
-        yield from filter(None, map(self._apart, turned))
+        for candidate in turned:
+            yield from self._apart(candidate)
 
     @staticmethod
     def _needed_coast(program: PolynomialProgram, x: Array) -> Array:
@@ -274,7 +274,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             if name not in self.kept
         }
 
-    def _apart(self, candidate: Polynomials) -> Polynomials | None:
+    def _apart(self, candidate: Polynomials) -> list[Polynomials]:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
         program = candidate.program.with_task(self.farther(candidate.program.task))
         return self.minimised(program, candidate.point.xi, self._refining)
@@ -297,9 +297,9 @@ class PolynomialSearch(FormationSearch[Polynomials]):
                 return candidate
             later = program.with_task(replace(program.task, coast=spare * needed))
             better = self.minimised(later, later.reduce(x), self._refining)
-            if better is None:
+            if not better:
                 return None
-            candidate = better
+            candidate = better[0]
         return candidate
 
 

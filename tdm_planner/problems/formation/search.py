@@ -118,12 +118,10 @@ class FormationSearch(Search[C]):
         """Return the manoeuvre with more distance to be kept."""
         return replace(task, margin=task.margin + _MORE_MARGIN * task.separation)
 
-    def minimised(
-        self, program: P, guess: Array, options: TrustRegionOptions
-    ) -> Minimum[P] | None:
-        """Minimise from a guess Xi; None where that leads to nothing feasible."""
+    def minimised(self, program: P, guess: Array, options: TrustRegionOptions) -> list[Minimum[P]]:
+        """Return the minimum that a guess Xi leads to, if that is feasible."""
         if not program.free.size:
-            return Minimum(program, program.evaluate(np.zeros(0)), 0, converged=True)
+            return [Minimum(program, program.evaluate(np.zeros(0)), 0, converged=True)]
         minimum = minimise(program, guess, options, self._until_check)
         self.tried += 1
         violation = minimum.point.violation
@@ -131,7 +129,7 @@ class FormationSearch(Search[C]):
             self.closest = minimum
         # Constants so extreme that a motion has no numbers leave its margins without meaning.
         finite = math.isfinite(minimum.point.cost)
-        return minimum if finite and violation <= _NEARLY_FEASIBLE * self.feasible else None
+        return [minimum] if finite and violation <= _NEARLY_FEASIBLE * self.feasible else []
 
     def minima(
         self, program: P, guesses: Iterable[Array], options: TrustRegionOptions, worse: float
@@ -149,9 +147,8 @@ class FormationSearch(Search[C]):
             if found:
                 best = min(each.point.cost for each in found)
                 options = options._replace(cutoff=worse * best)
-            candidate = self.minimised(program, guess, options)
             alone = False
-            if candidate is not None:
+            for candidate in self.minimised(program, guess, options):
                 found.append(candidate)
                 nearest = candidate.point.cache.approaches[:, CLOSENESS].min(initial=1.0)
                 alone = candidate.converged and not (nearest < _INACTIVE_MARGIN or self.rejected)

@@ -181,8 +181,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     def _polished(self, program: ThrustArcProgram, xi: Array) -> list[Arcs]:
         """Return the minimum near Xi, if there is one."""
-        found = self.minimised(program, xi, self._options._replace(radius=_POLISHING_RADIUS))
-        return [] if found is None else [found]
+        return self.minimised(program, xi, self._options._replace(radius=_POLISHING_RADIUS))
 
     def plans(self, candidate: Arcs | Solution) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
