@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +60,11 @@ class PlantKind:
     odometry: tuple[str, ...] = ()
     interpolation: Interpolation | None = None
     angles: tuple[str, ...] = ()
+
+    @property
+    def leading(self) -> str:
+        """Return the topic whose stamps are those of the states."""
+        return 'odom' if self.odometry else 'joint_states'
 
     @cached_property
     def measured(self) -> tuple[Joint, ...]:
@@ -140,8 +144,6 @@ ROBOT: Final = PlantKind(
     odometry=('x', 'y', 'yaw'),
     angles=('yaw', 'alpha'),
 )
-
-BUILT_IN: Final = MappingProxyType({'pendulum': PENDULUM, 'robot': ROBOT})
 
 
 def named_kind(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from types import MappingProxyType
 from typing import ClassVar, get_args, NamedTuple
 
@@ -31,7 +31,7 @@ from tdm_planner.drawing import (
     Shape,
 )
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_kind import BUILT_IN, kind_of, named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.floating_robot import RobotLimits
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -243,7 +243,7 @@ class StatedView(PlantView):
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
         self._stated = CheckedFormulation(problem)
-        self._known: dict[Trajectory, _Flown] = {}
+        self._flown = cache(self._flown_along)  # by a plan's identity
         self.name = self.title = problem.name
         limits = self._stated.control_limits.items()
         self.bounds = {name: tuple(v for v in both if np.isfinite(v)) for name, both in limits}
@@ -263,16 +263,14 @@ class StatedView(PlantView):
     def _ends(self) -> Ends:
         return Ends.of(self._stated)
 
-    def _flown(self, plan: Trajectory) -> _Flown:
-        if plan not in self._known:
-            law = finished(StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan))
-            plant = DirectPlant(self.problem)
-            half = 0.5 * np.diff(plant.control_range, axis=0)[0]
-            controls = np.where(np.isfinite(half), half, np.abs(plan.controls).max(axis=0))
-            sizes = plant.limit_sizes(plan, law.ranges, controls).tolist()
-            limits = dict(zip(plant.trace.margin_names, sizes, strict=True))
-            self._known[plan] = _Flown(law.ranges, limits, law.end is not None)
-        return self._known[plan]
+    def _flown_along(self, plan: Trajectory) -> _Flown:
+        law = finished(StatedTracker(self.problem, StatedTrackerParameters()).prepare(plan))
+        plant = DirectPlant(self.problem)
+        half = 0.5 * np.diff(plant.control_range, axis=0)[0]
+        controls = np.where(np.isfinite(half), half, np.abs(plan.controls).max(axis=0))
+        sizes = plant.limit_sizes(plan, law.ranges, controls).tolist()
+        limits = dict(zip(plant.trace.margin_names, sizes, strict=True))
+        return _Flown(law.ranges, limits, law.end is not None)
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Every state that the statement gives the end of, within a share of its range."""
@@ -311,21 +309,25 @@ class StatedView(PlantView):
         return shapes
 
 
-def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
-    """Return how the plant of a problem is judged and drawn; `plan` has its names."""
+def view_of(problem: Problem | None, plan: Trajectory | None = None) -> PlantView:
+    """
+    Return how the plant of a problem is judged and drawn.
+
+    A problem that is not of this package, or not known, has the plant of which the `plan` names
+    the states and controls; if that is unknown, they name joints.
+    """
     if isinstance(problem, PendulumSwingUp):
         return PendulumView(problem)
     if isinstance(problem, RobotFormation):
         return RobotView(problem)
     if isinstance(problem, DirectProblem):
         return StatedView(problem)
-    return PlantView(named_kind((), ()) if plan is None else kind_by_names(plan), problem)
-
-
-def kind_by_names(plan: Trajectory) -> PlantKind:
-    """Return the plant of a plan by its states and controls; if unknown, they name joints."""
+    if plan is None:
+        return PlantView(named_kind(()), problem)
     names, units = (plan.state_names, plan.control_names), (plan.state_units, plan.control_units)
-    for kind in BUILT_IN.values():
-        if (kind.state_names, kind.control_names) == names:
-            return kind
-    return named_kind(*names, units=units)
+    for view in (PendulumView(), RobotView()):
+        if problem is None and {*view.kind.state_names} <= {*plan.state_names}:
+            return view
+        if (view.kind.state_names, view.kind.control_names) == names:
+            return PlantView(view.kind, problem)
+    return PlantView(named_kind(*names, units=units), problem)

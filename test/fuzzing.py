@@ -27,7 +27,7 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.nodes import reading
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, flatten, shown, specifications
-from tdm_planner.plant_kind import BUILT_IN
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.problems import PendulumSwingUp, Solution
 from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
@@ -36,10 +36,11 @@ from tdm_planner.tracking.robot_tracking import RobotTracker
 DEADLINE = 0.05  # s a search may take in these tests
 ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check, the interpreter
 MADE = {'pendulum': PendulumTracker, 'robot': RobotTracker}
+KINDS = {'pendulum': PENDULUM, 'robot': ROBOT}
 
 
 def read_state(plant: str, value: Any) -> np.ndarray:
-    kind, found = BUILT_IN[plant], {}
+    kind, found = KINDS[plant], {}
     if kind.odometry:
         moved, value = value
         found = reading.read_odometry(kind, message('nav_msgs/Odometry', moved))
@@ -51,7 +52,7 @@ def read_state(plant: str, value: Any) -> np.ndarray:
 def live_through(history: dict[str, Any]) -> bool:
     """Only refusals are raised, commands are finite and within limits; tells of accepted plans."""
     plant, accepted = history['plant'], False
-    kind, parameters = BUILT_IN[plant], TRACKERS[plant]
+    kind, parameters = KINDS[plant], TRACKERS[plant]
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
     try:
         tracker = MADE[plant](build(parameters, flat))

@@ -56,8 +56,7 @@ class MeasuredState:
         self._faults: dict[str, str] = {}  # of the last message
         self._topics: dict[str, str] = {}  # resolved
         self._node, self._subscriptions = node, list[Any]()
-        self._leading = 'odom' if kind.odometry else 'joint_states'  # with the states' stamps
-        for name in dict.fromkeys([self._leading, 'joint_states']):
+        for name in dict.fromkeys([kind.leading, 'joint_states']):
             take = partial(self._receive, name)
             message_type = Odometry if name == 'odom' else JointState
             subscription = node.create_subscription(message_type, prefix + name, take, qos)
@@ -78,7 +77,7 @@ class MeasuredState:
     @property
     def topic(self) -> str:
         """Topic whose stamps are those of the states."""
-        return self._topics[self._leading]
+        return self._topics[self._kind.leading]
 
     @property
     def missing(self) -> list[str]:
@@ -99,7 +98,7 @@ class MeasuredState:
         self, known: Mapping[str, tuple[Mapping[str, float], float]]
     ) -> tuple[Array, float]:
         values = {k: v for states, _ in known.values() for k, v in states.items()}
-        _, instant = known[self._leading]
+        _, instant = known[self._kind.leading]
         return np.array([values[name] for name in self._kind.state_names]), instant
 
     @property
@@ -169,7 +168,7 @@ class MeasuredState:
         if name == 'joint_states':
             self._joints = message
         newest = self.newest
-        if name != self._leading or newest is None:
+        if name != kind.leading or newest is None:
             return
         apart = max(abs(instant - at) for _, instant in self._newest.values())
         longest = self._longest()

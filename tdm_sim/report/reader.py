@@ -188,7 +188,7 @@ def _gaps(
         where = untrusted.text(site.namespace, 100)
         expected = {
             'joint_states': (vehicle.applied, 'the applied controls are not known'),
-            site.leading: (vehicle.states, "the plant's motion is not known"),
+            site.view.kind.leading: (vehicle.states, "the plant's motion is not known"),
             'joint_command': (vehicle.commands, "the tracker's commands are not known"),
         }
         for name, (there, consequence) in expected.items():

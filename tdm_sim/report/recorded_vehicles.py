@@ -21,7 +21,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry, read_plan
 from tdm_planner.plan_files import UnusableFile
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
+from tdm_planner.plant_views import PendulumView, PlantView, RobotView, view_of
 from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
@@ -51,11 +51,6 @@ class Site:
     name: str
     planner: str
 
-    @property
-    def leading(self) -> str:
-        """Return the topic whose stamps are those of the states."""
-        return 'odom' if self.view.kind.odometry else 'joint_states'
-
 
 class Planner(NamedTuple):
     """What a planner told: its last problem or why it is not known, its plans by start [ns]."""
@@ -70,21 +65,13 @@ def namespace_of(topic: str) -> str:
     return topic.rsplit('/', 1)[0]
 
 
-def unknown_view(plan: Trajectory) -> PlantView:
-    """Return the plant of a problem that is not known, by the names of a plan's states."""
-    for view in (PendulumView(), RobotView()):
-        if set(view.kind.state_names) <= set(plan.state_names):
-            return view
-    return PlantView(kind_by_names(plan))
-
-
 def planned_vehicles(
     problem: Problem | None, plans: Mapping[str, Trajectory]
 ) -> tuple[RecordedVehicle, ...]:
     """Return vehicles of which nothing but plans by name is there; a single one may have none."""
     found = []
     for name, plan in plans.items():
-        view = unknown_view(plan) if problem is None else view_of(problem, plan)
+        view = view_of(problem, plan)
         found.append(RecordedVehicle(name or view.name, view, (FollowedPlan(plan, 0.0),)))
     return tuple(found)
 

@@ -77,10 +77,8 @@ def judge(mission: Mission) -> Verdict | None:
 def held_from(times: Array, shares: Array) -> float:
     """Return the earliest instant [s] from which `shares` (n,) stay below 1; inf if none."""
     outside = np.flatnonzero(~(shares < 1.0))
-    if outside.size == 0:
-        return float(times[0]) if times.size else math.inf
-    last = int(outside[-1])
-    return float(times[last + 1]) if last + 1 < times.size else math.inf
+    first = outside[-1] + 1 if outside.size else 0
+    return float(times[first]) if first < times.size else math.inf
 
 
 def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Array, Array]:
@@ -95,11 +93,9 @@ def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Arr
 
 
 def arrival(vehicle: RecordedVehicle) -> float | None:
-    """Return from when on the goal was held [s]; inf if never, None if that is not known."""
-    if vehicle.plan is None:
-        return None
+    """Return from when on the last goal was held [s]; inf if never, None if not known."""
     after = vehicle.states.between(vehicle.plans[0].start, math.inf)
-    times, errors = goal_errors(vehicle.view, vehicle.plan.trajectory, after)
+    times, errors = goal_errors(vehicle.view, vehicle.plans[-1].trajectory, after)
     return held_from(times, errors) if times.size else None
 
 
