@@ -156,6 +156,31 @@ def test_a_narrow_range_of_the_disk_takes_more(seed: int, start: int, longest: f
     assert rig(seed).solve(DEADLINE, seed=start).duration < longest
 
 
+@pytest.mark.parametrize(('seed', 'longest'), [(3337, 0.68), (3058, 1.05)])
+def test_a_disk_at_its_limit_takes_more_arcs_than_shooting_finds(seed, longest):
+    """Of these strong motors shooting finds 7 and 6 arcs of 1.52 and 1.69 s."""
+    assert rig(seed).solve(DEADLINE, seed=0).duration < longest
+
+
+def test_a_correction_does_not_lead_further_off() -> None:
+    """Over many arcs a full step leads too far: 17 of 30 ended further off than they began."""
+    made = rig(1206)
+    task, motion = made.task, made.solve(DEADLINE, seed=0).trajectory
+    read = candidates.arcs_of(motion)
+    assert read is not None
+    arcs = replace(read, turns=task.turns_nearest(motion.states[-1]))
+    rng, ended = np.random.default_rng(0), []
+    for size in np.repeat([1e-4, 1e-3, 3e-3], 10):
+        changes = np.exp(size * rng.normal(size=arcs.durations.size))
+        off, steps = arcs.with_tail(changes * arcs.durations), candidates.FINE_STEPS
+        program = candidates.program_of(task, off, steps)
+        begun = candidates.evaluate_arcs(program, off.durations * task.plant.natural_frequency)
+        _, violation = candidates.corrected(task, off, steps, Budget(DEADLINE))
+        assert violation <= max(begun.ends, begun.beyond)
+        ended.append(violation)
+    assert max(ended[:10]) < 1e-6
+
+
 def test_at_its_own_pace_a_plan_is_followed_with_damping_that_grows_with_the_pace() -> None:
     """Gravity, and so the square of the pace, is a tenth less than the model's."""
     model = damped(RotaryPendulum(), 0.2)

@@ -49,6 +49,7 @@ _FIXED_STEP = 1.0 / 24.0  # share of `quick_time` for arcs that stay as they are
 _QUICK = 2.5  # a step is no longer than that share of `quick_time`, divided by the steps an arc
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _MOST_VARIED_ARCS = 56  # the last ones of an earlier plan, where there are more
+_AT_LIMIT = 0.98  # of the disk's limit, from which on a motion is at it
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # Rounds of shooting: the effort, and the sum of squares from which on a candidate is dropped then.
 _TAIL_EFFORT = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
@@ -57,7 +58,8 @@ ONE_ROUND = ((Effort(), 0.0),)
 _POLISHED = 16  # last arcs whose time is minimised
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small,
 _STIFF_DRIVE = 0.25  # as it always is below that drive
-_CORRECTIONS = 10  # steps that bring a polished candidate to its end again
+_CORRECTIONS = 16  # steps that bring a polished candidate to its end again
+_WORSE = 2.0  # times the violation before it, from which on a step is halved
 _PARTS = 4  # of an arc, before each of which an empty arc is tried
 _MOST_NEW = 2  # arcs at a time: they change the multipliers
 _PAYS = -0.1  # derivative of the Lagrangian below which an arc is begun
@@ -259,19 +261,27 @@ def corrected(
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
     candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
     w0, program = task.plant.natural_frequency, program_of(task, candidate, steps)
-    xi, violation = candidate.tail[0] * w0, math.inf
-    for left in reversed(range(_CORRECTIONS)):
+    xi = at = best = candidate.tail[0] * w0
+    step, before, violation = np.zeros_like(xi), math.inf, math.inf
+    for _ in range(_CORRECTIONS):
         point = evaluate_arcs(program, xi)
         budget.evaluations += 1
-        violation = max(point.ends, point.beyond)
-        if not 1e-10 < violation < 1.0 or left == 0 or budget.spent:
+        now = max(point.ends, point.beyond)
+        if now < violation:
+            best, violation = xi, now
+        if not 1e-10 < violation < 1.0 or budget.spent:
             break
-        beyond = point.margins < 0.0
-        rows = np.concatenate([point.jacobian, point.slopes[beyond]])
-        rows[:, xi <= 0.0] = 0.0
-        wrong = np.concatenate([point.residual, point.margins[beyond]])
-        xi = np.maximum(xi - np.linalg.lstsq(rows, wrong, rcond=1e-6)[0], 0.0)
-    return candidate.with_tail(xi / w0), violation
+        if now < _WORSE * before:
+            at, before = xi, now
+            beyond = point.margins < 0.0
+            rows = np.concatenate([point.jacobian, point.slopes[beyond]])
+            rows[:, xi <= 0.0] = 0.0
+            wrong = np.concatenate([point.residual, point.margins[beyond]])
+            step = -np.linalg.lstsq(rows, wrong, rcond=1e-6)[0]
+        else:  # over many arcs a step may lead too far
+            step = 0.5 * step
+        xi = np.maximum(at + step, 0.0)
+    return candidate.with_tail(best / w0), violation
 
 
 def program_of(
@@ -290,6 +300,13 @@ def program_of(
         plant.natural_frequency,
         *mesh_of_arcs(plant.coefficients, start, durations, torques, fewest, share),
     )
+
+
+def reaches_limit(task: SwingUpTask, candidate: Candidate) -> bool:
+    """Whether the disk comes to its limit."""
+    arcs = ArcBatch.of([(candidate.durations, candidate.torques)])
+    _, peaks = roll_to_ends(task, arcs, _FIXED_STEP, math.inf)
+    return bool(peaks[0] > _AT_LIMIT * task.planned_disk_angle)
 
 
 def joined(candidate: Candidate, durations: Array, torques: Array) -> tuple[Candidate, Integers]:

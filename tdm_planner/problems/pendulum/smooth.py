@@ -50,7 +50,7 @@ _SWITCHING_SHARE = 0.4  # of the time allowed, for a switching torque to begin f
 _ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough
 _FIRST_SHARE = 0.7  # of the time allowed, for the nearest way up
 _LONGER, _LEAST = 4.5, 0.3  # of the time scale of the transfer, and of 1/w0: a guess of the time
-_INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-2)  # of the collocation; the optimum is far
+_INTERVALS, _SETTINGS = 60, replace(WARM, barrier=1e-1)  # of the collocation; the optimum is far
 _SWITCH = 0.8  # of the torque, by which it changes within an interval that a switch divides
 _EXTREME = 0.97  # of the torque, from which it counts as all of it
 _ALIKE = 0.1, 0.3  # of the torque, by which that of one arc may vary: finely and coarsely read
@@ -121,7 +121,8 @@ class StatedSwingUp(DirectProblem):
 
     def margins(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         """Return what is left of the disk's angle; on the virtual arc also of the speed."""
-        limits = {'disk_angle': 1.0 - (x[1] / self.disk_angle) ** 2}
+        share = x[1] / self.disk_angle
+        limits = {'disk_angle': 1.0 - share, '-disk_angle': 1.0 + share}
         if self.one_way:
             way = np.sign(self.goal - self.start.theta)
             limits['one way'] = way * x[2] / self.plant.natural_frequency

@@ -32,6 +32,7 @@ from tdm_planner.problems.pendulum.candidates import (
     FINE_STEPS,
     ONE_ROUND,
     polish,
+    reaches_limit,
     shoot_upright,
     starts,
     TAIL_STEPS,
@@ -69,9 +70,9 @@ _POLISHED, _POLISHED_PUMPED = 5, 2  # candidates, of random starts and pumped on
 _COARSE = 0.75  # share of the deadline after which no more are polished
 _CUTOFF = 1.05  # polishing stops where the time stays above this share of the best
 _FEASIBLE = 1e-6  # violation after a polish
-_FEWEST_COLLOCATED = 12  # arcs of a strong motor's swing-up from which collocation goes on,
-_COLLOCATED = 0.4, 0.46, 0.5  # begun, left, and polished until these shares of the deadline
-_COLLOCATED_AGAIN = 0.02  # gain after which it goes on where the disk's range is narrow
+# Shares of the deadline until which collocation is begun, left, and what it gives is polished.
+_COLLOCATED = 0.4, 0.46, 0.5
+_COLLOCATED_AGAIN = 0.02  # gain after which it goes on
 # Most times that swings are pumped, and share of the deadline until which they are once more.
 _PUMPS, _PUMPED_AGAIN = 4, 0.07
 
@@ -136,12 +137,11 @@ class SwitchingSearch(Search[Candidate]):
             return self._warm(self._previous)
         pumped, quicker = list[Candidate](), list[Candidate]()
         for _ in range(_PUMPS if self._pumping else 0):
-            before, pumped = pumped[:1], distinct(pumped + self._pumped())
-            if self._narrow and pumped[:1] != before:
-                quicker = self._collocated(pumped[0])
-            enough = quicker or self._replans or self.budget.past(_PUMPED_AGAIN)
-            if enough or not pumped:
+            pumped = distinct(pumped + self._pumped())
+            if not pumped or self._replans or self.budget.past(_PUMPED_AGAIN):
                 break
+        if self._narrow and pumped:
+            quicker = self._collocated(pumped[0])
         latest = _ENOUGH_BESIDE if pumped else _SEARCH_UNTIL
         arrived = self._arrivals(latest) if self._narrow or not self._pumping else []
         if quicker:  # than the pumped ones, which need no polish then
@@ -288,8 +288,12 @@ class SwitchingSearch(Search[Candidate]):
         return found
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Minimise the times of the quickest candidates, unless collocation shortens the first."""
-        if candidates and (quicker := self._quicker(candidates[0])):
+        """
+        Minimise the times of the quickest candidates; collocation may shorten the first further.
+
+        Where the disk's range is narrow it is tried at once, and what it gives needs no polish.
+        """
+        if self._narrow and candidates and (quicker := self._quicker(candidates[0])):
             return quicker + candidates
         done, best, until = list[Candidate](), math.inf, self._until_share(_COARSE)
         for candidate in candidates[:_POLISHED]:
@@ -305,6 +309,8 @@ class SwitchingSearch(Search[Candidate]):
             shorter = self._shortened(done[0], self._until_share(_SHORTENED))
             if shorter.total < done[0].total:
                 done = [shorter, *done]
+        if done and not self._narrow:
+            done = self._quicker(done[0]) + done
         return done
 
     @property
@@ -315,7 +321,11 @@ class SwitchingSearch(Search[Candidate]):
     def _polish(
         self, candidate: Candidate, until: Budget, cutoff: float = math.inf
     ) -> tuple[Candidate, float]:
-        return polish(self._task, candidate, self._coarse_steps, self._tolerance, until, cutoff)
+        task, steps = self._task, self._coarse_steps
+        better, violation = polish(task, candidate, steps, self._tolerance, until, cutoff)
+        if violation > _FEASIBLE:
+            better, violation = corrected(task, better, steps, until)
+        return better, violation
 
     def _shortened(self, candidate: Candidate, until: Budget) -> Candidate:
         """Return a candidate with further arcs, as long as they shorten it and there is time."""
@@ -328,8 +338,6 @@ class SwitchingSearch(Search[Candidate]):
             if further is None:
                 break
             better, violation = self._polish(further, until)
-            if violation > _FEASIBLE:
-                better, violation = corrected(task, better, self._coarse_steps, until)
             gained = 1.0 - better.total / best.total if violation < _FEASIBLE else 0.0
             if gained > 0.0:
                 best = without_short_arcs(task, better)
@@ -351,19 +359,21 @@ class SwitchingSearch(Search[Candidate]):
         """
         Return quicker arcs that collocation leads to from a candidate, if any.
 
-        It pays for a strong motor where the candidate has many arcs or the disk's range is narrow.
+        It pays for a strong motor where the disk comes to its limit: what moves along that has
+        more arcs than shooting finds.
         """
-        many = self._narrow or candidate.durations.size >= _FEWEST_COLLOCATED
-        pays = many and self._task.drive >= WEAK_DRIVE and not self._replans
-        if pays and not self.budget.past(_COLLOCATED[0]):
+        late = self._replans or self.budget.past(_COLLOCATED[0])
+        pays = not late and self._task.drive >= WEAK_DRIVE
+        if pays and (self._narrow or reaches_limit(self._task, candidate)):
             left, until = map(self._until_share, _COLLOCATED[1:])
             with suppress(InvalidProblem):  # numbers of a rig that collocation cannot compute with
                 for read in collocated(self._task, candidate, left):
-                    found = self._shot_again(read, until)
-                    quickest = min(found, key=lambda c: c.total, default=candidate)
-                    if quickest.total < candidate.total:
+                    if found := self._shot_again(read, until):
+                        quickest = min(found, key=lambda c: c.total)
                         better, violation = self._polish(quickest, until)
-                        return [better if violation < _FEASIBLE else quickest]
+                        best = better if violation < _FEASIBLE else quickest
+                        if best.total < candidate.total:
+                            return [best]
         return []
 
     def _missed(self) -> str:
