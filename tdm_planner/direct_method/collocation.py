@@ -335,7 +335,8 @@ class Collocation:
             found = solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most, **known)
             solved = unfinished or bool(solver.stats()['success'])
             self.broke_down = solver.stats()['return_status'] == 'Invalid_Number_Detected'
-            budget.evaluations += int(solver.stats()['iter_count'])
+            if self._clock.iterations:  # else Ipopt did not begin, and its count is any number
+                budget.evaluations += int(solver.stats()['iter_count'])
         z, *multipliers = (np.array(found[name]).ravel() for name in ('x', 'lam_x', 'lam_g'))
         if not (solved and np.isfinite(z).all()):
             return None

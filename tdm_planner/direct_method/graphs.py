@@ -302,7 +302,7 @@ class IpoptStop(ca.Callback):
 
     def begin(self, budget: Budget, iterations: float) -> None:
         """Begin a run of at most so many iterations."""
-        self._budget, self._most, self._iterations = budget, iterations, 0
+        self._budget, self._most, self.iterations = budget, iterations, 0
 
     def get_n_in(self) -> int:
         """Return the number of what Ipopt tells."""
@@ -314,9 +314,9 @@ class IpoptStop(ca.Callback):
 
     def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
         """Return whether to stop."""
-        self._iterations += 1
-        if self._iterations % _CHECK_PERIOD == 0:
+        self.iterations += 1
+        if self.iterations % _CHECK_PERIOD == 0:
             size = 1.0 + abs(float(values[self._cost]))
             if not float(np.abs(values[self._multipliers].full()).max()) < _HOPELESS * size:
                 return [1]
-        return [int(self._budget.spent or self._iterations > self._most)]
+        return [int(self._budget.spent or self.iterations > self._most)]

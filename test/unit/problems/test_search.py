@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from stated import Cart, changed, noted, Quickest
-from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method import Budget, Duration, Integrated, Output
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems.direct.guesses import Guesses
 from tdm_planner.problems.direct.minima import DirectMinima
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.problems.direct.search import DirectSearch
 
@@ -42,6 +43,18 @@ RAYLEIGH = changed(
 def test_a_repair_that_raises_the_cost_asks_for_more_intervals():
     """On few intervals errors may cancel; a reserve at a limit then costs what they hid."""
     assert RAYLEIGH().solve(counted=True).cost == pytest.approx(28.381, rel=1e-3)
+
+
+def test_what_ipopt_does_not_begin_counts_nothing():
+    """A reserve beyond both limits of a control: CasADi has any number of iterations for that."""
+    limited = changed(Cart, control_limits=lambda s: {'u': (-60.0, 60.0)})
+    plant, budget = DirectPlant(limited()), Budget(3.0)
+    refinement = Refinement(plant, budget)
+    guess = Guesses(plant, plant.ends, budget, 0).line(straight=True, screen=False)
+    assert refinement.solve(guess.intervals, guess) is not None
+    counted = budget.evaluations
+    assert refinement.solve(guess.intervals, guess, reserve=100.0) is None
+    assert budget.evaluations == counted > 0
 
 
 # Two links lift 3 kg with an elbow that is far too weak to hold it: they must swing.
