@@ -98,6 +98,9 @@ class Refinement:
         self._stated, self._numbers = plant.stated, plant.numbers
         self.ends = plant.ends
         self._reserve = plant.stated.reserves(plant.trace.margin_names)
+        # Limits (nm,) that depend on free states at the end: a repair may keep more of them there.
+        free = np.isnan(self.ends.states[1]) & (not plant.trace.end_conditions.numel_out(0))
+        self._open_at_end = (plant.trace.uses[:, 1:][:, : free.size] & free).any(axis=1)
         # The last motion that has no solution on twice the intervals.
         self._dead_end: CollocatedMotion | None = None
         self._roughly = False  # whether rounder kinks were solved last, and sharp ones were not
@@ -137,7 +140,8 @@ class Refinement:
         settings = settings or (COLD if intervals == FIRST else WARM)
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
-        kept[[0, -1]] = self._plant.kept_at_ends
+        kept[0], last = self._plant.kept_at_ends
+        kept[-1] = np.where(self._open_at_end, kept[-1], last)
         until = until or self._budget
         given = self._numbers, guess, self.ends, self._plant.durations, kept, until
         kinked = settings is WARM and program.has_kinks

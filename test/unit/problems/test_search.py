@@ -45,6 +45,26 @@ def test_a_repair_that_raises_the_cost_asks_for_more_intervals():
     assert RAYLEIGH().solve(counted=True).cost == pytest.approx(28.381, rel=1e-3)
 
 
+def test_a_repair_leaves_more_of_a_limit_at_a_free_end_too():
+    """Van der Pol's oscillator: the replay is beyond a limit on the state when it ends."""
+    oscillator = changed(
+        Cart,
+        states={'x': '1', 'v': '1/s'},
+        controls={'u': '1'},
+        outputs=lambda s: {'x': Output(start=(1.0, 0.0), free=10)},
+        duration=lambda s: Duration(5.0, fixed=True),
+        invert=lambda s, y, z: (
+            y['x'][:2],
+            (y['x'][2] - 3.0 * (1.0 - y['x'][0] ** 2) * y['x'][1] + y['x'][0],),
+        ),
+        derivative=lambda s, x, u: (x[1], 3.0 * (1.0 - x[0] ** 2) * x[1] - x[0] + u[0]),
+        control_limits=lambda s: {'u': (-0.3, 1.0)},
+        margins=lambda s, t, x, u: {'speed': x[1] + 0.4},
+        running_cost=lambda s, t, x, u: x[0] ** 2 + x[1] ** 2 + u[0] ** 2,
+    )
+    assert oscillator().solve(counted=True).cost == pytest.approx(5.4129, rel=1e-3)
+
+
 def test_what_ipopt_does_not_begin_counts_nothing():
     """A reserve beyond both limits of a control: CasADi has any number of iterations for that."""
     limited = changed(Cart, control_limits=lambda s: {'u': (-60.0, 60.0)})
