@@ -70,7 +70,7 @@ def check_problem(problem: Problem, console: Console | None = None) -> list[str]
         console.print(
             'plans are not refined by collocation, and dearer for it, as these boundary '
             f'conditions fix neither a state nor a control: {", ".join(ends.unkept)}; state them '
-            'in start_conditions or end_conditions instead',
+            'in start_conditions or end_conditions if they are of states, else leave them out',
             style=_WRONG,
         )
     for function in (plant.trace.start_conditions, plant.trace.end_conditions):

@@ -151,7 +151,8 @@ class DirectSearch(Search[Candidate]):
         if isinstance(best, Minimum) and self._problem._refined:
             if unkept := self._refinement.ends.unkept:
                 where = 'start' if unkept[0].endswith('start') else 'end'
-                why = f' ({unkept[0]} fixes no state: state it in {where}_conditions instead)'
+                out = f'state it in {where}_conditions, or leave it out'
+                why = f' ({unkept[0]} fixes no state: {out})'
             elif broken := self._refinement.breakdowns:
                 why = f' (rates had no value in {broken} attempts: limit the states)'
             return f', not refined by collocation{why}: J is some per cent too high, or far more'

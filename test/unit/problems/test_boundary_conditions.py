@@ -40,7 +40,8 @@ def load(plan):
 def test_boundary_values_that_fix_no_state_are_kept_by_the_direct_method():
     plan = CRANE().solve(counted=True)
     assert load(plan) == pytest.approx((1.0, 0.0), abs=1e-6)
-    assert "('load' of order 0 at the end fixes no state: state it in" in plan.summary
+    told = 'fixes no state: state it in end_conditions, or leave it out'
+    assert f"('load' of order 0 at the end {told})" in plan.summary
     instead = changed(
         CRANE,
         outputs=lambda s: {'load': Output((0.0,) * 4, free=4, derivatives=4)},
