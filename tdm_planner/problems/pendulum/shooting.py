@@ -44,10 +44,6 @@ class Steps(NamedTuple):
     fewest: int
     share: float = math.inf
 
-    def finer(self, times: int) -> Steps:
-        """Return so many times as many steps."""
-        return Steps(times * self.fewest, self.share / times)
-
 
 class Effort(NamedTuple):
     """

@@ -122,7 +122,6 @@ class SwitchingSearch(Search[Candidate]):
         self._rng, self._arcs, self._tolerance = rng, arcs, tolerance
         self._previous = previous
         self._replans = previous is not None  # soon matters more than short
-        self._finer = 1  # times as many steps, of all but the final polish
         w0 = task.plant.natural_frequency
         self._lost = _LOST * float((TERMINAL_TOLERANCE / [1.0, 1.0, w0, w0]).max())
         self._pumping = task.swing_drive < _PUMPED_FIRST
@@ -224,18 +223,11 @@ class SwitchingSearch(Search[Candidate]):
         return self.budget.remaining + overtime <= self.budget.charged(time * scale)
 
     def widen(self) -> bool:
-        """
-        Give an earlier plan up; pump after random starts, and the other way round.
-
-        After a rejection integrate more finely: the coarse integration may have found what does
-        not exist.
-        """
+        """Give an earlier plan up; pump after random starts, and the other way round."""
         if self._previous is not None:
             self._previous = None
             self._task = replace(self._task, whole_range=False)
             return True
-        if self.rejected:
-            self._finer = min(2 * self._finer, FINE_STEPS // COARSE_STEPS)
         if self._pumping:
             self._task = replace(self._task, whole_range=True)
         # From near upright random starts arrive, however weak the motor: they get one turn.
@@ -273,7 +265,7 @@ class SwitchingSearch(Search[Candidate]):
         """
         found, again = list[Candidate](), self._rounds > 0
         strong = self._task.swing_drive >= _PUMPED_FIRST
-        steps = _GUESSED[self._task.plant.quickness > 1.0].finer(self._finer)
+        steps = _GUESSED[self._task.plant.quickness > 1.0]
         # Fewer where one round would use all the time up.
         size = min(_STARTS, max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME)))
         for _ in range(_MORE_ROUNDS if again and strong else _RANDOM_ROUNDS):
@@ -316,7 +308,7 @@ class SwitchingSearch(Search[Candidate]):
     @property
     def _coarse_steps(self) -> int:
         """Steps an arc of a coarse polish."""
-        return (2 if self._pumping else 1) * self._finer * COARSE_STEPS
+        return (2 if self._pumping else 1) * COARSE_STEPS
 
     def _polish(
         self, candidate: Candidate, until: Budget, cutoff: float = math.inf
