@@ -280,8 +280,7 @@ def test_energy_is_gathered_in_several_swings():
 
 
 def test_rollouts_are_motions_of_the_plant_that_come_near_the_goal():
-    plant = DirectPlant(WHEEL())
-    made = Guesses(plant, Ends.of(plant.stated), Budget(60.0), 0)
+    made = guesses(WHEEL())
     found = [made.rollout() for _ in range(12)]
     away = [np.hypot(*((m.states[-1] - [math.pi, 0.0]) / [math.pi, 6.0])) for m in found]
     assert away[0] < 0.3
@@ -290,9 +289,8 @@ def test_rollouts_are_motions_of_the_plant_that_come_near_the_goal():
         mean = np.diff(m.states[:, 0]) / np.diff(m.times)  # of the rate in every interval
         assert np.corrcoef(mean, m.middles[:, 1])[0, 1] > 0.99
     assert made.rollout() is not None  # of another batch
-    falling = changed(WHEEL, derivative=lambda s, x, u: (x[1], u[0] + 1e200 * x[0]))()
-    plant = DirectPlant(falling)
-    assert Guesses(plant, Ends.of(plant.stated), Budget(60.0), 0).rollout() is None
+    falling = changed(WHEEL, derivative=lambda s, x, u: (x[1], u[0] + 1e200 * x[0]))
+    assert guesses(falling()).rollout() is None
 
 
 OSCILLATING = changed(  # Rayleigh's oscillator

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stated import Cart, changed, noted, Quickest
+from stated import Cart, changed, forced, noted, Quickest
 from tdm_planner.direct_method import Budget, Duration, Integrated, Output
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.exceptions import Infeasible
@@ -237,11 +237,7 @@ def test_a_plant_too_unstable_for_any_replay_is_planned_for_with_a_feedback_in_i
         Cart,
         outputs=lambda s: {'x': Output((-0.5, 0.0), (0.5, 0.0), free=8)},
         duration=lambda s: Duration(duration, fixed=True),
-        invert=lambda s, y, z: (
-            y['x'][:2],
-            (y['x'][2] - rate**2 * np.sin(y['x'][0]) - push(*y['x'][:2]),),
-        ),
-        derivative=lambda s, x, u: (x[1], rate**2 * np.sin(x[0]) + push(*x) + u[0]),
+        **forced(lambda x, v: rate**2 * np.sin(x) + push(x, v)),
         margins=lambda s, t, x, u: {'force': 60.0 - np.sqrt(1e-6 + (u[0] + push(*x)) ** 2)},
         running_cost=lambda s, t, x, u: (u[0] + push(*x)) ** 2,
     )

@@ -60,7 +60,10 @@ def test_ranges_of_a_problem_are_checked_whatever_it_derives_from(kind, given, t
     assert getattr(made, 'weight', 29.43) == pytest.approx(29.43)
 
 
-@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
+ASKED = check_problem, lambda made: [refused(made.solve)]
+
+
+@pytest.mark.parametrize('reasons_of', ASKED)
 @pytest.mark.parametrize(
     ('given', 'begins', 'told'),
     [
@@ -114,31 +117,25 @@ def test_methods_for_others_are_no_misspelt_ones():
 
 def test_a_function_that_keeps_values_of_earlier_calls_is_refused():
     """With symbols it gave what numpy had left there, an array over nodes."""
-    kept = []
 
-    def derivative(self, x, u):
-        kept.append(u[0])
-        return x[1], kept[0] - 0.1 * x[1], u[1], x[1]
+    def told(rate):
+        kept = []
 
-    message = refused(changed(Driven, derivative=derivative)().solve)
-    assert message == (
-        'derivative of Changed gives 10 values when it is traced, but 4 with numpy: it must '
-        'depend on its arguments at the same node alone'
-    )
-    last = []
+        def derivative(self, x, u):
+            kept.append(u[0])
+            return x[1], rate(x, u, kept), u[1], x[1]
 
-    def of_the_last(self, x, u):
-        last.append(u[0])
-        return x[1], u[0] - 0.1 * last[-min(2, len(last))], u[1], x[1]
+        made = changed(Driven, derivative=derivative)
+        return [refused(made().solve) for _ in range(2)]
 
-    message = refused(changed(Driven, derivative=of_the_last)().solve)
-    assert message == (
-        'derivative of Changed keeps values of other calls: it must depend on its arguments at '
-        'the same node alone'
-    )
-    message = refused(changed(Driven, derivative=of_the_last)().solve)
-    assert message.startswith("what derivative returns: 'vx' = ")
-    assert message.endswith('which is not a real number')
+    alone = 'it must depend on its arguments at the same node alone'
+    message, _ = told(lambda x, u, kept: kept[0] - 0.1 * x[1])
+    given = 'derivative of Changed gives 10 values when it is traced, but 4 with numpy: '
+    assert message == given + alone
+    message, again = told(lambda x, u, kept: u[0] - 0.1 * kept[-min(2, len(kept))])
+    assert message == 'derivative of Changed keeps values of other calls: ' + alone
+    assert again.startswith("what derivative returns: 'vx' = ")
+    assert again.endswith('which is not a real number')
 
 
 def test_what_a_post_init_raises_keeps_its_words():
@@ -232,19 +229,12 @@ def test_a_path_is_no_module(name):
     )
 
 
-@pytest.mark.parametrize('reasons_of', [check_problem, lambda made: [refused(made.solve)]])
-@pytest.mark.parametrize(
-    ('change', 'told'),
-    [
-        (
-            {'end': (0.0, 0.0, 40.0), 'control_limits': lambda s: {'ax': (-2.0, 30.0)}},
-            "the end violates the limit 'ax, highest' by 10 m/s^2, whatever the motion",
-        ),
-    ],
-)
-def test_ends_beyond_a_control_s_limit_are_named_in_its_unit(reasons_of, change, told):
-    reasons = reasons_of(changed(Driven, **change)())
-    assert [reason.startswith(told) for reason in reasons] == [True]
+@pytest.mark.parametrize('reasons_of', ASKED)
+def test_ends_beyond_a_control_s_limit_are_named_in_its_unit(reasons_of):
+    limits = {'control_limits': lambda s: {'ax': (-2.0, 30.0)}}
+    (reason,) = reasons_of(changed(Driven, end=(0.0, 0.0, 40.0), **limits)())
+    told = "the end violates the limit 'ax, highest' by 10 m/s^2, whatever the motion"
+    assert reason.startswith(told)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from stated import Car, Cart, refused
+from stated import Car, Cart, changed, refused
 from tdm_planner.direct_method import Duration
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.tracing import _kind, numbers, Trace
@@ -80,14 +80,7 @@ def test_constants_of_classes_groups_and_tables_are_a_part_of_the_kind(monkeypat
 
 
 PRICE = 1.0
-
-
-@dataclass(frozen=True)
-class Priced(Cart):
-    """At a price that is no parameter."""
-
-    def running_cost(self, t, x, u):
-        return PRICE * u[0] ** 2
+Priced = changed(Cart, running_cost=lambda s, t, x, u: PRICE * u[0] ** 2)  # no parameter
 
 
 def test_what_functions_read_beside_parameters_counts_as_it_is_when_a_plan_is_made(monkeypatch):
@@ -103,16 +96,13 @@ def test_what_functions_read_beside_parameters_counts_as_it_is_when_a_plan_is_ma
 def test_a_statement_may_solve_another_problem():
     """It hung: what traces one problem waited for itself to trace the other."""
 
-    @dataclass(frozen=True)
-    class Slower(Cart):
-        """In twice the time of another problem's plan."""
+    def duration(self):
+        return Duration(2.0 * Cart(start=self.start).solve(counted=True).duration, fixed=True)
 
-        def duration(self):
-            return Duration(2.0 * Cart(start=self.start).solve(counted=True).duration, fixed=True)
-
+    slower = changed(Cart, duration=duration)()
     Trace._made.clear()
     found = []
-    thread = Thread(target=lambda: found.append(Slower().solve(counted=True)), daemon=True)
+    thread = Thread(target=lambda: found.append(slower.solve(counted=True)), daemon=True)
     thread.start()
     thread.join(60.0)
     assert found[0].cost == pytest.approx(12.0 / 4.0**3, rel=1e-3)
@@ -144,25 +134,18 @@ def test_a_group_may_have_slots():
 
 
 def test_few_traces_are_kept_of_a_kind_whose_numbers_cannot_be_symbols():
-    @dataclass(frozen=True)
-    class Walled(Cart):
-        """A root of a parameter by math."""
-
-        def margins(self, t, x, u):
-            return {'wall': math.sqrt(4.0 + self.start**2) - x[0]}
-
+    root = {'margins': lambda s, t, x, u: {'wall': math.sqrt(4.0 + s.start**2) - x[0]}}
+    walled = changed(Cart, **root)
     Trace._made.clear()
     for start in np.linspace(0.5, 1.0, 10):
-        Walled(start=float(start)).prepare()
+        walled(start=float(start)).prepare()
     (made,) = Trace._made.values()
     assert len(made) == 4
 
 
 def test_a_statement_without_units_is_refused_when_it_is_prepared():
-    class Bare(Cart):
-        state_units = None
-
-    for make in (Bare().prepare, Bare().solve):
+    bare = changed(Cart, state_units=None)()
+    for make in (bare.prepare, bare.solve):
         assert refused(make).startswith('state_units = None must be a tuple of units')
 
 

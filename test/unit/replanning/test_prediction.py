@@ -73,31 +73,24 @@ def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(swing, phase, 
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
-def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing):
-    at, late = 0.5 * swing.solution.duration, 0.04
-    now = seen(states_on(swing, at - late), at)
-    predicted = SwingUpExecution(swing).predict(now, at + 0.1)[PENDULUM_NAME]
-    missed = np.abs(predicted.state - states_on(swing, at + 0.1 - late)[PENDULUM_NAME])
-    assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
-
-
-def test_states_that_come_in_the_wrong_order_are_predicted_from(swing):
-    execution, at = SwingUpExecution(swing), 0.5 * swing.solution.duration
-    for stamp in (at, at - 0.3):
-        now = seen(states_on(swing, stamp), stamp)
-        predicted = execution.predict(now, at + 0.1)[PENDULUM_NAME]
-        missed = np.abs(predicted.state - states_on(swing, at + 0.1)[PENDULUM_NAME])
+@pytest.mark.parametrize(
+    ('stamps', 'late', 'turned'),
+    [
+        pytest.param([0.0], 0.04, 0.0, id='late on its plan'),
+        pytest.param([0.0, -0.3], 0.0, 0.0, id='states in the wrong order'),
+        *(pytest.param([0.0], 0.0, n, id=f'{n:g} turns away') for n in (-2.0, 1.0)),
+    ],
+)
+def test_a_pendulum_is_predicted_along_its_plan_from_any_state_of_it(swing, stamps, late, turned):
+    """Theta goes on as the plan counts the turns: so does goal.turns."""
+    execution, middle = SwingUpExecution(swing), 0.5 * swing.solution.duration
+    for at in (middle + stamp for stamp in stamps):
+        state = states_on(swing, at - late)[PENDULUM_NAME] + [math.tau * turned, 0.0, 0.0, 0.0]
+        now = seen({PENDULUM_NAME: state}, at)
+        predicted = execution.predict(now, middle + 0.1)[PENDULUM_NAME]
+        expected = states_on(swing, middle + 0.1 - late)[PENDULUM_NAME]
+        missed = np.abs(predicted.state - expected)
         assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
-
-
-@pytest.mark.parametrize('turned', [-2.0, 0.0, 1.0])
-def test_theta_goes_on_from_the_plan_whatever_turn_the_sensor_reports(swing, turned):
-    """As the plan counts the turns, so does goal.turns."""
-    at = 0.5 * swing.solution.duration
-    state = states_on(swing, at)[PENDULUM_NAME] + [2.0 * math.pi * turned, 0.0, 0.0, 0.0]
-    predicted = SwingUpExecution(swing).predict(seen({PENDULUM_NAME: state}, at), at + 0.1)
-    missed = np.abs(predicted[PENDULUM_NAME].state - states_on(swing, at + 0.1)[PENDULUM_NAME])
-    assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
 def test_a_smooth_torque_goes_on_within_new_limits_and_from_zero_at_the_goal(swing):
