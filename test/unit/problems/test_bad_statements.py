@@ -133,10 +133,6 @@ OF_A_CART = [
         {'start_conditions': lambda s, t, x: x[0]},
         ['start_conditions returns one value, expected a sequence'],
     ),
-    (
-        limits(u=('-9', '9')),
-        ["control_limits gives 'u' = ('-9', '9'), expected a pair of numbers"],
-    ),
     ({'derivative': lambda s, x, u: (-x[1], u[0])}, ["derivative gives the rate of 'x' ="]),
     (
         forced(lambda x, v: np.where(x > 0.8, -0.1, 0.0)) | {'invert': Cart.invert},

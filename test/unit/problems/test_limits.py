@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import simpson, solve_ivp
-from stated import Cart, changed, forced, noted, Quickest
+from stated import Cart, changed, forced, noted, Quickest, refused
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.exceptions import Infeasible, VerificationFailed
@@ -74,6 +74,12 @@ def test_many_limits_are_evaluated_at_once(monkeypatch):
     left = [constraint.margin(*given).min() for constraint in constraints]
     assert left[:200] == pytest.approx(1.0 + np.arange(200), abs=1e-3)
     assert calls.call_count == 2
+
+
+def test_limits_of_controls_are_numbers():
+    given = changed(Cart, control_limits=lambda s: {'u': ('-9', '9')})
+    told = "control_limits gives 'u' = ('-9', '9'), expected a pair of numbers"
+    assert refused(given().solve).startswith(told)
 
 
 @pytest.mark.parametrize(('low', 'high'), [(-10.0, 10.0), (-np.inf, 10.0)])
