@@ -15,7 +15,15 @@ import numpy as np
 from tdm_planner.nodes.reading import Level
 from tdm_sim.report.mission import Mission, RecordedVehicle
 from tdm_sim.report.signals import Margin, ROUNDING, Signals, smallest
-from tdm_sim.report.verdict import arrival, goal_errors, held_from, HOLD_TIME, judge, Verdict
+from tdm_sim.report.verdict import (
+    arrival,
+    goal_errors,
+    held_from,
+    HOLD_TIME,
+    judge,
+    judged_until,
+    Verdict,
+)
 
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'planner']
 
@@ -148,7 +156,8 @@ def _landings(mission: Mission) -> Iterator[Entry]:
 
 def _margins(mission: Mission) -> Iterator[Entry]:
     for vehicle in mission.vehicles:
-        planned, measured = map(smallest, vehicle.margins)
+        counted = vehicle.margins.measured.between(-math.inf, judged_until(vehicle))
+        planned, measured = smallest(vehicle.margins.planned), smallest(counted)
         controls = () if vehicle.plan is None else vehicle.plan.trajectory.control_names
         for name in dict.fromkeys([*planned, *measured]):
             achieved = measured.get(name)

@@ -62,7 +62,7 @@ def judge(mission: Mission) -> Verdict | None:
         found, end = _reached(vehicle)
         reasons += found
         ends += [] if end is None else [end]
-        reasons += _violated(vehicle, vehicle.plans[-1])
+        reasons += _violated(vehicle)
     reasons += _too_close(replace(mission, vehicles=vehicles))
     undecided = ''
     if ends and not reasons:
@@ -72,6 +72,13 @@ def judge(mission: Mission) -> Verdict | None:
         )
     held = all(vehicle.view.is_held(vehicle.plans[-1].trajectory) for vehicle in vehicles)
     return Verdict(tuple(reasons), undecided, held)
+
+
+def judged_until(vehicle: RecordedVehicle) -> float:
+    """Return until when limits count [s]: to the planned end where nothing holds the plant."""
+    if vehicle.plan is None or vehicle.view.is_held(vehicle.plans[-1].trajectory):
+        return math.inf
+    return vehicle.plans[-1].end
 
 
 def held_from(times: Array, shares: Array) -> float:
@@ -163,12 +170,12 @@ def _conditions(vehicle: RecordedVehicle, plan: FollowedPlan, at: Signals) -> li
     ]
 
 
-def _violated(vehicle: RecordedVehicle, plan: FollowedPlan) -> list[str]:
-    """Return the limits that were violated from the start on, where not held to the end."""
+def _violated(vehicle: RecordedVehicle) -> list[str]:
+    """Return the limits that were violated from the start on, as long as they count."""
     # What a limit may be violated by: of the last plan little may be left.
     view, motions = vehicle.view, [one.trajectory for one in vehicle.plans]
-    until = math.inf if view.is_held(plan.trajectory) else plan.end
-    judged = vehicle.margins.measured.between(vehicle.plans[0].start + _FIRST, until)
+    begun, until = vehicle.plans[0].start + _FIRST, judged_until(vehicle)
+    judged = vehicle.margins.measured.between(begun, until)
     return [
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'

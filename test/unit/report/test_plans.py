@@ -226,6 +226,11 @@ def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> Non
     assert 'off in x by 0.1 m' in judged(PASSING, 1.5, x=0.1).reasons[0]
     assert 'end condition 0' in judged(PASSING, 1.5, v=0.2).reasons[0]
     assert judged(PASSING, 1.5, until=1.5).undecided
+    # nor is it told of limits
+    flown = mission(PASSING, 1.5)
+    flown.vehicles[0].commands.columns['u'][-100:] = 9.0
+    (margin,) = (e for e in compare(flown).entries if e.name == 'margin of u, highest')
+    assert margin.achieved == pytest.approx(margin.planned, abs=0.1)
 
 
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
