@@ -153,24 +153,19 @@ class SwitchingSearch(Search[Candidate]):
         """
         Yield the motion under the arcs, finely integrated.
 
-        Arcs too short to matter are omitted, unless it fails without them. Only the end is
-        corrected; the time is minimised anew for an earlier plan with few arcs.
+        Arcs too short to matter are omitted. Only the end is corrected; the time is minimised anew
+        for an earlier plan with few arcs.
         """
         task, budget = self._task, self.budget
         with suppress(DeadlineExceeded):  # while one was checked
-            shorter, violation = without_short_arcs(task, candidate), math.inf
-            omitted = shorter.durations.size < candidate.durations.size
-            few = self._previous is not None and candidate.durations.size <= _WARM_POLISHED
-            for arcs in [shorter, candidate] if omitted else [shorter]:
-                if violation < _FEASIBLE:
-                    break
-                if self._short_of_time(arcs):
-                    return
-                if few:
-                    until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-                    fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
-                else:
-                    fine, violation = corrected(task, arcs, FINE_STEPS, budget)
+            arcs = without_short_arcs(task, candidate)
+            if self._short_of_time(arcs):
+                return
+            if self._previous is not None and candidate.durations.size <= _WARM_POLISHED:
+                until = budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+                fine, violation = polish(task, arcs, FINE_STEPS, self._tolerance, until)
+            else:
+                fine, violation = corrected(task, arcs, FINE_STEPS, budget)
             if violation < self._lost:
                 yield self._checked(fine, violation)
             elif not budget.spent:  # or else there was no time to correct it
